@@ -11,51 +11,39 @@ from fake_robot.conformance.power import has_power, held, stop
 from fake_robot.conformance.requests import OF_BEFORE, changed, use
 from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
 
+_CODE = "CODE_INVALID_REQUEST"
 _LEASE, _ESTOP, _POWER = "lease.proto", "estop.proto", "power.proto"
-_REFUSED = "refused"
+_REFUSED, _AS_TOLD = "refused", "taken with power, refused without"
 
 
 def _judged(used: str) -> str:
     return "accepted" if used == "STATUS_OK" else _REFUSED
 
 
-@check(
-    "Lease.ListLeases", "", "all-leases, body over mobility", source="lease.proto; SDK: Understanding Spot Programming"
-)
+@check("lease.ListLeases", "", "all-leases, body over mobility", source=_LEASE)
 def leases_form_a_tree(server: Server) -> str:
     """The resources of a robot without an arm, and which leases a lease contains."""
 
-    def names(resource: Any) -> set[str]:
-        return {resource.resource}.union(*(names(part) for part in resource.sub_resources))
-
-    def find(resource: Any) -> Any:
-        found = [resource] if resource.resource == "body" else [find(part) for part in resource.sub_resources]
-        return next(filter(None, found), None)
+    def below(part: Any, *, is_inside: bool = False) -> set[str]:
+        is_inside = is_inside or part.resource == "body"
+        own = {part.resource} if is_inside else set()
+        return own.union(*(below(sub, is_inside=is_inside) for sub in part.sub_resources))
 
     told = server.ask("lease", "ListLeases")
     missing = {"all-leases", "body", "mobility"} - {r.resource for r in told.resources}
     if missing:
         return f"no {', '.join(sorted(missing))}"
-    body = find(told.resource_tree)
-    return "all-leases, body over mobility" if body is not None and "mobility" in names(body) else "no such tree"
+    return "all-leases, body over mobility" if "mobility" in below(told.resource_tree) else "no such tree"
 
 
-@check(
-    "Lease.AcquireLease", "a lease that is held", "STATUS_RESOURCE_ALREADY_CLAIMED", source=_LEASE, needs=Needs.LEASE
-)
+@check("lease.AcquireLease", "one that is held", "STATUS_RESOURCE_ALREADY_CLAIMED", source=_LEASE, needs=Needs.LEASE)
 def acquire_twice(server: Server) -> str:
     """Acquire the lease while it is held."""
     with held(server):
         return status_of(server.ask("lease", "AcquireLease", resource="body"))
 
 
-@check(
-    "commands: lease.sequence",
-    "the lease itself after its sub-lease was used",
-    "STATUS_OLDER",
-    source="lease.proto: sub-leases are newer",
-    needs=Needs.LEASE,
-)
+@check("commands: lease", "one whose sub-lease was used", "STATUS_OLDER", source=_LEASE, needs=Needs.LEASE)
 def lease_after_sublease(server: Server) -> str:
     """A command with a lease whose sub-lease was given on."""
     with held(server) as lease:
@@ -72,7 +60,7 @@ def returned_lease(server: Server) -> str:
     return "accepted" if "accepted" in {_judged(use(server, kept)), _judged(retained)} else _REFUSED
 
 
-@check("Lease.TakeLease", "the lease before it was taken", _REFUSED, source=_LEASE, needs=Needs.LEASE)
+@check("lease.TakeLease", "the lease before it was taken", _REFUSED, source=_LEASE, needs=Needs.LEASE)
 def taken_lease(server: Server) -> str:
     """A command with a lease that somebody took, before and after the new one is used; here its own holder took it."""
     with held(server) as lease:
@@ -85,7 +73,7 @@ def taken_lease(server: Server) -> str:
             server.ask("lease", "ReturnLease", lease=taken)
 
 
-@check("Lease.AcquireLease: lease", "acquired twice, returned in between", "newer", source=_LEASE, needs=Needs.LEASE)
+@check("lease.AcquireLease: lease", "acquired twice, returned in between", "newer", source=_LEASE, needs=Needs.LEASE)
 def new_lease_is_newer(server: Server) -> str:
     """The second lease has the epoch of the first and a greater sequence, and both are leases of the body."""
     with held(server) as lease:
@@ -97,7 +85,7 @@ def new_lease_is_newer(server: Server) -> str:
     return "newer" if is_newer else "not newer"
 
 
-@check("Lease.ListLeases: lease_owner", "while it is held", "its holder", source=_LEASE, needs=Needs.LEASE)
+@check("lease.ListLeases: lease_owner", "while it is held", "its holder", source=_LEASE, needs=Needs.LEASE)
 def owner_is_listed(server: Server) -> str:
     """The list names who holds the body, and nobody afterwards."""
 
@@ -119,7 +107,7 @@ def attempted_lease_is_told(server: Server) -> str:
     return "the same lease" if told.lease_use_result.attempted_lease == OF_BEFORE else "another, or none"
 
 
-@check("Estop.GetEstopConfig, GetEstopSystemStatus", "", "the same endpoints", source=_ESTOP)
+@check("estop.GetEstopConfig, GetEstopSystemStatus", "", "the same endpoints", source=_ESTOP)
 def estop_endpoints_agree(server: Server) -> str:
     """The configuration has an identifier, and the status speaks of its endpoints."""
     config = server.ask("estop", "GetEstopConfig").active_config
@@ -130,7 +118,7 @@ def estop_endpoints_agree(server: Server) -> str:
     return "the same endpoints" if configured == told else f"configured {len(configured)}, told of {len(told)}"
 
 
-@check("Estop.GetEstopSystemStatus: stop_level", "", "the most restrictive", source=_ESTOP)
+@check("estop.GetEstopSystemStatus: stop_level", "", "the most restrictive", source=_ESTOP)
 def estop_is_the_most_restrictive(server: Server) -> str:
     """The system's level is no milder than any endpoint's, and that of the software e-stop which the state reports."""
     status = server.ask("estop", "GetEstopSystemStatus").status
@@ -142,7 +130,7 @@ def estop_is_the_most_restrictive(server: Server) -> str:
     return f"{level}, the state says otherwise" if is_other else "the most restrictive"
 
 
-@check("Estop.EstopCheckIn: endpoint", "an unknown endpoint", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
+@check("estop.EstopCheckIn: endpoint", "an unknown endpoint", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
 def estop_unknown_endpoint(server: Server) -> str:
     """Check in without having registered, for the level that the robot has, so that nothing changes."""
     level = server.ask("estop", "GetEstopSystemStatus").status.stop_level
@@ -150,12 +138,7 @@ def estop_unknown_endpoint(server: Server) -> str:
     return status_of(server.ask("estop", "EstopCheckIn", stop_level=level, endpoint=unknown))
 
 
-@check(
-    "Estop.EstopCheckIn: response",
-    "a wrong response for a registered endpoint",
-    "STATUS_INCORRECT_CHALLENGE_RESPONSE",
-    source=_ESTOP,
-)
+@check("estop.EstopCheckIn", "a wrong response", "STATUS_INCORRECT_CHALLENGE_RESPONSE", source=_ESTOP)
 def estop_wrong_response(server: Server) -> str:
     """Check in for each endpoint, at the level that it asks for, without knowing its challenge; motors off."""
     if has_power(server.state()):
@@ -171,30 +154,24 @@ def estop_wrong_response(server: Server) -> str:
     return max(registered, key=lambda status: status != "STATUS_INCORRECT_CHALLENGE_RESPONSE")
 
 
-@check(
-    "RobotCommand.RobotCommand: stop; motor_power_state",
-    "a stop",
-    "taken with power, refused without",
-    source="robot_command.proto: STATUS_NOT_POWERED_ON",
-    needs=Needs.LEASE,
-)
+@check("motor_power_state", "a stop", _AS_TOLD, source="robot_command.proto: NOT_POWERED_ON", needs=Needs.LEASE)
 def power_is_as_told(server: Server) -> str:
-    """A stop, which moves nothing, is refused for want of power if and only if the state says that the motors are off."""
+    """A stop, which moves nothing, is refused for want of power where the state says that the motors are off."""
     with held(server) as lease:
         seen, is_on = stop(server, lease), has_power(server.state())
     if (seen == "STATUS_NOT_POWERED_ON") != is_on and seen in {"STATUS_OK", "STATUS_NOT_POWERED_ON"}:
-        return "taken with power, refused without"
+        return _AS_TOLD
     return f"the motors are told to be {'on' if is_on else 'off'}, a stop was answered by {seen}"
 
 
-@check("Power.PowerCommand: lease", "motors on, no lease", "STATUS_INVALID_LEASE", source=_POWER, needs=Needs.MOTION)
+@check("power.PowerCommand: lease", "motors on, no lease", "STATUS_INVALID_LEASE", source=_POWER, needs=Needs.MOTION)
 def power_without_lease(server: Server) -> str:
     """Motors on, without a lease: on a wrong robot they get power."""
     answer = server.ask("power", "PowerCommand", request="REQUEST_ON_MOTORS")
     return enum_name(answer, "lease_use_result.status")
 
 
-@check("Power.PowerCommand", "motors on, the e-stop pressed", "STATUS_ESTOPPED", source=_POWER, needs=Needs.MOTION)
+@check("power.PowerCommand", "motors on, the e-stop pressed", "STATUS_ESTOPPED", source=_POWER, needs=Needs.MOTION)
 def power_while_stopped(server: Server) -> str:
     """Only where the robot is stopped already: no check presses or releases a stop."""
     if enum_name(server.ask("estop", "GetEstopSystemStatus").status, "stop_level") == "ESTOP_LEVEL_NONE":
@@ -204,9 +181,9 @@ def power_while_stopped(server: Server) -> str:
 
 
 @check(
-    "Power.PowerCommandFeedback: power_command_id",
+    "power.PowerCommandFeedback",
     "an unknown number",
-    "CODE_INVALID_REQUEST",
+    _CODE,
     basis=Basis.GUESS,
     source="header.proto",
     needs=Needs.MOTION,

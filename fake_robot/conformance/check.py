@@ -109,6 +109,8 @@ def judge(item: Check, server: Server, allowed: Needs) -> Result:
         seen = error.code().name
     except SdkError as error:
         seen = type(error).__name__
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        return Result(item, Verdict.OPEN, f"the answers cannot be read: {type(error).__name__}: {error}")
     if seen in item.expects:
         return Result(item, Verdict.PASS, seen)
     return Result(item, Verdict.DIFFERS if item.basis is Basis.GUESS else Verdict.FAIL, seen)

@@ -5,28 +5,19 @@ from __future__ import annotations
 import json
 import os
 import re
-import sys
 from pathlib import Path
 
 import typer
 from bosdyn.client.exceptions import Error as SdkError
 from bosdyn.client.robot import Robot
 from bosdyn.client.sdk import Sdk, create_standard_sdk
-from rich.console import Console
-from rich.table import Table
 
 from fake_robot.conformance.check import Needs, Result, Verdict
 from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server
 from fake_robot.conformance.table import CHECKS, exit_code, run_checks, summary
 from spot_model.errors import BadInputError, SpotRlError
 
-_COLOUR = {
-    Verdict.PASS: "green",
-    Verdict.FAIL: "bold red",
-    Verdict.DIFFERS: "yellow",
-    Verdict.OPEN: "bold yellow",
-    Verdict.SKIPPED: "dim",
-}
+_COLOUR = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.DIFFERS: "yellow", Verdict.OPEN: "yellow"}
 _HOST_AND_PORT = re.compile(r"(\[[^\]]+\]|[^:]+):(\d{1,5})")
 _LOCAL = ("ipv4:127.", "unix:", "localhost", "127.")
 
@@ -53,21 +44,13 @@ def run_suite(
         raise BadInputError(
             f"there is no check {', '.join(sorted(unknown))}; checks: {', '.join(item.name for item in CHECKS)}"
         )
-    is_terminal = sys.stdout.isatty()
     server = connect(robot, ca_file)
     results: list[Result] = []
     for result in run_checks(server, Needs.MOTION if with_motion else Needs.LEASE, names):
         results.append(result)
-        if not as_json and not is_terminal:
-            typer.echo(line_of(result))
-        elif not as_json:
-            typer.echo(f"{len(results)} of {len(CHECKS)}: {result.check.name}", err=True)
-    if as_json:
-        typer.echo(json.dumps([to_data(result) for result in results], indent=2, ensure_ascii=False))
-    else:
-        if is_terminal:
-            Console().print(table_of(results))
-        typer.echo(summary(results))
+        if not as_json:
+            typer.secho(line_of(result), fg=_COLOUR.get(result.verdict))
+    typer.echo(json.dumps([to_data(r) for r in results], indent=2, ensure_ascii=False) if as_json else summary(results))
     return exit_code(results)
 
 
@@ -112,22 +95,6 @@ def line_of(result: Result) -> str:
         else f"; expected {' or '.join(item.expects)}"
     )
     return f"{result.verdict.value:8}{item.name}: {item.rpc} ({item.sends or 'asked'}): {result.seen}{wanted}"
-
-
-def table_of(results: list[Result]) -> Table:
-    """The results for a terminal."""
-    table = Table("verdict", "call and field", "sent", "expected", "seen", "how we know")
-    for result in results:
-        item = result.check
-        table.add_row(
-            f"[{_COLOUR[result.verdict]}]{result.verdict.value}[/]",
-            item.rpc,
-            item.sends,
-            " or ".join(item.expects),
-            result.seen,
-            f"{item.basis.value}: {item.source}",
-        )
-    return table
 
 
 def to_data(result: Result) -> dict[str, str | list[str]]:

@@ -10,9 +10,9 @@ from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
 from fake_robot.conformance.check import Basis, Check, Needs, check
-from fake_robot.conformance.power import held, send, unpowered
+from fake_robot.conformance.power import SAT_DOWN, held, send, unpowered
 from fake_robot.conformance.server import Server, SkippedError, enum_name, status_of
-from fake_robot.conformance.session import Session, drive
+from fake_robot.conformance.session import drive
 
 _PROTO = "robot_command.proto"
 _BASIC = "basic_command.proto"
@@ -37,7 +37,7 @@ def _refused(server: Server, command: Any, *expects: str, **keywords: Any) -> st
         return seen
 
 
-@check("RobotCommand.RobotCommand: lease", "a stop, no lease", "STATUS_INVALID_LEASE", source=_PROTO)
+@check("RobotCommand: lease", "a stop, no lease", "STATUS_INVALID_LEASE", source=_PROTO)
 def command_without_lease(server: Server) -> str:
     """Stop, without a lease."""
     answer = send(server, lease_pb2.Lease(), RobotCommandBuilder.stop_command())
@@ -55,6 +55,9 @@ _ON_THREE_FEET = RobotCommandBuilder.stance_command(
 )
 del _ON_THREE_FEET.synchronized_command.mobility_command.stance_request.stance.foot_positions["hr"]
 
+_JOINTS = RobotCommandBuilder.joint_command()
+_EMPTY = robot_command_pb2.RobotCommand(synchronized_command=synchronized_command_pb2.SynchronizedCommand.Request())
+
 _CLOCK, _END, _FRAME = "clock_identifier", "end_time", "se2_frame_name"
 _INVALID, _NO_TIME_SYNC = "STATUS_INVALID_REQUEST", "STATUS_NO_TIMESYNC"
 _EXPIRED, _UNPOWERED = "STATUS_EXPIRED", "STATUS_NOT_POWERED_ON"
@@ -62,142 +65,50 @@ _CLOCK_SWITCH = "services.clock_identifier_check"
 
 
 def _refusal(
-    name: str,
-    field: str,
-    sends: str,
-    command: Any,
-    *expects: str,
-    basis: Basis = Basis.DOCUMENTED,
-    source: str = _PROTO,
-    switch: str = "",
-    **keywords: Any,
+    name: str, field: str, sends: str, command: Any, *expects: str, switch: str = "", is_guess: bool = False, **how: Any
 ) -> Check:
-    """A command that is refused while the motors are off; ``keywords`` as of :func:`send`."""
-    rpc = "RobotCommand.RobotCommand" + (f": {field}" if field else "")
+    """A command that is refused while the motors are off; ``how`` as of :func:`send`."""
 
     def probe(server: Server) -> str:
-        return _refused(server, command, *expects, **keywords)
+        return _refused(server, command, *expects, **how)
 
-    return Check(name, rpc, sends, expects, basis, source, Needs.LEASE, switch, probe)
-
-
-def _guess(name: str, field: str, sends: str, command: Any, *expects: str, **keywords: Any) -> Check:
-    return _refusal(name, field, sends, command, *expects, basis=Basis.GUESS, **keywords)
+    basis = Basis.GUESS if is_guess else Basis.DOCUMENTED
+    return Check(name, f"RobotCommand: {field}", sends, expects, basis, _PROTO, Needs.LEASE, switch, probe)
 
 
+def _guess(name: str, field: str, sends: str, command: Any, *expects: str, **how: Any) -> Check:
+    return _refusal(name, field, sends, command, *expects, is_guess=True, **how)
+
+
+# fmt: off
 REFUSALS = (
     _refusal("empty_command", "command", "an empty command", robot_command_pb2.RobotCommand(), _INVALID),
-    _guess(
-        "empty_synchronized_command",
-        "command",
-        "a synchronized command that is empty",
-        robot_command_pb2.RobotCommand(synchronized_command=synchronized_command_pb2.SynchronizedCommand.Request()),
-        _INVALID,
-    ),
-    _refusal(
-        "timed_without_clock",
-        _CLOCK,
-        "a timed command, no identifier",
-        _AT_REST,
-        _NO_TIME_SYNC,
-        clock="",
-        switch=_CLOCK_SWITCH,
-    ),
-    _refusal(
-        "timed_with_unknown_clock",
-        _CLOCK,
-        "a timed command, an identifier never given",
-        _AT_REST,
-        _NO_TIME_SYNC,
-        clock="no-such-client",
-        switch=_CLOCK_SWITCH,
-    ),
-    _guess(
-        "stand_without_clock",
-        _CLOCK,
-        "a stand, no identifier",
-        _STAND,
-        _NO_TIME_SYNC,
-        _UNPOWERED,
-        clock="",
-        switch=_CLOCK_SWITCH,
-    ),
-    _refusal("stand_without_power", "", "a stand, motors off", _STAND, _UNPOWERED),
-    _refusal(
-        "joint_control_without_power",
-        "joint_request",
-        "joint control, motors off",
-        RobotCommandBuilder.joint_command(),
-        _UNPOWERED,
-    ),
+    _guess("empty_synchronized_command", "command", "a synchronized command that is empty", _EMPTY, _INVALID),
+    _refusal("timed_without_clock", _CLOCK, "a timed command, no identifier", _AT_REST, _NO_TIME_SYNC,
+             clock="", switch=_CLOCK_SWITCH),
+    _refusal("timed_with_unknown_clock", _CLOCK, "a timed command, one never given", _AT_REST, _NO_TIME_SYNC,
+             clock="no-such-client", switch=_CLOCK_SWITCH),
+    _guess("stand_without_clock", _CLOCK, "a stand, no identifier", _STAND, _NO_TIME_SYNC, _UNPOWERED,
+           clock="", switch=_CLOCK_SWITCH),
+    _refusal("stand_without_power", "stand", "motors off", _STAND, _UNPOWERED),
+    _refusal("joint_control_without_power", "joint_request", "motors off", _JOINTS, _UNPOWERED),
     _refusal("expired_command", _END, "an end time that has passed", _AT_REST, _EXPIRED, end_s=-1.0),
-    _refusal(
-        "distant_command",
-        _END,
-        "an end time months ahead",
-        _AT_REST,
-        "STATUS_TOO_DISTANT",
-        end_s=FAR_S,
-        switch="services.max_command_duration_s",
-    ),
-    _refusal(
-        "unknown_frame",
-        _FRAME,
-        "a velocity in an unknown frame",
-        _NOWHERE,
-        "STATUS_UNKNOWN_FRAME",
-        source=_BASIC,
-    ),
-    _refusal(
-        "unknown_trajectory_frame",
-        _FRAME,
-        "a trajectory in an unknown frame",
-        RobotCommandBuilder.synchro_se2_trajectory_command(_HERE, "no-such-frame"),
-        "STATUS_UNKNOWN_FRAME",
-        source=_BASIC,
-    ),
-    _guess(
-        "velocity_not_a_number",
-        "velocity",
-        "a velocity that is NaN",
-        RobotCommandBuilder.synchro_velocity_command(math.nan, 0.0, 0.0),
-        _INVALID,
-        _UNPOWERED,
-    ),
+    _refusal("distant_command", _END, "an end time months ahead", _AT_REST, "STATUS_TOO_DISTANT",
+             end_s=FAR_S, switch="services.max_command_duration_s"),
+    _refusal("command_without_end", _END, "none; the proto names no status", _AT_REST, _EXPIRED, _INVALID,
+             end_s=None, switch="services.missing_end_time_refusal"),
+    _refusal("unknown_frame", _FRAME, "a velocity in an unknown frame", _NOWHERE, "STATUS_UNKNOWN_FRAME"),
+    _refusal("unknown_trajectory_frame", _FRAME, "a trajectory in an unknown frame",
+             RobotCommandBuilder.synchro_se2_trajectory_command(_HERE, "no-such-frame"), "STATUS_UNKNOWN_FRAME"),
+    _guess("velocity_not_a_number", "velocity", "NaN",
+           RobotCommandBuilder.synchro_velocity_command(math.nan, 0.0, 0.0), _INVALID, _UNPOWERED),
     _guess("trajectory_without_points", "trajectory", "no point", _TO_NOWHERE, _INVALID, _UNPOWERED),
-    _guess(
-        "stance_of_three_feet",
-        "foot_positions",
-        "a stance of three feet",
-        _ON_THREE_FEET,
-        _INVALID,
-        _UNPOWERED,
-        source=f"{_BASIC}: required positions",
-    ),
+    _guess("stance_of_three_feet", "foot_positions", "three feet", _ON_THREE_FEET, _INVALID, _UNPOWERED),
 )
+# fmt: on
 
 
-@check(
-    f"RobotCommand.RobotCommand: {_END}",
-    "no end time",
-    "refused",
-    source=f"{_BASIC}: a required field",
-    needs=Needs.LEASE,
-    switch="services.missing_end_time_refusal",
-)
-def command_without_end(server: Server) -> str:
-    """A velocity for ever; the proto does not name the status."""
-    seen = _refused(server, _AT_REST, end_s=None)
-    return "refused" if seen in {_EXPIRED, _INVALID} else seen
-
-
-@check(
-    "RobotCommand.RobotCommand: arm_command",
-    "an arm command to a robot without an arm",
-    "STATUS_UNSUPPORTED",
-    source=_PROTO,
-    needs=Needs.LEASE,
-)
+@check("RobotCommand: arm_command", "no arm", "STATUS_UNSUPPORTED", source=_PROTO, needs=Needs.LEASE)
 def arm_command(server: Server) -> str:
     """Stow an arm that is not there."""
     if server.state().HasField("manipulator_state"):
@@ -205,58 +116,30 @@ def arm_command(server: Server) -> str:
     return _refused(server, RobotCommandBuilder.arm_stow_command())
 
 
-@check(
-    "RobotCommand.ClearBehaviorFault: behavior_fault_id",
-    "an unknown number",
-    "STATUS_NOT_CLEARED",
-    source=_PROTO,
-    needs=Needs.LEASE,
-)
+@check("ClearBehaviorFault", "an unknown number", "STATUS_NOT_CLEARED", source=_PROTO, needs=Needs.LEASE)
 def clear_no_fault(server: Server) -> str:
     """Clear an unknown fault."""
     with held(server) as lease:
         return status_of(server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0))
 
 
-def _answered(name: str, rpc: str, sends: str, told: str, expects: str, basis: Basis = Basis.DOCUMENTED) -> Check:
-    """What was answered in the one motion of the suite."""
+def _answered(name: str, rpc: str, sends: str, expects: str, basis: Basis = Basis.DOCUMENTED) -> Check:
+    """What was answered in the one motion of the suite, under the check's name."""
 
     def probe(server: Server) -> str:
-        return server.once(drive).answer(told)
+        return server.once(drive).answer(name)
 
     return Check(name, rpc, sends, (expects,), basis, _BASIC, Needs.MOTION, "", probe)
 
 
+# fmt: off
 SESSION = (
-    _answered("power_comes", "Power.PowerCommand", "motors on", "power", "STATUS_SUCCESS"),
-    _answered("stand_ends", "RobotCommand.RobotCommandFeedback", "a stand", "stand", "standing"),
-    _answered(
-        "velocity_times_out",
-        "RobotCommand.RobotCommandFeedback",
-        "a velocity for 4 s, in the body frame, and 2 s more",
-        "velocity ended",
-        "STATUS_COMMAND_TIMED_OUT",
-        Basis.MEASURED,
-    ),
-    _answered(
-        "trajectory_arrives", "RobotCommand.RobotCommandFeedback", "half a metre ahead", "trajectory ended", "stopped"
-    ),
-    _answered(
-        "power_goes",
-        "RobotCommand.RobotCommand: safe_power_off",
-        "a sit, motors off",
-        "off",
-        "it sat down and is off again",
-    ),
+    _answered("power_comes", "PowerCommandFeedback", "motors on", "STATUS_SUCCESS"),
+    _answered("stand_ends", "RobotCommandFeedback", "a stand", "standing"),
+    _answered("velocity_times_out", "RobotCommandFeedback", "a velocity for 4 s, in the body frame, and 2 s more",
+              "STATUS_COMMAND_TIMED_OUT", Basis.MEASURED),
+    _answered("trajectory_arrives", "RobotCommandFeedback", "half a metre ahead", "stopped"),
+    _answered("commands_have_numbers", "RobotCommand: robot_command_id", "three commands", "three numbers"),
+    _answered("power_goes", "RobotCommand: safe_power_off", "a sit, motors off", SAT_DOWN),
 )
-
-
-@check(
-    "RobotCommand.RobotCommand: robot_command_id", "three commands", "three numbers", source=_PROTO, needs=Needs.MOTION
-)
-def commands_have_numbers(server: Server) -> str:
-    """Each command that is taken has a number of its own."""
-    session: Session = server.once(drive)
-    session.piece("going")
-    ids = set(session.command_ids) - {0}
-    return "three numbers" if len(ids) == len(session.command_ids) == 3 else f"numbers {session.command_ids}"
+# fmt: on

@@ -6,47 +6,21 @@ import grpc
 from bosdyn.api import header_pb2
 
 from fake_robot.conformance.check import Basis, check
-from fake_robot.conformance.server import RPC_TIMEOUT_S, OpenError, Server, stamp_ns, status_of
+from fake_robot.conformance.server import FEATURE, RPC_TIMEOUT_S, OpenError, Server, stamp_ns, status_of
 
+# fmt: off
 BASE_SERVICES = (
-    "auth",
-    "auto-return",
-    "autowalk-service",
-    "data",
-    "data-acquisition",
-    "data-acquisition-store",
-    "data-buffer",
-    "directory",
-    "directory-registration",
-    "docking",
-    "estop",
-    "fault",
-    "graph-nav-service",
-    "image",
-    "keepalive",
-    "lease",
-    "license",
-    "local-grid-service",
-    "log-status",
-    "map-processing-service",
-    "network-compute-bridge",
-    "payload",
-    "payload-registration",
-    "power",
-    "ray-cast",
-    "recording-service",
-    "robot-command",
-    "robot-command-streaming",
-    "robot-id",
-    "robot-mission",
-    "robot-state",
-    "robot-state-streaming",
-    "spot-check",
-    "time-sync",
-    "world-objects",
+    "auth", "auto-return", "autowalk-service", "data", "data-acquisition", "data-acquisition-store", "data-buffer",
+    "directory", "directory-registration", "docking", "estop", "fault", "graph-nav-service", "image", "keepalive",
+    "lease", "license", "local-grid-service", "log-status", "map-processing-service", "network-compute-bridge",
+    "payload", "payload-registration", "power", "ray-cast", "recording-service", "robot-command",
+    "robot-command-streaming", "robot-id", "robot-mission", "robot-state", "robot-state-streaming", "spot-check",
+    "time-sync", "world-objects",
 )
+# fmt: on
 """Names of the services for which the SDK has default clients, or that its examples need of any base robot."""
 
+_SYNCED = "more samples needed, then OK, by one identifier"
 _SKEW_SLACK_NS = 5_000_000
 """Drift of the clocks and jitter of the estimate."""
 _NEAR_NS = 10**9
@@ -61,7 +35,6 @@ _READS = (
     ("robot-state", "GetRobotState"),
     ("time-sync", "TimeSyncUpdate"),
 )
-FEATURE = "joint_control"
 
 
 def _ask_reads(server: Server) -> None:
@@ -107,14 +80,14 @@ def header_times_are_the_robots(server: Server) -> str:
 @check("any call: authorization", "no user token", "as the directory says", source="directory.proto")
 def token_is_asked_for_as_listed(server: Server) -> str:
     """The state needs a token and the robot's name none, as the directory says; nothing is told to a stranger."""
-    for name, service, method in (
-        ("robot-state", "robot-state", "GetRobotState"),
-        ("directory", "directory", "ListServiceEntries"),
-        ("robot-id", "robot-id", "GetRobotId"),
+    for name, method in (
+        ("robot-state", "GetRobotState"),
+        ("directory", "ListServiceEntries"),
+        ("robot-id", "GetRobotId"),
     ):
         server.require(name)
         try:
-            server.ask(service, method, stranger_at=server.listed[name].authority)
+            server.ask(name, method, stranger_at=server.listed[name].authority)
             is_needed = False
         except grpc.RpcError as error:
             is_needed = error.code() == grpc.StatusCode.UNAUTHENTICATED
@@ -123,7 +96,7 @@ def token_is_asked_for_as_listed(server: Server) -> str:
     return "as the directory says"
 
 
-@check("RobotId.GetRobotId", "asked twice, without a user token", "one robot", source="robot_id.proto")
+@check("robot-id.GetRobotId", "asked twice, without a user token", "one robot", source="robot_id.proto")
 def robot_id_stays(server: Server) -> str:
     """Serial number, species and version are there, and the same each time."""
     first, second = (server.ask("robot-id", "GetRobotId").robot_id for _ in range(2))
@@ -132,7 +105,7 @@ def robot_id_stays(server: Server) -> str:
     return "one robot" if first == second else "two robots"
 
 
-@check("License.GetLicenseInfo, GetFeatureEnabled", "", "one licence, of this robot", source="license.proto")
+@check("license.GetLicenseInfo, GetFeatureEnabled", "", "one licence, of this robot", source="license.proto")
 def licence_is_this_robots(server: Server) -> str:
     """A status; if it is valid, this robot's number and the present time; and whether a feature is licensed."""
     told = server.ask("license", "GetLicenseInfo").license
@@ -149,49 +122,29 @@ def licence_is_this_robots(server: Server) -> str:
     return "one licence, of this robot" if FEATURE in enabled else "does not say whether a feature is licensed"
 
 
-@check("Directory.ListServiceEntries", "", "all there", source="SDK: default service clients; spot_wrapper")
-def base_services_are_listed(server: Server) -> str:
-    """Every service that programs make clients of on a base robot, and those of joint control."""
-    missing = set(BASE_SERVICES) - set(server.listed)
-    return f"missing: {', '.join(sorted(missing))}" if missing else "all there"
-
-
-@check("Directory.ListServiceEntries: type", "", "those of the SDK", source="SDK: service types of its clients")
-def types_are_the_sdks(server: Server) -> str:
-    """Each service for which the SDK has a client is of that client's type, under some authority."""
-    wrong = [
-        client.default_service_name
-        for client in server.robot.service_client_factories_by_type.values()
-        if (entry := server.listed.get(client.default_service_name)) is not None
-        and not (entry.type == client.service_type and entry.authority)
-    ]
-    return f"wrong: {', '.join(wrong)}" if wrong else "those of the SDK"
-
-
-@check("Directory.GetServiceEntry", "each service", "as listed", source="directory.proto")
-def entries_are_as_listed(server: Server) -> str:
-    """One entry, looked up and listed."""
+@check("directory.ListServiceEntries, GetServiceEntry", "", "all there, of the SDK's types", source="SDK: its clients")
+def services_are_listed(server: Server) -> str:
+    """Every service that programs make clients of on a base robot; each of its type, and looked up as listed."""
+    if missing := set(BASE_SERVICES) - set(server.listed):
+        return f"missing: {', '.join(sorted(missing))}"
     for name, listed in server.listed.items():
+        if listed.type != server.types.get(name, listed.type) or not listed.authority:
+            return f"{name}: {listed.type} at {listed.authority or 'no authority'}"
         found = server.ask("directory", "GetServiceEntry", service_name=name).service_entry
         if (found.name, found.type, found.authority) != (listed.name, listed.type, listed.authority):
-            return f"{name}: {found.name or 'nothing'}, {found.type}"
-    return "as listed"
+            return f"{name}: looked up, it is {found.name or 'nothing'}, {found.type}"
+    return "all there, of the SDK's types"
 
 
 @check("any call: method", "a method of no service", "UNIMPLEMENTED", source="gRPC: status codes")
 def unknown_method(server: Server) -> str:
     """Call what is not there."""
-    call = server.robot.ensure_channel("robot-state").unary_unary("/bosdyn.api.NoSuchService/NoSuchMethod")
+    call = server.channel("robot-state").unary_unary("/bosdyn.api.NoSuchService/NoSuchMethod")
     call(b"", timeout=RPC_TIMEOUT_S)
     return "OK"
 
 
-@check(
-    "TimeSync.TimeSyncUpdate",
-    "round trips of a new client",
-    "more samples needed, then OK, by one identifier",
-    source="time_sync.proto",
-)
+@check("time-sync.TimeSyncUpdate", "round trips", _SYNCED, source="time_sync.proto")
 def time_sync_is_reached(server: Server) -> str:
     """A new client gets an identifier, which stays, and is synchronised after some round trips, but not before."""
     answers = server.sync.answers
@@ -201,17 +154,12 @@ def time_sync_is_reached(server: Server) -> str:
         return f"{status_of(answers[0].state)} at once"
     if not server.sync.is_established:
         return f"{status_of(answers[-1].state)} after {len(answers)} round trips"
-    return "more samples needed, then OK, by one identifier"
+    return _SYNCED
 
 
-@check(
-    "TimeSync.TimeSyncUpdate: best_estimate",
-    "",
-    "what the round trips allow",
-    source="time_sync.proto: TimeSyncEstimate",
-)
+@check("time-sync: best_estimate", "", "what the round trips allow", source="time_sync.proto: TimeSyncEstimate")
 def estimate_is_the_clocks(server: Server) -> str:
-    """The skew lies between the two legs of the shortest trip; a round trip is no shorter than none, nor than the longest."""
+    """The skew lies between the two legs of the shortest trip; a round trip takes some time, but not the longest."""
     sync = server.sync
     if not sync.is_established:
         raise OpenError("time sync is not reached")
@@ -225,22 +173,15 @@ def estimate_is_the_clocks(server: Server) -> str:
     return "what the round trips allow" if is_possible else f"a round trip of {trip_ns * 1e-6:.1f} ms"
 
 
-@check("TimeSync.TimeSyncUpdate: clock_identifier", "two new clients", "two identifiers", source="time_sync.proto")
+@check("time-sync: clock_identifier", "two new clients", "two identifiers", source="time_sync.proto")
 def identifiers_differ(server: Server) -> str:
     """Each client gets an identifier of its own."""
     first, second = (server.ask("time-sync", "TimeSyncUpdate") for _ in range(2))
     return "two identifiers" if first.clock_identifier != second.clock_identifier else "one identifier"
 
 
-@check(
-    "TimeSync.TimeSyncUpdate: clock_identifier",
-    "an identifier that was never given",
-    "a new identifier",
-    basis=Basis.GUESS,
-    source="a robot that was rebooted does not know its clients",
-)
+@check("time-sync: clock_identifier", "one never given", "a new one", basis=Basis.GUESS, source="as after a reboot")
 def unknown_clock_identifier(server: Server) -> str:
     """A client from before a reboot."""
-    answer = server.ask("time-sync", "TimeSyncUpdate", clock_identifier="no-such-client")
-    is_new = answer.clock_identifier not in {"", "no-such-client"}
-    return "a new identifier" if is_new else f"identifier {answer.clock_identifier!r}"
+    told = server.ask("time-sync", "TimeSyncUpdate", clock_identifier="no-such-client").clock_identifier
+    return "a new one" if told not in {"", "no-such-client"} else f"identifier {told!r}"

@@ -11,23 +11,33 @@ import numpy as np
 from bosdyn.api import robot_state_pb2
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from fake_robot.conformance.check import Basis, Check, Needs
+from fake_robot.conformance.check import Basis, Check, Needs, check
 from fake_robot.conformance.power import has_power
-from fake_robot.conformance.recording import FRAMES, NAMES, Recording, record_rest, wxyz_of
+from fake_robot.conformance.recording import AT_REST, FRAMES, NAMES, Recording, axes, record_rest, wxyz_of
 from fake_robot.conformance.server import OpenError, Server, stamp_ns
-from fake_robot.conformance.session import VELOCITY_M_S_RAD_S, WAY_M, drive
+from fake_robot.conformance.session import (
+    GOING,
+    OFF,
+    SETTLING,
+    STANDING,
+    STOPPED,
+    VELOCITY_M_S_RAD_S,
+    WALKING,
+    WAY_M,
+    drive,
+)
 from spot_model.robot.facts import LEG_NAMES, TOTAL_MASS_KG
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
 from spot_model.robot.state import Array
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
-_PROTO, _PUBLISHED = "robot_state.proto", "a published recording of a robot"
+_PROTO = "robot_state.proto"
 _STILL_RAD_S = 0.2
 _NEAR_S, _NEAR_RAD, _NEAR_M, _NEAR_NM = 1.0, 0.1, 0.1, 10.0
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
 _STRAY = 0.35
-"""Share of a path by which rates may miss it: estimators are a tenth off; a wrong sign, unit or frame is more than this."""
+"""Share of a path by which rates may miss it: estimators are a tenth off, a wrong sign, unit or frame is more."""
 _PIECE_S = {"position": 0.5, "turn": 0.2}
 _FOOT_M = 0.05
 """Half the least distance that a wrong sign or leg makes; a foot's radius is 0.036 m."""
@@ -42,10 +52,10 @@ _VOLTS = (10.0, 100.0)
 _N_JOINTS, _N_ARM_JOINTS = 12, 19
 _TREE = ("odom", "vision", "body", "flat_body", "gpe")
 """Of a robot at rest. Source: frame_helpers of the SDK."""
+_CONTACTS = {robot_state_pb2.FootState.CONTACT_MADE, robot_state_pb2.FootState.CONTACT_LOST}
 _FOREIGN_STAMPS = {"request_timestamp", "onset_timestamp", "changeset_date", "not_valid_before", "not_valid_after"}
 
 Judge = Callable[[Recording], str]
-AT_REST, STANDING, WALKING, STOPPED, OFF = "at rest", "standing", "walking", "stopped", "off"
 
 
 def law(
@@ -92,13 +102,13 @@ def stream_is_complete(recording: Recording) -> str:
         sizes = {len(joints.position), len(joints.velocity), len(joints.load)}
         if not (sizes <= {_N_JOINTS} or sizes <= {_N_ARM_JOINTS}):
             return f"joints: {sorted(sizes)}"
-        if len(state.contact_states) != 4:
-            return f"feet: {len(state.contact_states)}"
+        if len(state.contact_states) != 4 or not set(state.contact_states) <= _CONTACTS:
+            return f"feet: {list(state.contact_states)}"
         if not (body.HasField("odom_tform_body") and body.HasField("vision_tform_body")):
             return "a frame is missing"
         if bool(state.last_command.user_command_key) != bool(stamp_ns(state.last_command.received_timestamp)):
             return f"last_command: key {state.last_command.user_command_key}, and no time of receipt, or no key"
-    return ""
+    return _lack(lambda: recording.streamed)
 
 
 @law(f"{_POLL}", "complete", AT_REST, WALKING)
@@ -114,10 +124,18 @@ def polled_state_is_complete(recording: Recording) -> str:
         "e-stops with a name, a type and a state": estops and all(e.name and e.type and e.state for e in estops),
         **{f"joint {name} once": names.count(name) == 1 for name in NAMES},
         **{f"frame {name}": name in frames for name in _TREE},
-        "four feet": len(state.foot_state) == 4,
+        "four feet, made or lost": [foot.contact in _CONTACTS for foot in state.foot_state] == [True] * 4,
     }
     missing = [name for name, is_there in wanted.items() if not is_there]
-    return f"missing: {', '.join(missing)}" if missing else ""
+    return f"missing: {', '.join(missing)}" if missing else _lack(lambda: recording.polled)
+
+
+def _lack(read: Callable[[], object]) -> str:
+    try:
+        read()
+    except OpenError as error:
+        return str(error)
+    return ""
 
 
 @law(f"{_STREAM}, {_POLL}: acquisition_timestamp", "rising", AT_REST, WALKING)
@@ -132,25 +150,16 @@ def stamps_rise(recording: Recording) -> str:
     return "" if polls == sorted(polls) and polls[0] < polls[-1] else "a polled stamp goes back or stays"
 
 
-@law(_STREAM, "3 ms apart", AT_REST, basis=Basis.MEASURED, source=_PUBLISHED)
+@law(_STREAM, "3 ms apart, three packets", AT_REST, basis=Basis.MEASURED, source="a published recording of a robot")
 def stream_period(recording: Recording) -> str:
-    """The median distance of two stamps, to a hundredth."""
-    return _apart([stamp_ns(s.joint_states.acquisition_timestamp) for s in recording.states], 3.0)
-
-
-@law(f"{_STREAM}: inertial_state", "three packets, 1 ms apart", AT_REST, basis=Basis.MEASURED, source=_PUBLISHED)
-def imu_period(recording: Recording) -> str:
-    """Samples of the inertial unit in each message, and their median distance."""
+    """The median distances of two stamps of states and of inertial packets, to a hundredth."""
     counts = {len(state.inertial_state.packets) for state in recording.states}
-    if counts != {3}:
-        return f"{sorted(counts)} packets"
-    return _apart([stamp_ns(p.timestamp) for p in recording.packets], 1.0)
-
-
-def _apart(stamps: Sequence[int], wanted_ms: float) -> str:
-    steps = sorted(b - a for a, b in pairwise(stamps))
-    seen_ms = round(steps[len(steps) // 2] / 1e6, 2)
-    return "" if seen_ms == wanted_ms else f"{seen_ms:g} ms apart"
+    states = [stamp_ns(s.joint_states.acquisition_timestamp) for s in recording.states]
+    packets = [stamp_ns(p.timestamp) for p in recording.packets] or [0, 0]
+    state_ms, packet_ms = (round(float(np.median(np.diff(stamps))) / 1e6, 2) for stamps in (states, packets))
+    if (state_ms, packet_ms, counts) == (3.0, 1.0, {3}):
+        return ""
+    return f"{state_ms:g} ms apart, {sorted(counts)} packets {packet_ms:g} ms apart"
 
 
 def _stamps_in(message: Any, path: str) -> Iterator[tuple[str, int]]:
@@ -169,32 +178,19 @@ def _stamps_in(message: Any, path: str) -> Iterator[tuple[str, int]]:
                 yield from _stamps_in(part, name)
 
 
+@check("every stamp of a state", "a robot at rest", "the robot's clock", source="robot_state.proto; time_sync.proto")
 def stamps_are_robot_time(server: Server) -> str:
     """Every stamp of streamed and polled states is of the instant at which it came, by the robot's clock."""
     recording, sync = server.once(record_rest), server.sync
-    ahead_ns = (sync.least_ns + sync.most_ns) // 2
-    for name, messages, arrived in (
-        ("streamed", recording.states, recording.arrived_ns),
-        ("polled", recording.polls, recording.polled_ns),
+    for name, message, arrived_ns in (
+        ("streamed", recording.states[-1], recording.arrived_ns[-1]),
+        ("polled", recording.polls[-1], recording.polled_ns[-1]),
     ):
-        for path, told_ns in _stamps_in(messages[-1], name):
-            off_s = (told_ns - arrived[-1] - ahead_ns) * 1e-9
+        for path, told_ns in _stamps_in(message, name):
+            off_s = (told_ns - arrived_ns - (sync.least_ns + sync.most_ns) // 2) * 1e-9
             if abs(off_s) > _NEAR_S:
                 return f"{path}: {off_s:.1f} s off"
     return "the robot's clock"
-
-
-STAMPS = Check(
-    "stamps_are_robot_time",
-    "every stamp of a state",
-    "a robot at rest",
-    ("the robot's clock",),
-    Basis.DOCUMENTED,
-    "robot_state.proto; time_sync.proto",
-    Needs.NOTHING,
-    "",
-    stamps_are_robot_time,
-)
 
 
 # ---- joints, feet ----
@@ -217,10 +213,10 @@ def stream_agrees_with_poll(recording: Recording) -> str:
     if (one.contacts[at] == other.contacts).mean() < 0.75:
         return "the feet's contacts differ"
     for frame in FRAMES:
-        a, b = one.body[frame], other.body[frame]
-        if np.median(np.linalg.norm(a.position_m[at] - b.position_m, axis=1)) > _NEAR_M:
+        here, there = one.body[frame], other.body[frame]
+        if np.median(np.linalg.norm(here.position_m[at] - there.position_m, axis=1)) > _NEAR_M:
             return f"the body is elsewhere in {frame}"
-        if np.median(_angle(a.wxyz[at], b.wxyz)) > _NEAR_RAD:
+        if np.median(_angle(here.wxyz[at], there.wxyz)) > _NEAR_RAD:
             return f"the body is turned otherwise in {frame}"
     return ""
 
@@ -237,16 +233,6 @@ def joint_velocity_is_the_slope(recording: Recording) -> str:
     return ""
 
 
-@law(f"{_STREAM}, {_POLL}: joints", "move", WALKING)
-def joints_move(recording: Recording) -> str:
-    """Each knee of a robot that walks moves, in both reports."""
-    for motion in recording.motions:
-        still = [n for n, q in zip(NAMES, motion.position_rad.T, strict=True) if n.endswith("kn") and np.ptp(q) < 0.05]
-        if still:
-            return f"{motion.source}: {', '.join(still)} stay"
-    return ""
-
-
 @law(f"{_POLL}: foot_state", "where the joints put them", AT_REST, STANDING, WALKING, source="foot_position_rt_body")
 def feet_are_where_the_joints_put_them(recording: Recording) -> str:
     """By the legs' kinematics, feet in the order fl, fr, hl, hr."""
@@ -255,14 +241,6 @@ def feet_are_where_the_joints_put_them(recording: Recording) -> str:
     median_m = np.median(off_m, axis=0).max(axis=1)
     leg = int(median_m.argmax())
     return f"{LEG_NAMES[leg]} is {median_m[leg]:.2f} m elsewhere" if median_m[leg] > _FOOT_M else ""
-
-
-@law("contact_states, foot_state.contact", "made or lost", AT_REST, WALKING)
-def contacts_are_known(recording: Recording) -> str:
-    """Each foot stands or does not."""
-    kinds = {robot_state_pb2.FootState.CONTACT_MADE, robot_state_pb2.FootState.CONTACT_LOST}
-    wrong = [m.source for m in recording.motions if not set(np.unique(m.contacts).tolist()) <= kinds]
-    return f"unknown, {wrong[0]}" if wrong else ""
 
 
 @law("contact_states, foot_state.contact", "made", STANDING)
@@ -334,19 +312,19 @@ def imu_feels_gravity(recording: Recording) -> str:
     """The mean acceleration, turned into odom, is 9.8 m/s² upwards."""
     if not recording.packets:
         return "no packet"
-    felt = np.array([_axes(p.acceleration_rt_odom_in_link_frame) for p in recording.packets])
+    felt = np.array([axes(p.acceleration_rt_odom_in_link_frame) for p in recording.packets])
     x, y, z = rotate_wxyz(_imu_wxyz(recording), felt).mean(axis=0)
     return "" if abs(z - _G_M_S2) < 0.5 and math.hypot(x, y) < 1.0 else f"{x:.1f}, {y:.1f}, {z:.1f} m/s²"
 
 
 @law(f"{_STREAM}: inertial_state", "turns as the body does", WALKING)
 def imu_turns_with_the_body(recording: Recording) -> str:
-    """The inertial unit's attitude is the body's but for how it is mounted, and its turn rate is that attitude's slope."""
+    """Its attitude is the body's but for how it is mounted, and its turn rate is that attitude's slope."""
     if not recording.packets:
         return "no packet"
     wxyz = _imu_wxyz(recording)
     stamps_s = np.array([stamp_ns(p.timestamp) for p in recording.packets]) * 1e-9
-    rate = np.array([_axes(p.angular_velocity_rt_odom_in_link_frame) for p in recording.packets])
+    rate = np.array([axes(p.angular_velocity_rt_odom_in_link_frame) for p in recording.packets])
     edges = _edges(stamps_s, _PIECE_S["turn"])
     if _strays(stamps_s, rate, edges, _turns(wxyz[edges]), _NEAR_RAD):
         return "it does not turn as its own rate says"
@@ -370,7 +348,7 @@ def walks_where_it_is_told(recording: Recording) -> str:
     return f"{made[0]:.2f}, {made[1]:.2f} m/s, {made[2]:.2f} rad/s; asked for {asked}"
 
 
-@law("RobotCommand: se2_trajectory_request", "as far as it was told", "going", source="basic_command.proto")
+@law("RobotCommand: se2_trajectory_request", "as far as it was told", GOING, source="basic_command.proto")
 def goes_as_far_as_it_is_told(recording: Recording) -> str:
     """The goal ahead in the body's frame is reached, to a third of the way."""
     position_m = recording.streamed.body["odom"].position_m
@@ -378,7 +356,7 @@ def goes_as_far_as_it_is_told(recording: Recording) -> str:
     return "" if math.dist(ahead[:2], (WAY_M, 0.0)) < WAY_M / 3.0 else f"{ahead[0]:.2f} m ahead, {ahead[1]:.2f} m left"
 
 
-@law("StandCommand.Feedback: status", "it stands when it says so", "settling", source="basic_command.proto")
+@law("StandCommand.Feedback: status", "it stands when it says so", SETTLING, source="basic_command.proto")
 def stands_when_it_says_so(recording: Recording) -> str:
     """Once it has said that it stands, no joint moves any more."""
     moved_rad = np.ptp(recording.streamed.position_rad, axis=0)
@@ -388,33 +366,19 @@ def stands_when_it_says_so(recording: Recording) -> str:
 # ---- power, and what else is polled ----
 
 
-@law(f"{_POLL}: behavior_state", "not standing without power", AT_REST, OFF)
-def stands_with_power_alone(recording: Recording) -> str:
-    """A robot whose motors have no power neither stands nor steps."""
+@law(f"{_POLL}: motor_power_state, behavior_state", "on while it stands, then off", AT_REST, STANDING, OFF)
+def power_and_behavior_agree(recording: Recording) -> str:
+    """A robot stands with power alone; one that was switched off has none."""
     state = recording.polls[-1]
-    behavior = state.behavior_state
-    is_wrong = not has_power(state) and behavior.state in {behavior.STATE_STANDING, behavior.STATE_STEPPING}
-    return f"the motors are off, and it is in {behavior.State.Name(behavior.state)}" if is_wrong else ""
-
-
-@law(f"{_POLL}: motor_power_state", "off again", OFF)
-def power_is_told_off(recording: Recording) -> str:
-    """The motors of a robot that was switched off have no power."""
-    power = recording.polls[-1].power_state
-    is_off = power.motor_power_state == power.MOTOR_POWER_STATE_OFF
-    return "" if is_off else f"the motors are reported as {power.MotorPowerState.Name(power.motor_power_state)}"
-
-
-@law(f"{_POLL}: motor_power_state, behavior_state", "on, and standing", STANDING)
-def power_is_told_on(recording: Recording) -> str:
-    """The motors of a robot that stands have power."""
-    for state in recording.polls:
-        power, behavior = state.power_state, state.behavior_state
-        if power.motor_power_state != power.MOTOR_POWER_STATE_ON:
-            return f"the motors are reported as {power.MotorPowerState.Name(power.motor_power_state)}"
-        if behavior.state not in {behavior.STATE_STANDING, behavior.STATE_UNKNOWN}:
-            return f"it is reported in {behavior.State.Name(behavior.state)}"
-    return ""
+    power, behavior, is_on = state.power_state, state.behavior_state, has_power(state)
+    is_up = behavior.state in {behavior.STATE_STANDING, behavior.STATE_STEPPING}
+    is_right = {
+        AT_REST: is_on or not is_up,
+        STANDING: is_on and (is_up or behavior.state == behavior.STATE_UNKNOWN),
+        OFF: not (is_on or is_up),
+    }[recording.part]
+    told = f"{power.MotorPowerState.Name(power.motor_power_state)}, {behavior.State.Name(behavior.state)}"
+    return "" if is_right else told
 
 
 @law(f"{_POLL}: battery_states, motor_temperatures", "percent, volts, Celsius", AT_REST)
@@ -444,6 +408,8 @@ def _edges(stamps_s: Array, piece_s: float) -> Array:
     """Rows between which pieces of about ``piece_s`` lie."""
     if len(stamps_s) < 2:
         raise OpenError("too few states came")
+    if stamps_s[-1] <= stamps_s[0]:
+        raise OpenError("the stamps stand still")
     count = max(1, round(float(stamps_s[-1] - stamps_s[0]) / piece_s))
     return np.unique(
         np.searchsorted(stamps_s, np.linspace(stamps_s[0], stamps_s[-1], count + 1)).clip(max=len(stamps_s) - 1)
@@ -451,7 +417,7 @@ def _edges(stamps_s: Array, piece_s: float) -> Array:
 
 
 def _strays(stamps_s: Array, rate: Array, edges: Array, path: Array, least: float) -> bool:
-    """Whether the path, shape (pieces, n), differs from the integral of its rate by more than ``_STRAY`` of its length."""
+    """Whether the path, shape (pieces, n), differs from the integral of its rate by ``_STRAY`` of its length."""
     travelled = [np.trapezoid(rate[a : b + 1], stamps_s[a : b + 1], axis=0) for a, b in pairwise(edges)]
     off = float(np.linalg.norm(path - np.array(travelled), axis=1).sum())
     return off > max(_STRAY * float(np.linalg.norm(path, axis=1).sum()), least)
@@ -460,7 +426,7 @@ def _strays(stamps_s: Array, rate: Array, edges: Array, path: Array, least: floa
 def _turns(wxyz: Array) -> Array:
     """The small turns from each attitude to the next, as rotation vectors in the turning frame; rad."""
     turn = multiply_wxyz(conjugate_wxyz(wxyz[:-1]), wxyz[1:])
-    return 2.0 * turn[:, 1:] * np.sign(turn[:, :1])
+    return np.asarray(2.0 * turn[:, 1:] * np.sign(turn[:, :1]))
 
 
 def _angle(a_wxyz: Array, b_wxyz: Array) -> Array:
@@ -470,7 +436,3 @@ def _angle(a_wxyz: Array, b_wxyz: Array) -> Array:
 
 def _imu_wxyz(recording: Recording) -> Array:
     return np.array([wxyz_of(p.odom_rot_link) for p in recording.packets])
-
-
-def _axes(vector: Any) -> tuple[float, float, float]:
-    return vector.x, vector.y, vector.z

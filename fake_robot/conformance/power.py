@@ -12,9 +12,11 @@ from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client.exceptions import Error as SdkError
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
+from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, header, status_of
+from spot_model.robot.state import Array
 
 POLL_S = 0.1
+SAT_DOWN = "it sat down and is off again"
 CONTROLLED_OFF_S = 15.0
 """For a robot to sit down and switch its motors off."""
 _TIMED = {"se2_velocity_request", "se2_trajectory_request", "stance_request"}
@@ -40,6 +42,19 @@ def send(
         getattr(mobility, field).end_time.CopyFrom(server.robot_stamp(end_s))
     identifier = server.sync.clock_identifier if clock is None else clock
     return server.ask("robot-command", "RobotCommand", lease=lease, command=sent, clock_identifier=identifier)
+
+
+def joint_request(server: Server, position_rad: Array, kp: Array, kd: Array, load_nm: Array, *, key: int = 1) -> Any:
+    """A message of joint control that holds every joint at its position, for half a second."""
+    request = robot_command_pb2.JointControlStreamRequest(header=header())
+    command = request.joint_command
+    command.end_time.CopyFrom(server.robot_stamp(0.5))
+    command.velocity.extend([0.0] * len(position_rad))
+    parts = (command.position, command.load, command.gains.k_q_p, command.gains.k_qd_p)
+    for field, values in zip(parts, (position_rad, load_nm, kp, kd), strict=True):
+        field.extend(values.tolist())
+    command.user_command_key = key
+    return request
 
 
 @contextlib.contextmanager
@@ -116,7 +131,7 @@ def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
         with contextlib.suppress(*CALL_ERRORS):
             sent = send(server, lease, RobotCommandBuilder.safe_power_off_command())
             if status_of(sent) == "STATUS_OK" and wait_for(is_off, CONTROLLED_OFF_S):
-                return "it sat down and is off again"
+                return SAT_DOWN
         with contextlib.suppress(*CALL_ERRORS):
             answer = server.ask("power", "PowerCommand", lease=lease, request="REQUEST_OFF_MOTORS")
             if wait_for(is_off, CONTROLLED_OFF_S):

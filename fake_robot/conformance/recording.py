@@ -19,15 +19,17 @@ from spot_model.robot.state import Array
 
 NAMES = tuple(name.replace("_", ".") for name in JOINT_NAMES)
 FRAMES = ("odom", "vision")
+AT_REST = "at rest"
 POLL_S = 0.02
 _STREAM_S = 120.0
 _REST_STATES = 200
 _REST_S = 5.0
+_ROWS = ("position", "velocity", "load")
 
 
 @dataclass(frozen=True)
 class Pose:
-    """The body in one frame, each shape (n, ...): position m, rotation scalar first, and its velocities in that frame."""
+    """The body in one frame, and its velocities there; each of shape (n, 3) or, the rotation, (n, 4)."""
 
     position_m: Array
     wxyz: Array
@@ -52,47 +54,35 @@ class Motion:
 
 @dataclass(frozen=True)
 class Recording:
-    """States of the stream and polled states of one while; ``None`` in place of what a message lacks is never met."""
+    """States of the stream and polled states of one part of a motion, by its name."""
 
+    part: str
     states: Sequence[robot_state_pb2.RobotStateStreamResponse]
     polls: Sequence[robot_state_pb2.RobotState]
-    arrived_ns: Sequence[int] = ()
+    arrived_ns: Sequence[int]
     """When each state and each poll arrived, nanoseconds of this computer's clock."""
-    polled_ns: Sequence[int] = ()
+    polled_ns: Sequence[int]
 
     @functools.cached_property
     def streamed(self) -> Motion:
-        """The states' motion; joints in the SDK's order, arms left out."""
-        joints = [s.joint_states for s in self.states]
-        kinematics = [s.kinematic_state for s in self.states]
-        rows = {name: np.array([getattr(j, name)[:12] for j in joints]) for name in ("position", "velocity", "load")}
-        body = {
-            frame: _pose([getattr(k, f"{frame}_tform_body") for k in kinematics], kinematics, frame) for frame in FRAMES
-        }
-        contacts = np.array([s.contact_states[:4] for s in self.states])
-        return Motion("streamed", _stamps(joints), rows["position"], rows["velocity"], rows["load"], contacts, body)
+        """The states' motion; joints in the SDK's order, arms left out. Raises OpenError if something is missing."""
+        joints, kinematics = [s.joint_states for s in self.states], [s.kinematic_state for s in self.states]
+        rows = [[list(getattr(j, key)[:12]) for j in joints] for key in _ROWS]
+        poses = {frame: [getattr(k, f"{frame}_tform_body") for k in kinematics] for frame in FRAMES}
+        return _motion("streamed", joints, rows, [list(s.contact_states) for s in self.states], poses, kinematics)
 
     @functools.cached_property
     def polled(self) -> Motion:
-        """The polled motion; joints by their names.
-
-        Raises:
-            OpenError: A joint, a foot or a frame is missing; a check of its own finds that.
-        """
+        """The polled motion; joints by their names. Raises OpenError if something is missing."""
         kinematics = [p.kinematic_state for p in self.polls]
-        rows: dict[str, list[list[float]]] = {"position": [], "velocity": [], "load": []}
-        for k in kinematics:
-            by_name = {joint.name: joint for joint in k.joint_states}
-            if missing := [name for name in NAMES if name not in by_name]:
-                raise OpenError(f"polled joints are missing: {', '.join(missing)}")
-            for key, values in rows.items():
-                values.append([getattr(by_name[name], key).value for name in NAMES])
+        named = [{joint.name: joint for joint in k.joint_states} for k in kinematics]
+        rows = [
+            [[getattr(joints[name], key).value for name in NAMES if name in joints] for joints in named]
+            for key in _ROWS
+        ]
         contacts = [[foot.contact for foot in p.foot_state] for p in self.polls]
-        if {len(row) for row in contacts} != {4}:
-            raise OpenError("polled feet are missing")
-        body = {frame: _pose([_in(k, frame) for k in kinematics], kinematics, frame) for frame in FRAMES}
-        position, velocity, load = (np.array(rows[key]) for key in ("position", "velocity", "load"))
-        return Motion("polled", _stamps(kinematics), position, velocity, load, np.array(contacts), body)
+        poses = {frame: [_in(k, frame) for k in kinematics] for frame in FRAMES}
+        return _motion("polled", kinematics, rows, contacts, poses, kinematics)
 
     @property
     def motions(self) -> tuple[Motion, Motion]:
@@ -102,7 +92,7 @@ class Recording:
     @functools.cached_property
     def feet_in_body_m(self) -> Array:
         """Of the polled states, shape (n, 4, 3), m."""
-        return np.array([[_xyz(foot.foot_position_rt_body) for foot in p.foot_state] for p in self.polls])
+        return np.array([[axes(foot.foot_position_rt_body) for foot in p.foot_state] for p in self.polls])
 
     @functools.cached_property
     def packets(self) -> list[Any]:
@@ -121,7 +111,7 @@ class Recorder:
     polled_ns: list[int] = field(default_factory=list)
 
     def __enter__(self) -> Self:
-        stub = self.server.stub(robot_state_service_pb2_grpc.RobotStateStreamingServiceStub, "robot-state-streaming")
+        stub = robot_state_service_pb2_grpc.RobotStateStreamingServiceStub(self.server.channel("robot-state-streaming"))
         request = robot_state_pb2.RobotStateStreamRequest(header=header())
         self._call = stub.GetRobotStateStream(request, timeout=_STREAM_S)
         self._is_over = threading.Event()
@@ -147,11 +137,11 @@ class Recorder:
             raise self._error
         return len(self.states), len(self.polls)
 
-    def since(self, start: tuple[int, int]) -> Recording:
-        """What came since a mark."""
+    def since(self, start: tuple[int, int], part: str) -> Recording:
+        """What came since a mark, as a part of a motion."""
         states, polls = self.mark()
         one, other = slice(start[0], states), slice(start[1], polls)
-        return Recording(self.states[one], self.polls[other], self.arrived_ns[one], self.polled_ns[other])
+        return Recording(part, self.states[one], self.polls[other], self.arrived_ns[one], self.polled_ns[other])
 
     def _read(self) -> None:
         for state in self._call:
@@ -187,17 +177,30 @@ def record_rest(server: Server) -> Recording:
                 states, polls = recorder.mark()
                 raise OpenError(f"within {_REST_S:g} s came {states} streamed and {polls} polled states")
             time.sleep(POLL_S)
-        return recorder.since((0, 0))
+        return recorder.since((0, 0), AT_REST)
 
 
-def _pose(poses: Sequence[Any], kinematics: Sequence[Any], frame: str) -> Pose:
-    velocities = [getattr(k, f"velocity_of_body_in_{frame}") for k in kinematics]
-    return Pose(
-        np.array([_xyz(pose.position) for pose in poses]),
-        np.array([wxyz_of(pose.rotation) for pose in poses]),
-        np.array([_xyz(v.linear) for v in velocities]),
-        np.array([_xyz(v.angular) for v in velocities]),
-    )
+def _motion(
+    source: str, stamped: Any, rows: Any, contacts: Any, poses: dict[str, Any], kinematics: Sequence[Any]
+) -> Motion:
+    if {len(row) for rowed in rows for row in rowed} != {12} or {len(row) for row in contacts} != {4}:
+        raise OpenError(f"{source}: joints or feet are missing")
+    body = {}
+    for frame, told in poses.items():
+        velocities = [getattr(k, f"velocity_of_body_in_{frame}") for k in kinematics]
+        parts = (
+            [axes(pose.position) for pose in told],
+            [wxyz_of(pose.rotation) for pose in told],
+            [axes(v.linear) for v in velocities],
+            [axes(v.angular) for v in velocities],
+        )
+        body[frame] = Pose(*map(np.array, parts))
+    stamps_s = np.array([stamp_ns(m.acquisition_timestamp) for m in stamped]) * 1e-9
+    position, velocity, load = (np.array(rowed) for rowed in rows)
+    told_values = [position, velocity, load, *(value for pose in body.values() for value in vars(pose).values())]
+    if not all(np.isfinite(values).all() for values in told_values):
+        raise OpenError(f"{source}: a value is not a number")
+    return Motion(source, stamps_s, position, velocity, load, np.array(contacts), body)
 
 
 def _in(kinematics: Any, frame: str) -> Any:
@@ -207,14 +210,11 @@ def _in(kinematics: Any, frame: str) -> Any:
     return pose.to_proto()
 
 
-def _stamps(messages: Sequence[Any]) -> Array:
-    return np.array([stamp_ns(m.acquisition_timestamp) for m in messages]) * 1e-9
-
-
 def wxyz_of(rotation: Any) -> tuple[float, float, float, float]:
     """A quaternion, scalar first."""
     return rotation.w, rotation.x, rotation.y, rotation.z
 
 
-def _xyz(vector: Any) -> tuple[float, float, float]:
+def axes(vector: Any) -> tuple[float, float, float]:
+    """A vector's three parts."""
     return vector.x, vector.y, vector.z

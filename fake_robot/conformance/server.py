@@ -8,71 +8,24 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 from bosdyn.api import (
-    auth_service_pb2,
     directory_pb2,
-    directory_registration_service_pb2,
-    directory_service_pb2,
     directory_service_pb2_grpc,
-    estop_service_pb2,
-    fault_service_pb2,
     header_pb2,
-    image_service_pb2,
-    lease_service_pb2,
-    license_service_pb2,
-    power_service_pb2,
-    robot_command_service_pb2,
-    robot_id_service_pb2,
     robot_state_pb2,
-    robot_state_service_pb2,
     time_sync_pb2,
-    time_sync_service_pb2,
-    world_object_service_pb2,
 )
-from bosdyn.api.docking import docking_service_pb2
-from bosdyn.api.graph_nav import graph_nav_service_pb2
-from bosdyn.api.keepalive import keepalive_service_pb2
 from bosdyn.api.mission import mission_service_pb2
 from bosdyn.client.robot import Robot
+from google.protobuf import descriptor_pool
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
 Made = TypeVar("Made")
 CLIENT_NAME = "spot-rl-conformance"
 RPC_TIMEOUT_S = 10.0
+FEATURE = "joint_control"
+"""The licence's name of joint control."""
 _MAX_ROUND_TRIPS = 25
-_MODULES = {
-    "auth": auth_service_pb2,
-    "directory": directory_service_pb2,
-    "directory-registration": directory_registration_service_pb2,
-    "docking": docking_service_pb2,
-    "estop": estop_service_pb2,
-    "fault": fault_service_pb2,
-    "graph-nav-service": graph_nav_service_pb2,
-    "image": image_service_pb2,
-    "keepalive": keepalive_service_pb2,
-    "lease": lease_service_pb2,
-    "license": license_service_pb2,
-    "power": power_service_pb2,
-    "robot-command": robot_command_service_pb2,
-    "robot-id": robot_id_service_pb2,
-    "robot-mission": mission_service_pb2,
-    "robot-state": robot_state_service_pb2,
-    "time-sync": time_sync_service_pb2,
-    "world-objects": world_object_service_pb2,
-}
-_METHODS = {
-    (name, method.name): method
-    for name, module in _MODULES.items()
-    for service in module.DESCRIPTOR.services_by_name.values()
-    for method in service.methods
-}
-SERVICES = {
-    service.name.removesuffix("Service"): name
-    for name, module in _MODULES.items()
-    for service in module.DESCRIPTOR.services_by_name.values()
-    if name != "robot-state" or service.name == "RobotStateService"
-}
-"""Names in the directory, by the short name of the service's type."""
 _NO_TOKEN = {"auth": "auth.spot.robot", "robot-id": "id.spot.robot"}
 """Authorities of services that are asked before a login."""
 
@@ -125,6 +78,9 @@ class Server:
     def __init__(self, robot: Robot, stranger: Robot) -> None:
         self.robot, self.stranger = robot, stranger
         self.answered: list[Answered] = []
+        clients = robot.service_client_factories_by_type.values()
+        self.types = {client.default_service_name: client.service_type for client in clients}
+        self.types["robot-mission"] = mission_service_pb2.DESCRIPTOR.services_by_name["MissionService"].full_name
         self._kept: dict[Callable[[Server], Any], Any] = {}
 
     def once(self, make: Callable[[Server], Made]) -> Made:
@@ -139,9 +95,10 @@ class Server:
         made: Made = self._kept[make]
         return made
 
-    def stub(self, stub_type: Any, service_name: str) -> Any:
-        """The vendor's stub of a service."""
-        return stub_type(self.robot.ensure_channel(service_name))
+    def channel(self, service: str) -> Any:
+        """A channel to a service by the authority that the directory lists, with our token."""
+        self.require(service)
+        return self.robot.ensure_secure_channel(self.listed[service].authority)
 
     @functools.cached_property
     def listed(self) -> dict[str, Any]:
@@ -164,18 +121,16 @@ class Server:
         Raises:
             SkippedError: The directory does not list the service.
         """
-        found = _METHODS[service, method]
+        found = descriptor_pool.Default().FindServiceByName(self.types[service]).methods_by_name[method]
         authority = stranger_at or _NO_TOKEN.get(service)
-        if not authority:
-            self.require(service)
-        channel = self.stranger.ensure_secure_channel(authority) if authority else self.robot.ensure_channel(service)
+        channel = self.stranger.ensure_secure_channel(authority) if authority else self.channel(service)
         request_type, response_type = GetMessageClass(found.input_type), GetMessageClass(found.output_type)
         call = channel.unary_unary(
             f"/{found.containing_service.full_name}/{method}",
             request_serializer=request_type.SerializeToString,
             response_deserializer=response_type.FromString,
         )
-        request = request_type(header=header(), **fields)
+        request: Any = request_type(header=header(), **fields)
         sent_ns = time.time_ns()
         answer = call(request, timeout=RPC_TIMEOUT_S)
         self.answered.append(Answered(method, request.header, answer.header, sent_ns, time.time_ns()))

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from bosdyn.api import lease_pb2
+import numpy as np
+from bosdyn.api import lease_pb2, robot_command_service_pb2_grpc
 from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.power import CALL_ERRORS, cut_power, has_power, held, send, wait_for
+from fake_robot.conformance.power import CALL_ERRORS, cut_power, has_power, held, joint_request, send, wait_for
 from fake_robot.conformance.recording import Recorder, Recording
-from fake_robot.conformance.server import OpenError, Server, enum_name, status_of
+from fake_robot.conformance.server import FEATURE, Made, OpenError, Server, enum_name, status_of
+from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD, per_joint
+from spot_model.robot.state import Array
 
+SETTLING, STANDING, WALKING, STOPPED, GOING, OFF = "settling", "standing", "walking", "stopped", "going", "off"
+HOLDING = "held by joint control"
+PUSH_NM = per_joint(0.0, 0.0, 6.0)
+"""Added to the knees' loads: a fiftieth of a radian by the stand's own stiffness, and twice what a load is wrong by."""
 STEP_TIMEOUT_S = 20.0
 VELOCITY_M_S_RAD_S = (0.3, 0.15, 0.5)
 """Forward, to the left, turning left: slow, and each sign shows; it turns so far that no frame stays aligned."""
@@ -37,27 +45,26 @@ class Session:
     pieces: dict[str, Recording] = field(default_factory=dict)
     told: dict[str, str] = field(default_factory=dict)
     command_ids: list[int] = field(default_factory=list)
+    held_rad: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
+    """The set-points of joint control."""
     ended_by: str = ""
 
-    def piece(self, name: str) -> Recording:
-        """A part of the recording.
+    def keep(self, recorder: Recorder, start: tuple[int, int], part: str) -> None:
+        """Keep what came since a mark as a part of the motion."""
+        self.pieces[part] = recorder.since(start, part)
 
-        Raises:
-            OpenError: The robot did not get that far.
-        """
-        if name not in self.pieces:
-            raise OpenError(f"the robot did not get that far: {self.ended_by}")
-        return self.pieces[name]
+    def piece(self, name: str) -> Recording:
+        """A part of the recording. Raises OpenError where the robot did not get that far."""
+        return self._got(self.pieces, name)
 
     def answer(self, name: str) -> str:
-        """An answer.
+        """An answer. Raises OpenError where the robot did not get that far."""
+        return self._got(self.told, name)
 
-        Raises:
-            OpenError: The robot did not get that far.
-        """
-        if name not in self.told:
+    def _got(self, parts: Mapping[str, Made], name: str) -> Made:
+        if name not in parts:
             raise OpenError(f"the robot did not get that far: {self.ended_by}")
-        return self.told[name]
+        return parts[name]
 
 
 def drive(server: Server) -> Session:
@@ -74,22 +81,23 @@ def drive(server: Server) -> Session:
     session = Session()
     with held(server) as lease, _retained(server, lease), Recorder(server) as recorder:
         try:
-            _power_on(server, lease, session, recorder)
+            _power_on(server, lease, session)
             _stand(server, lease, session, recorder)
             _walk(server, lease, session, recorder)
             _go(server, lease, session, recorder)
+            _hold(server, lease, session, recorder)
         except (_EndedError, *CALL_ERRORS) as error:
             session.ended_by = str(error) or type(error).__name__
         finally:
-            session.told["off"] = cut_power(server, lease)
+            session.told["power_goes"] = cut_power(server, lease)
         with contextlib.suppress(*CALL_ERRORS):
             start = recorder.mark()
             time.sleep(0.5)
-            session.pieces["off"] = recorder.since(start)
+            session.keep(recorder, start, OFF)
     return session
 
 
-def _power_on(server: Server, lease: lease_pb2.Lease, session: Session, recorder: Recorder) -> None:
+def _power_on(server: Server, lease: lease_pb2.Lease, session: Session) -> None:
     answer = server.ask("power", "PowerCommand", lease=lease, request="REQUEST_ON_MOTORS")
     told = [status_of(answer)]
 
@@ -100,7 +108,7 @@ def _power_on(server: Server, lease: lease_pb2.Lease, session: Session, recorder
         return told[-1] != "STATUS_IN_PROGRESS"
 
     wait_for(is_over, STEP_TIMEOUT_S)
-    session.told["power"] = told[-1]
+    session.told["power_comes"] = told[-1]
     if told[-1] != "STATUS_SUCCESS":
         raise _EndedError(f"power on came to {told[-1]}")
 
@@ -113,14 +121,15 @@ def _stand(server: Server, lease: lease_pb2.Lease, session: Session, recorder: R
         return bool(told.status == told.STATUS_IS_STANDING)
 
     if not wait_for(is_standing, STEP_TIMEOUT_S):
-        session.told["stand"] = f"not said within {STEP_TIMEOUT_S:g} s"
+        session.told["stand_ends"] = f"not said within {STEP_TIMEOUT_S:g} s"
         raise _EndedError("it did not say that it stands")
-    session.told["stand"] = "standing"
+    session.told["stand_ends"] = "standing"
     start = recorder.mark()
     time.sleep(SETTLING_S)
-    session.pieces["settling"], start = recorder.since(start), recorder.mark()
+    session.keep(recorder, start, SETTLING)
+    start = recorder.mark()
     time.sleep(STANDING_S)
-    session.pieces["standing"] = recorder.since(start)
+    session.keep(recorder, start, STANDING)
 
 
 def _walk(server: Server, lease: lease_pb2.Lease, session: Session, recorder: Recorder) -> None:
@@ -130,7 +139,7 @@ def _walk(server: Server, lease: lease_pb2.Lease, session: Session, recorder: Re
     time.sleep(STARTING_S)
     start = recorder.mark()
     time.sleep(max(0.0, end_s - time.monotonic()))
-    session.pieces["walking"] = recorder.since(start)
+    session.keep(recorder, start, WALKING)
     seen = [""]
 
     def is_over() -> bool:
@@ -138,11 +147,11 @@ def _walk(server: Server, lease: lease_pb2.Lease, session: Session, recorder: Re
         return seen[0] == "STATUS_COMMAND_TIMED_OUT"
 
     wait_for(is_over, ENDING_S)
-    session.told["velocity ended"] = seen[0]
+    session.told["velocity_times_out"] = seen[0]
     time.sleep(max(0.0, end_s + ENDING_S - time.monotonic()))
     start = recorder.mark()
     time.sleep(0.5 * STANDING_S)
-    session.pieces["stopped"] = recorder.since(start)
+    session.keep(recorder, start, STOPPED)
 
 
 def _go(server: Server, lease: lease_pb2.Lease, session: Session, recorder: Recorder) -> None:
@@ -156,17 +165,46 @@ def _go(server: Server, lease: lease_pb2.Lease, session: Session, recorder: Reco
         return bool(told.status == told.STATUS_STOPPED)
 
     is_there = wait_for(has_stopped, STEP_TIMEOUT_S)
-    session.told["trajectory ended"] = "stopped" if is_there else f"not within {STEP_TIMEOUT_S:g} s"
-    session.pieces["going"] = recorder.since(start)
+    session.told["trajectory_arrives"] = "stopped" if is_there else f"not within {STEP_TIMEOUT_S:g} s"
+    session.keep(recorder, start, GOING)
+    ids = session.command_ids
+    has_three = len(set(ids) - {0}) == len(ids)
+    session.told["commands_have_numbers"] = "three numbers" if has_three else f"numbers {ids}"
+
+
+def _hold(server: Server, lease: lease_pb2.Lease, session: Session, recorder: Recorder) -> None:
+    """Hold the stance by joint control, the knees with a load besides, and stand as before."""
+    if not server.ask("license", "GetFeatureEnabled", feature_codes=[FEATURE]).feature_enabled[FEATURE]:
+        return
+    session.held_rad = np.array(recorder.states[-1].joint_states.position[:N_JOINTS])
+    is_over = threading.Event()
+
+    def requests() -> Iterator[Any]:
+        for key in itertools.count(1):
+            yield joint_request(server, session.held_rad, STAND_KP_NM_PER_RAD, STAND_KD_NM_S_PER_RAD, PUSH_NM, key=key)
+            if is_over.wait(0.02):
+                return
+
+    stub = robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub(server.channel("robot-command-streaming"))
+    call = stub.JointControlStream.future(requests(), timeout=STEP_TIMEOUT_S)
+    try:
+        _begin(server, lease, session, "joint control", RobotCommandBuilder.joint_command())
+        time.sleep(SETTLING_S)
+        start = recorder.mark()
+        time.sleep(STANDING_S)
+        session.keep(recorder, start, HOLDING)
+        _begin(server, lease, session, "stand", RobotCommandBuilder.synchro_stand_command())
+    finally:
+        is_over.set()
+        call.cancel()
 
 
 def _begin(
     server: Server, lease: lease_pb2.Lease, session: Session, name: str, command: Any, *, end_s: float | None = None
 ) -> int:
     answer = send(server, lease, command, end_s=end_s)
-    session.told[name] = status_of(answer)
-    if session.told[name] != "STATUS_OK":
-        raise _EndedError(f"the {name} was answered by {session.told[name]}")
+    if status_of(answer) != "STATUS_OK":
+        raise _EndedError(f"the {name} was answered by {status_of(answer)}")
     session.command_ids.append(answer.robot_command_id)
     return int(answer.robot_command_id)
 

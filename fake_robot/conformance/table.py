@@ -35,8 +35,8 @@ CHECKS: tuple[Check, ...] = tuple(
 def run_checks(server: Server, allowed: Needs, names: tuple[str, ...] = ()) -> Iterator[Result]:
     """Each check's result, in the table's order; all checks, or those of ``names``.
 
-    The motors are looked at before the first check and after each. If they have power that they had not, it is taken away,
-    the check has failed, and no other is made.
+    The motors are looked at before the first check and after each. If they have power that they had not, it is taken
+    away, the check has failed, and no other is made.
     """
     had_power = _has_power(server)
     gained = ""
@@ -61,7 +61,7 @@ def _has_power(server: Server) -> bool:
 
 
 def exit_code(results: list[Result]) -> int:
-    """4 if motors got power unasked, 1 if a documented or measured rule is broken, 3 if one could not be judged, else 0."""
+    """4 if motors got power unasked, 1 if a rule is broken, 3 if one could not be judged, else 0."""
     if any(result.gave_power for result in results):
         return POWER_CODE
     verdicts = {result.verdict for result in results}

@@ -34,9 +34,10 @@ class PlantedServer(grpc.GenericRpcHandler):
         self.plant(RIGHT)
 
     def plant(self, error: PlantedError) -> None:
-        """Replace the error, and forget what the last one remembered."""
-        self._error, self._memory = error, dict[str, Any]()
-        self._tokens = dict[str, str]()
+        """Replace the error, and forget what was remembered and asked."""
+        self._error, self.memory = error, dict[str, Any]()
+        self.asked: list[tuple[str, Any]] = []
+        self._token = ""
 
     def __enter__(self) -> Self:
         self._server.start()
@@ -63,9 +64,10 @@ class PlantedServer(grpc.GenericRpcHandler):
         key = f"{service.rpartition('.')[2]}/{name}"
         try:
             found = descriptor_pool.Default().FindServiceByName(service).methods_by_name[name]
-            request_type, answer_type = map(message_factory.GetMessageClass, (found.input_type, found.output_type))
+            types: Any = [message_factory.GetMessageClass(kind) for kind in (found.input_type, found.output_type)]
         except KeyError:
-            request_type = answer_type = None
+            types = [None, None]
+        request_type, answer_type = types
         error = self._error
         ask = error.asks.get(key)
         answer = error.answers.get(key) or (error.answers.get(ANY) if answer_type is not None else None)
@@ -78,14 +80,16 @@ class PlantedServer(grpc.GenericRpcHandler):
                     continue
                 request = request_type.FromString(raw)
                 last[:] = [request]
+                self.asked.append((key, request_type.FromString(raw)))
                 if ask is None:
                     yield raw
                     continue
                 with self._lock:
-                    ask(request, None, self._memory)
+                    ask(request, None, self.memory)
                 yield request.SerializeToString()
 
-        call = self._channel.stream_stream(method)(asked(), metadata=self._with_token(metadata))
+        stub: Any = self._channel.stream_stream(method)
+        call = stub(asked(), metadata=self._with_token(metadata))
         context.add_callback(call.cancel)
         try:
             for raw in call:
@@ -94,17 +98,16 @@ class PlantedServer(grpc.GenericRpcHandler):
                     continue
                 message = answer_type.FromString(raw)
                 with self._lock:
-                    instead = answer(last[0] if last else None, message, self._memory)
+                    instead = answer(last[0] if last else None, message, self.memory)
                 for sent in [message] if instead is None else instead:
                     yield sent.SerializeToString()
         except grpc.RpcError as refusal:
-            context.abort(refusal.code(), refusal.details())
+            context.abort(refusal.code(), refusal.details() or "")
 
     def _with_token(self, metadata: list[tuple[str, Any]]) -> list[tuple[str, Any]]:
         """The call's own metadata; those of a server that needs no token, with the last one that it saw."""
-        own = dict(metadata)
-        if "authorization" in own:
-            self._tokens["last"] = own["authorization"]
-        elif self._error.name == "no_token_needed" and "last" in self._tokens:
-            return [*metadata, ("authorization", self._tokens["last"])]
-        return metadata
+        given = str(dict(metadata).get("authorization", ""))
+        self._token = max(self._token, given, key=len)
+        if self._error.name != "no_token_needed":
+            return metadata
+        return [*((key, value) for key, value in metadata if key != "authorization"), ("authorization", self._token)]
