@@ -20,6 +20,18 @@ def _judged(used: str) -> str:
     return "accepted" if used == "STATUS_OK" else _REFUSED
 
 
+@check("lease.AcquireLease: lease", "acquired twice, returned in between", "newer", source=_LEASE, needs=Needs.LEASE)
+def new_lease_is_newer(server: Server) -> str:
+    """The second lease has the epoch of the first and a greater sequence, and both are leases of the body."""
+    with held(server) as lease:
+        first = lease_pb2.Lease.FromString(lease.SerializeToString())
+    with held(server) as second:
+        if {first.resource, second.resource} != {"body"}:
+            return f"leases of {first.resource} and {second.resource}"
+        is_newer = first.epoch == second.epoch != "" and list(second.sequence) > list(first.sequence)
+    return "newer" if is_newer else "not newer"
+
+
 @check("lease.ListLeases", "", "all-leases, body over mobility", source=_LEASE)
 def leases_form_a_tree(server: Server) -> str:
     """The resources of a robot without an arm, and which leases a lease contains."""
@@ -71,18 +83,6 @@ def taken_lease(server: Server) -> str:
             return before if before == "accepted" else _judged(use(server, lease))
         finally:
             server.ask("lease", "ReturnLease", lease=taken)
-
-
-@check("lease.AcquireLease: lease", "acquired twice, returned in between", "newer", source=_LEASE, needs=Needs.LEASE)
-def new_lease_is_newer(server: Server) -> str:
-    """The second lease has the epoch of the first and a greater sequence, and both are leases of the body."""
-    with held(server) as lease:
-        first = lease_pb2.Lease.FromString(lease.SerializeToString())
-    with held(server) as second:
-        if {first.resource, second.resource} != {"body"}:
-            return f"leases of {first.resource} and {second.resource}"
-        is_newer = first.epoch == second.epoch != "" and list(second.sequence) > list(first.sequence)
-    return "newer" if is_newer else "not newer"
 
 
 @check("lease.ListLeases: lease_owner", "while it is held", "its holder", source=_LEASE, needs=Needs.LEASE)

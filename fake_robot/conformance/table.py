@@ -27,7 +27,7 @@ def _checks_of(module: ModuleType) -> list[Check]:
 
 CHECKS: tuple[Check, ...] = tuple(
     item
-    for module in (identity, requests, authority, services, laws, joint_stream, commands)
+    for module in (identity, authority, requests, services, laws, joint_stream, commands)
     for item in _checks_of(module)
 )
 

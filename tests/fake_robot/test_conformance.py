@@ -226,7 +226,11 @@ LIVE = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "names",
-    [("velocity_command_never_ends", "walks_to_the_other_side"), ("command_ids_alike", "stands_at_once"), ("never_stands",)],
+    [
+        ("velocity_command_never_ends", "walks_to_the_other_side"),
+        ("command_ids_alike", "stands_at_once"),
+        ("never_stands",),
+    ],
     ids=" ".join,
 )
 def test_errors_of_commands_are_found(start: Start, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...]) -> None:
@@ -257,7 +261,9 @@ def test_what_a_server_does_not_offer_is_skipped(planted: PlantedServer, certifi
         del answer.service_entries[:]
         answer.service_entries.extend(kept)
 
-    planted.plant(PlantedError("lack", "", "own", needs_motion=False, answers={"DirectoryService/ListServiceEntries": lack}))
+    planted.plant(
+        PlantedError("lack", "", "own", needs_motion=False, answers={"DirectoryService/ListServiceEntries": lack})
+    )
     names = ("unknown_camera", "images_are_as_told", "delete_unknown_object", "registration_is_kept")
     results = run_checks(log_in(planted, certificates), Needs.LEASE, (*names, "services_are_listed"))
     assert {r.check.name: r.verdict for r in results} == {
