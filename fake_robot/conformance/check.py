@@ -109,7 +109,7 @@ def judge(item: Check, server: Server, allowed: Needs) -> Result:
         seen = error.code().name
     except SdkError as error:
         seen = type(error).__name__
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except Exception as error:  # noqa: BLE001 - a stranger's answers must not end the suite
         return Result(item, Verdict.OPEN, f"the answers cannot be read: {type(error).__name__}: {error}")
     if seen in item.expects:
         return Result(item, Verdict.PASS, seen)

@@ -66,14 +66,17 @@ def reads_succeed(server: Server) -> str:
 def header_times_are_the_robots(server: Server) -> str:
     """Received before answered, and between sending and receiving by the clock that the other answers tell."""
     server.once(_ask_reads)
-    for told in server.answered:
-        received, answered = map(stamp_ns, (told.header.request_received_timestamp, told.header.response_timestamp))
+    times = [
+        (told, stamp_ns(told.header.request_received_timestamp), stamp_ns(told.header.response_timestamp))
+        for told in server.answered
+    ]
+    for told, received, answered in times:
         if not 0 < received <= answered:
             return f"{told.method}: missing or out of order"
-        ahead_ns = (server.sync.least_ns + server.sync.most_ns) // 2
-        for stamp in (received, answered):
-            if not told.sent_ns - _NEAR_NS < stamp - ahead_ns < told.received_ns + _NEAR_NS:
-                return f"{told.method}: {(stamp - ahead_ns - told.received_ns) * 1e-9:.1f} s off"
+    ahead_ns = (server.sync.least_ns + server.sync.most_ns) // 2
+    for told, received, answered in times:
+        if received - ahead_ns < told.sent_ns - _NEAR_NS or answered - ahead_ns > told.received_ns + _NEAR_NS:
+            return f"{told.method}: {(answered - ahead_ns - told.received_ns) * 1e-9:.1f} s off"
     return "in order, of the robot's clock"
 
 

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
-from bosdyn.client.frame_helpers import get_a_tform_b
+from bosdyn.client.frame_helpers import ValidateFrameTreeError, get_a_tform_b
 
 from fake_robot.conformance.server import OpenError, Server, header, stamp_ns
 from spot_model.robot.facts import JOINT_NAMES
@@ -203,11 +203,20 @@ def _motion(
     return Motion(source, stamps_s, position, velocity, load, np.array(contacts), body)
 
 
+def pose_in(snapshot: Any, frame: str, other: str) -> Any:
+    """The pose of a frame in another, by a tree of frames; nothing where they do not hang together in one tree."""
+    try:
+        pose = get_a_tform_b(snapshot, frame, other)
+    except ValidateFrameTreeError:
+        return None
+    return None if pose is None else pose.to_proto()
+
+
 def _in(kinematics: Any, frame: str) -> Any:
-    pose = get_a_tform_b(kinematics.transforms_snapshot, frame, "body")
+    pose = pose_in(kinematics.transforms_snapshot, frame, "body")
     if pose is None:
-        raise OpenError(f"no frame {frame} is polled")
-    return pose.to_proto()
+        raise OpenError(f"no frame {frame} is polled that hangs together with the body")
+    return pose
 
 
 def wxyz_of(rotation: Any) -> tuple[float, float, float, float]:

@@ -7,14 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from bosdyn.api import service_fault_pb2, world_object_pb2
-from bosdyn.client.frame_helpers import (
-    BODY_FRAME_NAME,
-    ODOM_FRAME_NAME,
-    get_a_tform_b,
-    get_odom_tform_body,
-)
 
 from fake_robot.conformance.check import check
+from fake_robot.conformance.recording import pose_in
 from fake_robot.conformance.server import Server, enum_name, stamp_ns, status_of
 from spot_model.robot.facts import JOINT_NAMES
 
@@ -112,7 +107,7 @@ def localization_tells_kinematics(server: Server) -> str:
     answer = server.ask("graph-nav-service", "GetLocalizationState")
     if answer.localization.waypoint_id:
         return f"waypoint {answer.localization.waypoint_id}"
-    found = get_odom_tform_body(answer.robot_kinematics.transforms_snapshot)
+    found = pose_in(answer.robot_kinematics.transforms_snapshot, "odom", "body")
     return "no odom" if found is None else "body in odom, no waypoint"
 
 
@@ -127,7 +122,7 @@ def images_are_as_told(server: Server) -> str:
         shot, source = told.shot, sources[told.source.name]
         if not asked_ns - _NEAR_NS <= stamp_ns(shot.acquisition_time) <= answered_ns + _NEAR_NS:
             return f"{source.name}: taken at another time"
-        if get_a_tform_b(shot.transforms_snapshot, BODY_FRAME_NAME, shot.frame_name_image_sensor) is None:
+        if pose_in(shot.transforms_snapshot, "body", shot.frame_name_image_sensor) is None:
             return f"{source.name}: its sensor has no frame"
         if told.source.HasField("pinhole") and told.source.pinhole.intrinsics.focal_length.x <= 0.0:
             return f"{source.name}: no focal length"
@@ -152,6 +147,6 @@ def grids_have_their_cells(server: Server) -> str:
             cells = sum(grid.rle_counts) if len(grid.rle_counts) == cells else -1
         if cells != grid.extent.num_cells_x * grid.extent.num_cells_y:
             return f"{name}: {cells:g} cells of {grid.extent.num_cells_x} by {grid.extent.num_cells_y}"
-        if get_a_tform_b(grid.transforms_snapshot, ODOM_FRAME_NAME, grid.frame_name_local_grid_data) is None:
+        if pose_in(grid.transforms_snapshot, "odom", grid.frame_name_local_grid_data) is None:
             return f"{name}: its corner has no frame"
     return "as many cells as told, somewhere"

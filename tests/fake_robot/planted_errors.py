@@ -52,7 +52,7 @@ FAULT_CLEAR = "FaultService/ClearServiceFault"
 ANY = "*"
 
 Hook = Callable[[Any, Any, dict[str, Any]], Any]
-"""Changes an answer or a stream's message in place, or returns the messages to send instead: (request, answer, memory)."""
+"""Changes an answer or a stream's message in place, or returns what is sent instead: (request, answer, memory)."""
 
 
 @dataclass
@@ -300,7 +300,7 @@ def header_without_times(_request: Any, answer: Any, _memory: dict[str, Any]) ->
         answer.header.ClearField("response_timestamp")
 
 
-@planted(" ".join([STATE, ESTOP_STATUS, LEASES, TIME_SYNC, ROBOT_ID, SERVICES]))
+@planted(f"{STATE} {ESTOP_STATUS} {LEASES} {TIME_SYNC} {ROBOT_ID} {SERVICES}")
 def header_without_code(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """Unary answers leave the error code unspecified."""
     answer.header.error.code = header_pb2.CommonError.CODE_UNSPECIFIED

@@ -26,8 +26,8 @@ FAN_FREQUENCY_HZ = 50.0
 STANDSTILL_S = 3.0
 """Of host time, after which a client that waits for a robot in lock-step is told that nobody steps it."""
 STANDSTILL = (
-    "the motors wait for robot time, which stands still: this fake robot runs in lock-step, and for {:.0f} s nobody has "
-    "stepped it; start the client with --lock-step and the fake's admin address, or the fake without --lock-step"
+    "the motors wait for robot time, which stands still: this fake robot runs in lock-step, and for {:.0f} s nobody "
+    "has stepped it; start the client with --lock-step and the fake's admin address, or the fake without --lock-step"
 )
 
 
