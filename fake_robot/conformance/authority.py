@@ -7,7 +7,7 @@ from typing import Any
 from bosdyn.api import lease_pb2
 
 from fake_robot.conformance.check import Needs, check
-from fake_robot.conformance.power import has_power, held, stop
+from fake_robot.conformance.power import has_power, held, is_off, stop
 from fake_robot.conformance.requests import OF_BEFORE, changed, use
 from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
 
@@ -114,7 +114,7 @@ def estop_endpoints_agree(server: Server) -> str:
     if config.endpoints and not config.unique_id:
         return "the configuration has no identifier"
     configured, told = {e.unique_id for e in config.endpoints}, {e.endpoint.unique_id for e in status.endpoints}
-    return "the same endpoints" if configured == told else f"configured {len(configured)}, told of {len(told)}"
+    return "the same endpoints" if configured == told else f"{len(configured)} configured, {len(told)} told of"
 
 
 @check("estop.GetEstopSystemStatus: stop_level", "", "the most restrictive", source=_ESTOP)
@@ -140,8 +140,8 @@ def estop_unknown_endpoint(server: Server) -> str:
 @check("estop.EstopCheckIn", "a wrong response", "STATUS_INCORRECT_CHALLENGE_RESPONSE", source=_ESTOP)
 def estop_wrong_response(server: Server) -> str:
     """Check in for each endpoint, at the level that it asks for, without knowing its challenge; motors off."""
-    if has_power(server.state()):
-        raise OpenError("the motors are on")
+    if not is_off(server.state()):
+        raise OpenError("the motors are not off")
     endpoints = server.ask("estop", "GetEstopSystemStatus").status.endpoints
     seen = [
         status_of(server.ask("estop", "EstopCheckIn", stop_level=e.stop_level, endpoint=e.endpoint, challenge=1))
@@ -158,7 +158,9 @@ def power_is_as_told(server: Server) -> str:
     """A stop, which moves nothing, is refused for want of power where the state says that the motors are off."""
     with held(server) as lease:
         seen, is_on = stop(server, lease), has_power(server.state())
-    if (seen == "STATUS_NOT_POWERED_ON") != is_on and seen in {"STATUS_OK", "STATUS_NOT_POWERED_ON"}:
+    if seen not in {"STATUS_OK", "STATUS_NOT_POWERED_ON"}:
+        raise OpenError(f"a stop was answered by {seen}")
+    if (seen == "STATUS_NOT_POWERED_ON") != is_on:
         return _AS_TOLD
     return f"the motors are told to be {'on' if is_on else 'off'}, a stop was answered by {seen}"
 

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import grpc
-from bosdyn.client.exceptions import Error as SdkError
-from bosdyn.client.robot import UnregisteredServiceError
 
 from fake_robot.conformance.server import OpenError, Server, SkippedError
 
@@ -99,16 +97,10 @@ def judge(item: Check, server: Server, allowed: Needs) -> Result:
         return Result(item, Verdict.SKIPPED, "needs --with-motion")
     try:
         seen = item.probe(server)
-    except SkippedError as reason:
-        return Result(item, Verdict.SKIPPED, str(reason))
-    except OpenError as reason:
-        return Result(item, Verdict.OPEN, str(reason))
-    except UnregisteredServiceError as error:
-        return Result(item, Verdict.SKIPPED, f"the server does not offer it: {error}")
+    except (SkippedError, OpenError) as reason:
+        return Result(item, Verdict.OPEN if isinstance(reason, OpenError) else Verdict.SKIPPED, str(reason))
     except grpc.RpcError as error:
         seen = error.code().name
-    except SdkError as error:
-        seen = type(error).__name__
     except Exception as error:  # noqa: BLE001 - a stranger's answers must not end the suite
         return Result(item, Verdict.OPEN, f"the answers cannot be read: {type(error).__name__}: {error}")
     if seen in item.expects:

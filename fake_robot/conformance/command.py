@@ -16,6 +16,7 @@ from fake_robot.conformance.check import Needs, Result, Verdict
 from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server
 from fake_robot.conformance.table import CHECKS, exit_code, run_checks, summary
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.signals import exit_on_termination
 
 _COLOUR = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.DIFFERS: "yellow", Verdict.OPEN: "yellow"}
 _HOST_AND_PORT = re.compile(r"(\[[^\]]+\]|[^:]+):(\d{1,5})")
@@ -46,10 +47,11 @@ def run_suite(
         )
     server = connect(robot, ca_file)
     results: list[Result] = []
-    for result in run_checks(server, Needs.MOTION if with_motion else Needs.LEASE, names):
-        results.append(result)
-        if not as_json:
-            typer.secho(line_of(result), fg=_COLOUR.get(result.verdict))
+    with exit_on_termination():  # a robot that has power sits down first
+        for result in run_checks(server, Needs.MOTION if with_motion else Needs.LEASE, names):
+            results.append(result)
+            if not as_json:
+                typer.secho(line_of(result), fg=_COLOUR.get(result.verdict))
     typer.echo(json.dumps([to_data(r) for r in results], indent=2, ensure_ascii=False) if as_json else summary(results))
     return exit_code(results)
 
@@ -89,11 +91,8 @@ def _robot_at(sdk: Sdk, address: str) -> Robot:
 def line_of(result: Result) -> str:
     """A result on one line, for pipes and logs."""
     item = result.check
-    wanted = (
-        ""
-        if result.verdict in {Verdict.PASS, Verdict.OPEN, Verdict.SKIPPED}
-        else f"; expected {' or '.join(item.expects)}"
-    )
+    is_wrong = result.verdict in {Verdict.FAIL, Verdict.DIFFERS}
+    wanted = f"; expected {' or '.join(item.expects)}" if is_wrong else ""
     return f"{result.verdict.value:8}{item.name}: {item.rpc} ({item.sends or 'asked'}): {result.seen}{wanted}"
 
 

@@ -135,10 +135,10 @@ def _answered(name: str, rpc: str, sends: str, expects: str, basis: Basis = Basi
 # fmt: off
 SESSION = (
     _answered("power_comes", "PowerCommandFeedback", "motors on", "STATUS_SUCCESS"),
-    _answered("stand_ends", "RobotCommandFeedback", "a stand", "standing"),
+    _answered("stand_ends", "RobotCommandFeedback", "a stand", "STATUS_IS_STANDING"),
     _answered("velocity_times_out", "RobotCommandFeedback", "a velocity for 4 s, in the body frame, and 2 s more",
               "STATUS_COMMAND_TIMED_OUT", Basis.MEASURED),
-    _answered("trajectory_arrives", "RobotCommandFeedback", "half a metre ahead", "stopped"),
+    _answered("trajectory_arrives", "RobotCommandFeedback", "half a metre ahead", "STATUS_STOPPED"),
     _answered("commands_have_numbers", "RobotCommand: robot_command_id", "three commands", "three numbers"),
     _answered("power_goes", "RobotCommand: safe_power_off", "a sit, motors off", SAT_DOWN),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
@@ -64,31 +65,24 @@ def law(
     """Make checks of a judge, which returns what is wrong, or nothing: one of the robot at rest, one of its motion."""
 
     def make(judge: Judge) -> tuple[Check, ...]:
-        found = []
-        for name, part, needs in (
-            (judge.__name__, [w for w in whiles if w == AT_REST], Needs.NOTHING),
-            (f"{judge.__name__}_in_motion", [w for w in whiles if w != AT_REST], Needs.MOTION),
-        ):
-            if part:
-                probe = _probe(judge, part, expects)
-                found.append(
-                    Check(name, rpc, "a robot " + ", ".join(part), (expects,), basis, source, needs, "", probe)
-                )
-        return tuple(found)
+        rest, moving = (tuple(w for w in whiles if (w == AT_REST) == is_rest) for is_rest in (True, False))
+        name = judge.__name__
+        return tuple(
+            Check(name, rpc, f"a robot {', '.join(parts)}", (expects,), basis, source, needs, "", probe)
+            for name, parts, needs in ((name, rest, Needs.NOTHING), (f"{name}_in_motion", moving, Needs.MOTION))
+            if parts
+            for probe in (functools.partial(_probe, judge, parts, expects),)
+        )
 
     return make
 
 
-def _probe(judge: Judge, whiles: Sequence[str], holds: str) -> Callable[[Server], str]:
-    def probe(server: Server) -> str:
-        for part in whiles:
-            recording = server.once(record_rest) if part == AT_REST else server.once(drive).piece(part)
-            seen = judge(recording)
-            if seen:
-                return seen if len(whiles) == 1 else f"{part}: {seen}"
-        return holds
-
-    return probe
+def _probe(judge: Judge, parts: Sequence[str], holds: str, server: Server) -> str:
+    for part in parts:
+        seen = judge(server.once(record_rest) if part == AT_REST else server.once(drive).piece(part))
+        if seen:
+            return seen if len(parts) == 1 else f"{part}: {seen}"
+    return holds
 
 
 # ---- messages ----
@@ -152,30 +146,25 @@ def stamps_rise(recording: Recording) -> str:
 
 @law(_STREAM, "3 ms apart, three packets", AT_REST, basis=Basis.MEASURED, source="a published recording of a robot")
 def stream_period(recording: Recording) -> str:
-    """The median distances of two stamps of states and of inertial packets, to a hundredth."""
+    """The median distances of two stamps of states and of inertial packets, to a hundredth; the rate is a period."""
     counts = {len(state.inertial_state.packets) for state in recording.states}
     states = [stamp_ns(s.joint_states.acquisition_timestamp) for s in recording.states]
     packets = [stamp_ns(p.timestamp) for p in recording.packets] or [0, 0]
     state_ms, packet_ms = (round(float(np.median(np.diff(stamps))) / 1e6, 2) for stamps in (states, packets))
-    if (state_ms, packet_ms, counts) == (3.0, 1.0, {3}):
+    rate = recording.states[-1].inertial_state.packet_rate
+    if (state_ms, packet_ms, counts, round(rate, 4)) == (3.0, 1.0, {3}, 0.001):
         return ""
-    return f"{state_ms:g} ms apart, {sorted(counts)} packets {packet_ms:g} ms apart"
+    return f"{state_ms:g} ms apart, {sorted(counts)} packets {packet_ms:g} ms apart, packet_rate {rate:g}"
 
 
 def _stamps_in(message: Any, path: str) -> Iterator[tuple[str, int]]:
     """Every timestamp of a message that is set, but those of other clocks and times."""
     for descriptor, value in message.ListFields():
-        if descriptor.message_type is None or descriptor.name in _FOREIGN_STAMPS:
+        kind, name = descriptor.message_type, f"{path}.{descriptor.name}"
+        if kind is None or kind.GetOptions().map_entry or descriptor.name in _FOREIGN_STAMPS:
             continue
-        if descriptor.message_type.GetOptions().map_entry:
-            continue
-        parts = value if descriptor.is_repeated else [value]
-        for part in parts:
-            name = f"{path}.{descriptor.name}"
-            if isinstance(part, Timestamp):
-                yield name, stamp_ns(part)
-            else:
-                yield from _stamps_in(part, name)
+        for part in value if descriptor.is_repeated else [value]:
+            yield from [(name, stamp_ns(part))] if isinstance(part, Timestamp) else _stamps_in(part, name)
 
 
 @check("every stamp of a state", "a robot at rest", "the robot's clock", source="robot_state.proto; time_sync.proto")
@@ -202,10 +191,8 @@ def stream_agrees_with_poll(recording: Recording) -> str:
     one, other = recording.streamed, recording.polled
     at = np.abs(one.stamps_s[None, :] - other.stamps_s[:, None]).argmin(axis=1)
     is_still = bool(np.median(np.abs(one.velocity_rad_s).max(axis=1)) < _STILL_RAD_S)
-    for what, a, b, near, unit in (
-        ("position", one.position_rad, other.position_rad, _NEAR_RAD, "rad"),
-        *([("load", one.load_nm, other.load_nm, _NEAR_NM, "N·m")] if is_still else []),
-    ):
+    loads = (("load", one.load_nm, other.load_nm, _NEAR_NM, "N·m"),) if is_still else ()
+    for what, a, b, near, unit in (("position", one.position_rad, other.position_rad, _NEAR_RAD, "rad"), *loads):
         off = np.median(np.abs(a[at] - b), axis=0)
         if off.max() > near:
             i = int(off.argmax())

@@ -9,10 +9,9 @@ from typing import Any
 
 import grpc
 from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2
-from bosdyn.client.exceptions import Error as SdkError
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, header, status_of
+from fake_robot.conformance.server import Made, OpenError, Server, SkippedError, enum_name, header, status_of
 from spot_model.robot.state import Array
 
 POLL_S = 0.1
@@ -20,7 +19,7 @@ SAT_DOWN = "it sat down and is off again"
 CONTROLLED_OFF_S = 15.0
 """For a robot to sit down and switch its motors off."""
 _TIMED = {"se2_velocity_request", "se2_trajectory_request", "stance_request"}
-CALL_ERRORS = (grpc.RpcError, SdkError, OpenError, SkippedError)
+CALL_ERRORS = (grpc.RpcError, OpenError, SkippedError)
 """What a call may raise."""
 
 
@@ -28,6 +27,11 @@ def has_power(state: robot_state_pb2.RobotState) -> bool:
     """Whether the motors are reported to have power, or to be about to."""
     power = state.power_state
     return power.motor_power_state in {power.MOTOR_POWER_STATE_ON, power.MOTOR_POWER_STATE_POWERING_ON}
+
+
+def is_off(state: robot_state_pb2.RobotState) -> bool:
+    """Whether the motors are reported to have no power; a state that is not known is none of both."""
+    return bool(state.power_state.motor_power_state == state.power_state.MOTOR_POWER_STATE_OFF)
 
 
 def send(
@@ -83,8 +87,8 @@ def unpowered(server: Server) -> Iterator[lease_pb2.Lease]:
     Raises:
         OpenError: The motors have power, or may have.
     """
-    if has_power(server.state()):
-        raise OpenError("the motors are on")
+    if not is_off(server.state()):
+        raise OpenError("the motors are not off")
     with held(server) as lease:
         seen = stop(server, lease)
         if seen != "STATUS_NOT_POWERED_ON":
@@ -97,14 +101,12 @@ def stop(server: Server, lease: lease_pb2.Lease) -> str:
     return status_of(send(server, lease, RobotCommandBuilder.stop_command()))
 
 
-def wait_for(is_done: Callable[[], bool], timeout_s: float) -> bool:
-    """Poll until it is so, or the time is over; returns whether it is so."""
+def wait_for(ask: Callable[[], Made], is_done: Callable[[Made], bool], timeout_s: float) -> Made:
+    """Ask until the answer will do, or the time is over; returns the last answer."""
     deadline_s = time.monotonic() + timeout_s
-    while not is_done():
-        if time.monotonic() > deadline_s:
-            return False
+    while not is_done(seen := ask()) and time.monotonic() < deadline_s:
         time.sleep(POLL_S)
-    return True
+    return seen
 
 
 def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
@@ -118,9 +120,9 @@ def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
         What became of it, in words.
     """
 
-    def is_off() -> bool:
+    def has_none() -> bool:
         with contextlib.suppress(*CALL_ERRORS):
-            return not has_power(server.state())
+            return is_off(server.state())
         return False
 
     with contextlib.ExitStack() as stack:
@@ -130,11 +132,11 @@ def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
                 lease = stack.enter_context(held(server))
         with contextlib.suppress(*CALL_ERRORS):
             sent = send(server, lease, RobotCommandBuilder.safe_power_off_command())
-            if status_of(sent) == "STATUS_OK" and wait_for(is_off, CONTROLLED_OFF_S):
+            if status_of(sent) == "STATUS_OK" and wait_for(has_none, bool, CONTROLLED_OFF_S):
                 return SAT_DOWN
         with contextlib.suppress(*CALL_ERRORS):
             answer = server.ask("power", "PowerCommand", lease=lease, request="REQUEST_OFF_MOTORS")
-            if wait_for(is_off, CONTROLLED_OFF_S):
+            if wait_for(has_none, bool, CONTROLLED_OFF_S):
                 return "its motors were switched off"
             return f"THEY STILL HAVE POWER ({enum_name(answer, 'status')}): press the robot's e-stop"
     return "THEY STILL HAVE POWER: press the robot's e-stop"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
-from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
+from bosdyn.api import lease_pb2, robot_state_pb2, robot_state_service_pb2_grpc
 from bosdyn.client.frame_helpers import ValidateFrameTreeError, get_a_tform_b
 
 from fake_robot.conformance.server import OpenError, Server, header, stamp_ns
@@ -20,7 +20,7 @@ from spot_model.robot.state import Array
 NAMES = tuple(name.replace("_", ".") for name in JOINT_NAMES)
 FRAMES = ("odom", "vision")
 AT_REST = "at rest"
-POLL_S = 0.02
+POLL_S, _RETAIN_EVERY = 0.02, 50
 _STREAM_S = 120.0
 _REST_STATES = 200
 _REST_S = 5.0
@@ -102,9 +102,10 @@ class Recording:
 
 @dataclass
 class Recorder:
-    """Listens to the stream and polls the state for as long as it is entered."""
+    """Listens to the stream, polls the state and retains a lease for as long as it is entered."""
 
     server: Server
+    lease: lease_pb2.Lease | None = None
     states: list[Any] = field(default_factory=list)
     polls: list[Any] = field(default_factory=list)
     arrived_ns: list[int] = field(default_factory=list)
@@ -150,6 +151,8 @@ class Recorder:
 
     def _poll(self) -> None:
         while not self._is_over.wait(POLL_S):
+            if self.lease is not None and len(self.polls) % _RETAIN_EVERY == 0:
+                self.server.ask("lease", "RetainLease", lease=self.lease)
             state = self.server.state()
             self.polled_ns.append(time.time_ns())
             self.polls.append(state)

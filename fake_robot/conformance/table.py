@@ -61,10 +61,12 @@ def _has_power(server: Server) -> bool:
 
 
 def exit_code(results: list[Result]) -> int:
-    """4 if motors got power unasked, 1 if a rule is broken, 3 if one could not be judged, else 0."""
+    """4 if motors got power unasked, 1 if a rule is broken, 3 if one, or all, could not be judged, else 0."""
     if any(result.gave_power for result in results):
         return POWER_CODE
     verdicts = {result.verdict for result in results}
+    if not verdicts - {Verdict.SKIPPED}:
+        return OPEN_CODE
     return BROKEN_CODE if Verdict.FAIL in verdicts else OPEN_CODE if Verdict.OPEN in verdicts else 0
 
 
@@ -78,7 +80,7 @@ def summary(results: list[Result]) -> str:
         {
             POWER_CODE: "The motors got power that nobody asked for.",
             BROKEN_CODE: "The server does not conform.",
-            OPEN_CODE: "Whether the server conforms is not known: what is open could not be judged.",
+            OPEN_CODE: "Whether the server conforms is not known: not all that was asked for could be judged.",
         }.get(exit_code(results), "No rule is broken in what was judged.")
     )
     return "\n".join(told)
