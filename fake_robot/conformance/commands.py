@@ -127,7 +127,8 @@ def _answered(name: str, rpc: str, sends: str, expects: str, basis: Basis = Basi
     """What was answered in the one motion of the suite, under the check's name."""
 
     def probe(server: Server) -> str:
-        return server.once(drive).answer(name)
+        session = server.once(drive)
+        return session.got(session.told, name)
 
     return Check(name, rpc, sends, (expects,), basis, _BASIC, Needs.MOTION, "", probe)
 

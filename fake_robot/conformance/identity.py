@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import grpc
 from bosdyn.api import header_pb2
+from google.protobuf.timestamp_pb2 import Timestamp
 
 from fake_robot.conformance.check import Basis, check
+from fake_robot.conformance.recording import record_rest
 from fake_robot.conformance.server import FEATURE, RPC_TIMEOUT_S, OpenError, Server, stamp_ns, status_of
 
 # fmt: off
@@ -24,6 +29,7 @@ _SYNCED = "more samples needed, then OK, by one identifier"
 _SKEW_SLACK_NS = 5_000_000
 """Drift of the clocks and jitter of the estimate."""
 _NEAR_NS = 10**9
+_FOREIGN_STAMPS = {"request_timestamp", "onset_timestamp", "changeset_date", "not_valid_before", "not_valid_after"}
 _READS = (
     ("directory", "ListServiceEntries"),
     ("estop", "GetEstopConfig"),
@@ -73,11 +79,36 @@ def header_times_are_the_robots(server: Server) -> str:
     for told, received, answered in times:
         if not 0 < received <= answered:
             return f"{told.method}: missing or out of order"
-    ahead_ns = (server.sync.least_ns + server.sync.most_ns) // 2
+    ahead_ns = server.sync.ahead_ns
     for told, received, answered in times:
         if received - ahead_ns < told.sent_ns - _NEAR_NS or answered - ahead_ns > told.received_ns + _NEAR_NS:
             return f"{told.method}: {(answered - ahead_ns - told.received_ns) * 1e-9:.1f} s off"
     return "in order, of the robot's clock"
+
+
+def _stamps_in(message: Any, path: str) -> Iterator[tuple[str, int]]:
+    """Every timestamp of a message that is set, but those of other clocks and times."""
+    for descriptor, value in message.ListFields():
+        kind, name = descriptor.message_type, f"{path}.{descriptor.name}"
+        if kind is None or kind.GetOptions().map_entry or descriptor.name in _FOREIGN_STAMPS:
+            continue
+        for part in value if descriptor.is_repeated else [value]:
+            yield from [(name, stamp_ns(part))] if isinstance(part, Timestamp) else _stamps_in(part, name)
+
+
+@check("every stamp of a state", "a robot at rest", "the robot's clock", source="robot_state.proto; time_sync.proto")
+def stamps_are_robot_time(server: Server) -> str:
+    """Every stamp of streamed and polled states is of the instant at which it came, by the robot's clock."""
+    recording, sync = server.once(record_rest), server.sync
+    for name, message, arrived_ns in (
+        ("streamed", recording.states[-1], recording.arrived_ns[-1]),
+        ("polled", recording.polls[-1], recording.polled_ns[-1]),
+    ):
+        for path, told_ns in _stamps_in(message, name):
+            off_ns = told_ns - arrived_ns - sync.ahead_ns
+            if abs(off_ns) > _NEAR_NS:
+                return f"{path}: {off_ns * 1e-9:.1f} s off"
+    return "the robot's clock"
 
 
 @check("any call: authorization", "no user token", "as the directory says", source="directory.proto")

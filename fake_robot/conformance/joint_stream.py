@@ -109,7 +109,7 @@ def servo_law(server: Server) -> str:
     session: Session = server.once(drive)
     if not session.ended_by and HOLDING not in session.pieces:
         raise SkippedError("joint control is not licensed")
-    recording = session.piece(HOLDING)
+    recording = session.got(session.pieces, HOLDING)
     motion = recording.streamed
     wanted_nm = STAND_KP_NM_PER_RAD * (session.held_rad - motion.position_rad) + PUSH_NM
     wanted_nm -= STAND_KD_NM_S_PER_RAD * motion.velocity_rad_s

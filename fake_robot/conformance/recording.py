@@ -24,6 +24,7 @@ POLL_S, _RETAIN_EVERY = 0.02, 50
 _STREAM_S = 120.0
 _REST_STATES = 200
 _REST_S = 5.0
+_UNIT = 1e-3
 _ROWS = ("position", "velocity", "load")
 
 
@@ -98,6 +99,11 @@ class Recording:
     def packets(self) -> list[Any]:
         """The inertial unit's."""
         return [packet for state in self.states for packet in state.inertial_state.packets]
+
+    @functools.cached_property
+    def imu_wxyz(self) -> Array:
+        """The packets' rotations, shape (n, 4). Raises OpenError if they are none."""
+        return _rotations("odom_rot_link", [packet.odom_rot_link for packet in self.packets])
 
 
 @dataclass
@@ -193,7 +199,7 @@ def _motion(
         velocities = [getattr(k, f"velocity_of_body_in_{frame}") for k in kinematics]
         parts = (
             [axes(pose.position) for pose in told],
-            [wxyz_of(pose.rotation) for pose in told],
+            _rotations(f"{source}, in {frame}", [pose.rotation for pose in told]),
             [axes(v.linear) for v in velocities],
             [axes(v.angular) for v in velocities],
         )
@@ -222,9 +228,12 @@ def _in(kinematics: Any, frame: str) -> Any:
     return pose
 
 
-def wxyz_of(rotation: Any) -> tuple[float, float, float, float]:
-    """A quaternion, scalar first."""
-    return rotation.w, rotation.x, rotation.y, rotation.z
+def _rotations(what: str, rotations: Sequence[Any]) -> Array:
+    wxyz = np.array([(q.w, q.x, q.y, q.z) for q in rotations]).reshape(-1, 4)
+    off = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0).max(initial=0.0)
+    if not off < _UNIT:
+        raise OpenError(f"{what}: a rotation's length is {off:.3f} off 1")
+    return wxyz
 
 
 def axes(vector: Any) -> tuple[float, float, float]:

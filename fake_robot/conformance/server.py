@@ -57,6 +57,11 @@ class Sync(NamedTuple):
     most_ns: int
 
     @property
+    def ahead_ns(self) -> int:
+        """The robot's clock minus ours."""
+        return (self.least_ns + self.most_ns) // 2
+
+    @property
     def clock_identifier(self) -> str:
         """The identifier of the last answer."""
         return str(self.answers[-1].clock_identifier)
@@ -165,7 +170,7 @@ class Server:
     def robot_stamp(self, ahead_s: float) -> Timestamp:
         """An instant of the robot's clock, by the times of headers."""
         stamp = Timestamp()
-        stamp.FromNanoseconds(time.time_ns() + (self.sync.least_ns + self.sync.most_ns) // 2 + round(ahead_s * 1e9))
+        stamp.FromNanoseconds(time.time_ns() + self.sync.ahead_ns + round(ahead_s * 1e9))
         return stamp
 
     def state(self) -> robot_state_pb2.RobotState:

@@ -48,15 +48,8 @@ class Session:
     """The set-points of joint control."""
     ended_by: str = ""
 
-    def piece(self, name: str) -> Recording:
-        """A part of the recording. Raises OpenError where the robot did not get that far."""
-        return self._got(self.pieces, name)
-
-    def answer(self, name: str) -> str:
-        """An answer. Raises OpenError where the robot did not get that far."""
-        return self._got(self.told, name)
-
-    def _got(self, parts: Mapping[str, Made], name: str) -> Made:
+    def got(self, parts: Mapping[str, Made], name: str) -> Made:
+        """One of the pieces, or of the answers. Raises OpenError where the robot did not get that far."""
         if name not in parts:
             raise OpenError(f"the robot did not get that far: {self.ended_by}")
         return parts[name]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Iterator
-from types import ModuleType
 from typing import Final
 
 from fake_robot.conformance import authority, commands, identity, joint_stream, laws, requests, services
@@ -18,17 +17,12 @@ OPEN_CODE: Final = 3
 POWER_CODE: Final = 4
 
 
-def _checks_of(module: ModuleType) -> list[Check]:
-    found: list[Check] = []
-    for value in vars(module).values():
-        found += [item for item in (value if isinstance(value, tuple) else (value,)) if isinstance(item, Check)]
-    return found
-
-
 CHECKS: tuple[Check, ...] = tuple(
     item
     for module in (identity, authority, requests, services, laws, joint_stream, commands)
-    for item in _checks_of(module)
+    for value in vars(module).values()
+    for item in (value if isinstance(value, tuple) else (value,))
+    if isinstance(item, Check)
 )
 
 

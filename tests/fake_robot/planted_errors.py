@@ -745,8 +745,7 @@ def stands_at_once(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """The feedback says that the robot stands when it has just been told to."""
     mobility = answer.feedback.synchronized_feedback.mobility_command_feedback
     if mobility.WhichOneof("feedback") == "stand_feedback":
-        mobility.stand_feedback.status = 2  # STATUS_IS_STANDING
-        mobility.stand_feedback.standing_state = 2
+        mobility.stand_feedback.status = mobility.stand_feedback.STATUS_IS_STANDING
 
 
 @planted(FEEDBACK, needs_motion=True)
@@ -754,7 +753,7 @@ def never_stands(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """The feedback never says that the robot stands."""
     mobility = answer.feedback.synchronized_feedback.mobility_command_feedback
     if mobility.WhichOneof("feedback") == "stand_feedback":
-        mobility.stand_feedback.status = 1
+        mobility.stand_feedback.status = mobility.stand_feedback.STATUS_IN_PROGRESS
 
 
 @planted(asks=COMMAND, needs_motion=True)
