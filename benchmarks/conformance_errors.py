@@ -38,12 +38,12 @@ SCENARIO = {
 }
 
 
-def main() -> None:
+def main(words: list[str] | None = None) -> None:
     """Print a line for each error, then the counts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--with-motion", action="store_true")
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     errors = [ERRORS[name] for name in given.names] or [RIGHT, *ERRORS.values()]
     allowed = Needs.MOTION if given.with_motion else Needs.LEASE
     missed, counts = [], {"outside": [0, 0], "own": [0, 0]}

@@ -16,6 +16,7 @@ from bosdyn.client.frame_helpers import get_a_tform_b
 from bosdyn.client.robot import Robot as SdkRobot
 from typer.testing import CliRunner
 
+from benchmarks import conformance_errors
 from fake_robot.conformance import session as session_module
 from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict
 from fake_robot.conformance.command import UnreachableError, connect, run_suite
@@ -478,7 +479,8 @@ def test_the_command_prints_json_and_fails_for_a_broken_rule(
     monkeypatch.setenv("BOSDYN_CLIENT_USERNAME", "user")
     monkeypatch.setenv("BOSDYN_CLIENT_PASSWORD", "horse")
     rest = ["--ca-file", str(certificates.ca_path), "--check", "unknown_service"]
-    words = ["conformance", "--robot", planted.address, *rest]
+    host = planted.address
+    words = ["conformance", "--robot", host, *rest]
     told = CliRunner().invoke(app, [*words, "--json"])
     assert told.exit_code == 0, told.output
     assert json.loads(told.stdout)[0]["seen"] == "STATUS_NONEXISTENT_SERVICE"
@@ -492,6 +494,13 @@ def test_the_command_prints_json_and_fails_for_a_broken_rule(
     told = CliRunner().invoke(app, ["conformance", "--robot", "127.0.0.1:1", *rest])
     assert "127.0.0.1:1: " in str(told.exception)
     assert "check the address, the login, and --ca-file" in str(told.exception)
+
+
+def test_the_count_of_planted_errors_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BOSDYN_CLIENT_USERNAME", "")  # put back afterwards
+    monkeypatch.setenv("BOSDYN_CLIENT_PASSWORD", "")
+    conformance_errors.main(["robot_without_serial"])
+    assert "'own': '1 of 1'" in capsys.readouterr().out
 
 
 def test_the_table_stands_in_the_documentation() -> None:
