@@ -18,7 +18,7 @@ from fake_robot.conformance.session import HOLDING, PUSH_NM, Session, drive
 from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD
 
 _PROTO = "robot_command.proto, basic_command.proto: JointCommand"
-_ELEVEN = "eleven values"
+_ELEVEN, _WAIT = "eleven values", "joint_control.activation_wait_s"
 _HOLD = "the stance, and a push by the knees"
 _LOAD_NM = 8.0
 """Loads are measured to some N·m; a wrong sign or stiffness makes more than that."""
@@ -83,14 +83,7 @@ SPOILT = (
 # fmt: on
 
 
-@check(
-    "JointControlStream",
-    "good commands, the robot not in joint control",
-    "STATUS_INACTIVE",
-    source=_PROTO,
-    needs=Needs.LEASE,
-    switch="joint_control.activation_wait_s",
-)
+@check("JointControlStream", "no joint control", "STATUS_INACTIVE", source=_PROTO, needs=Needs.LEASE, switch=_WAIT)
 def stream_while_inactive(server: Server) -> str:
     """Commands to a robot that nobody has put into joint control, for as long as it lets them come."""
     return _stream(server, _many(server))

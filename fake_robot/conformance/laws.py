@@ -188,14 +188,7 @@ def joint_velocity_is_the_slope(recording: Recording) -> str:
     return ""
 
 
-@law(
-    f"{_POLL}: foot_state",
-    "where the joints put them",
-    AT_REST,
-    motions.STANDING,
-    motions.WALKING,
-    source="foot_position_rt_body",
-)
+@law(f"{_POLL}: foot_state", "where the joints put them", AT_REST, motions.STANDING, motions.WALKING)
 def feet_are_where_the_joints_put_them(recording: Recording) -> str:
     """By the legs' kinematics, feet in the order fl, fr, hl, hr."""
     off_m = np.abs(recording.feet_in_body_m - foot_position_in_body_m(recording.polled.position_rad))
@@ -254,13 +247,7 @@ def body_velocity_is_the_slope(recording: Recording) -> str:
     return ""
 
 
-@law(
-    f"{_STREAM}: inertial_state",
-    "gravity's reaction, up",
-    AT_REST,
-    motions.STANDING,
-    source=f"{_PROTO}: rt_odom_in_link",
-)
+@law(f"{_STREAM}: inertial_state", "gravity's reaction, up", AT_REST, motions.STANDING)
 def imu_feels_gravity(recording: Recording) -> str:
     """The mean acceleration, turned into odom, is 9.8 m/s² upwards."""
     if not recording.packets:
@@ -320,13 +307,7 @@ def stands_when_it_says_so(recording: Recording) -> str:
     return "" if moved_rad.max() < 2.0 * _NEAR_RAD else f"{NAMES[int(moved_rad.argmax())]} still moved"
 
 
-@law(
-    f"{_POLL}: motor_power_state, behavior_state",
-    "on while it stands, then off",
-    AT_REST,
-    motions.STANDING,
-    motions.OFF,
-)
+@law(f"{_POLL}: power and behavior", "on while it stands, then off", AT_REST, motions.STANDING, motions.OFF)
 def power_and_behavior_agree(recording: Recording) -> str:
     """A robot stands with power alone; one that was switched off has none."""
     state = recording.polls[-1]
