@@ -55,7 +55,7 @@ def _has_power(server: Server) -> bool:
 
 
 def exit_code(results: list[Result]) -> int:
-    """4 if motors got power unasked, 1 if a rule is broken, 3 if one, or all, could not be judged, else 0."""
+    """4 if motors had power that they should not, 1 if a rule is broken, 3 if one, or all, could not be judged, else 0."""
     if any(result.gave_power for result in results):
         return POWER_CODE
     verdicts = {result.verdict for result in results}
@@ -72,7 +72,7 @@ def summary(results: list[Result]) -> str:
     told += [f"{count} not judged: {reason}." for reason, count in reasons.most_common()]
     told.append(
         {
-            POWER_CODE: "The motors got power that nobody asked for.",
+            POWER_CODE: "Motors had power that they should not have had: see the line of the check.",
             BROKEN_CODE: "The server does not conform.",
             OPEN_CODE: "Whether the server conforms is not known: not all that was asked for could be judged.",
         }.get(exit_code(results), "No rule is broken in what was judged.")

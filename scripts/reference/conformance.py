@@ -35,7 +35,7 @@ none shows that one stops the robot.
 | 0 | no rule is broken in what was judged |
 | 1 | a documented or measured rule is broken |
 | 3 | something that was asked for could not be judged; the lines marked *open* say why |
-| 4 | the motors got power that nobody asked for |
+| 4 | motors had power that they should not have had: unasked, or after they were switched off |
 
 Where the server only contradicts a guess, the result is *differs*. What the server does not offer, and what needs
 `--with-motion`, is *skipped*."""
