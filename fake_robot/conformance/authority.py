@@ -7,7 +7,7 @@ from typing import Any
 from bosdyn.api import lease_pb2
 
 from fake_robot.conformance.check import Needs, check
-from fake_robot.conformance.power import has_power, held, is_off, stop
+from fake_robot.conformance.power import has_power, held, require_off, stop
 from fake_robot.conformance.requests import OF_BEFORE, changed, use
 from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
 
@@ -132,6 +132,7 @@ def estop_is_the_most_restrictive(server: Server) -> str:
 @check("estop.EstopCheckIn: endpoint", "an unknown endpoint", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
 def estop_unknown_endpoint(server: Server) -> str:
     """Check in without having registered, for the level that the robot has, so that nothing changes."""
+    require_off(server)
     level = server.ask("estop", "GetEstopSystemStatus").status.stop_level
     unknown = {"unique_id": "no-such-endpoint", "role": "PDB_rooted"}
     return status_of(server.ask("estop", "EstopCheckIn", stop_level=level, endpoint=unknown))
@@ -140,8 +141,7 @@ def estop_unknown_endpoint(server: Server) -> str:
 @check("estop.EstopCheckIn", "a wrong response", "STATUS_INCORRECT_CHALLENGE_RESPONSE", source=_ESTOP)
 def estop_wrong_response(server: Server) -> str:
     """Check in for each endpoint, at the level that it asks for, without knowing its challenge; motors off."""
-    if not is_off(server.state()):
-        raise OpenError("the motors are not off")
+    require_off(server)
     endpoints = server.ask("estop", "GetEstopSystemStatus").status.endpoints
     seen = [
         status_of(server.ask("estop", "EstopCheckIn", stop_level=e.stop_level, endpoint=e.endpoint, challenge=1))

@@ -34,6 +34,12 @@ def is_off(state: robot_state_pb2.RobotState) -> bool:
     return bool(state.power_state.motor_power_state == state.power_state.MOTOR_POWER_STATE_OFF)
 
 
+def require_off(server: Server) -> None:
+    """Raise OpenError unless the motors are reported to have no power."""
+    if not is_off(server.state()):
+        raise OpenError("the motors are not off")
+
+
 def send(
     server: Server, lease: lease_pb2.Lease, command: Any, *, clock: str | None = None, end_s: float | None = 5.0
 ) -> robot_command_pb2.RobotCommandResponse:
@@ -87,8 +93,7 @@ def unpowered(server: Server) -> Iterator[lease_pb2.Lease]:
     Raises:
         OpenError: The motors have power, or may have.
     """
-    if not is_off(server.state()):
-        raise OpenError("the motors are not off")
+    require_off(server)
     with held(server) as lease:
         seen = stop(server, lease)
         if seen != "STATUS_NOT_POWERED_ON":

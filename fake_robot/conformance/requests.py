@@ -9,7 +9,7 @@ from typing import Any
 from bosdyn.api import lease_pb2
 
 from fake_robot.conformance.check import Basis, Check, Needs
-from fake_robot.conformance.power import held
+from fake_robot.conformance.power import held, require_off
 from fake_robot.conformance.server import CLIENT_NAME, Server, enum_name
 
 _USED = "lease_use_result.status"
@@ -27,6 +27,8 @@ def _row(name: str, call: str, sends: str, expects: str, told_in: str = "status"
 
     def probe(server: Server) -> str:
         service, _, method = call.partition(".")
+        if service == "estop":  # a wrong one may stop somebody's robot
+            require_off(server)
         return enum_name(server.ask(service, method, **fields), told_in)
 
     basis = Basis.GUESS if expects == "CODE_INVALID_REQUEST" else Basis.DOCUMENTED

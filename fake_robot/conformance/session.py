@@ -15,7 +15,7 @@ from bosdyn.api import lease_pb2, robot_command_service_pb2_grpc
 from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.power import CALL_ERRORS, cut_power, held, is_off, joint_request, send, wait_for
+from fake_robot.conformance.power import CALL_ERRORS, cut_power, held, joint_request, require_off, send, wait_for
 from fake_robot.conformance.recording import Recorder, Recording
 from fake_robot.conformance.server import FEATURE, Made, OpenError, Server, enum_name, status_of
 from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD, per_joint
@@ -64,8 +64,7 @@ def drive(server: Server) -> Session:
     status = server.ask("estop", "GetEstopSystemStatus").status
     if enum_name(status, "stop_level") != "ESTOP_LEVEL_NONE":
         raise OpenError(f"the e-stop is pressed: {status.stop_level_details or 'no reason is told'}")
-    if not is_off(server.state()):
-        raise OpenError("the motors are not off")
+    require_off(server)
     session = Session()
     with held(server) as lease, Recorder(server, lease) as recorder:
         driver = _Driver(server, lease, recorder, session)

@@ -55,7 +55,7 @@ def _has_power(server: Server) -> bool:
 
 
 def exit_code(results: list[Result]) -> int:
-    """4 if motors had power that they should not, 1 if a rule is broken, 3 if one, or all, could not be judged, else 0."""
+    """4 if motors had power that they should not, 1 if a rule is broken, 3 if one could not be judged, else 0."""
     if any(result.gave_power for result in results):
         return POWER_CODE
     verdicts = {result.verdict for result in results}
