@@ -302,7 +302,7 @@ def goes_as_far_as_it_is_told(recording: Recording) -> str:
 
 @law("StandCommand.Feedback: status", "it stands when it says so", motions.SETTLING, source="basic_command.proto")
 def stands_when_it_says_so(recording: Recording) -> str:
-    """Once it has said that it stands, no joint moves any more."""
+    """Once it has said that it stands, no joint moves any more, for 2 s."""
     moved_rad = np.ptp(recording.streamed.position_rad, axis=0)
     return "" if moved_rad.max() < 2.0 * _NEAR_RAD else f"{NAMES[int(moved_rad.argmax())]} still moved"
 

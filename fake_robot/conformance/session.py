@@ -101,8 +101,10 @@ class _Driver:
     def stand(self) -> None:
         told = self._follow(RobotCommandBuilder.synchro_stand_command(), "stand_feedback.status", "STATUS_IS_STANDING")
         self._tell("stand_ends", told, "STATUS_IS_STANDING")
-        self.record(SETTLING, SETTLING_S)
+        start = self.recorder.mark()
+        time.sleep(SETTLING_S)
         self.record(STANDING, STANDING_S)
+        self.session.pieces[SETTLING] = self.recorder.since(start, SETTLING)
 
     def walk(self) -> None:
         command_id = self._begin(RobotCommandBuilder.synchro_velocity_command(*VELOCITY_M_S_RAD_S), WALK_S)
