@@ -8,15 +8,31 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 from bosdyn.api import (
+    auth_service_pb2,
     directory_pb2,
+    directory_registration_service_pb2,
+    directory_service_pb2,
     directory_service_pb2_grpc,
+    estop_service_pb2,
+    fault_service_pb2,
     header_pb2,
+    image_service_pb2,
+    lease_service_pb2,
+    license_service_pb2,
+    local_grid_service_pb2,
+    power_service_pb2,
+    robot_command_service_pb2,
+    robot_id_service_pb2,
     robot_state_pb2,
+    robot_state_service_pb2,
     time_sync_pb2,
+    time_sync_service_pb2,
+    world_object_service_pb2,
 )
+from bosdyn.api.graph_nav import graph_nav_service_pb2
+from bosdyn.api.keepalive import keepalive_service_pb2
 from bosdyn.api.mission import mission_service_pb2
 from bosdyn.client.robot import Robot
-from google.protobuf import descriptor_pool
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
@@ -26,6 +42,19 @@ RPC_TIMEOUT_S = 10.0
 FEATURE = "joint_control"
 """The licence's name of joint control."""
 _MAX_ROUND_TRIPS = 25
+# fmt: off
+SERVICES = {
+    service.full_name: {method.name: method for method in service.methods}
+    for module in (
+        auth_service_pb2, directory_registration_service_pb2, directory_service_pb2, estop_service_pb2,
+        fault_service_pb2, graph_nav_service_pb2, image_service_pb2, keepalive_service_pb2, lease_service_pb2,
+        license_service_pb2, local_grid_service_pb2, mission_service_pb2, power_service_pb2, robot_command_service_pb2,
+        robot_id_service_pb2, robot_state_service_pb2, time_sync_service_pb2, world_object_service_pb2,
+    )
+    for service in module.DESCRIPTOR.services_by_name.values()
+}
+# fmt: on
+"""Methods by the full name of their service."""
 _NO_TOKEN = {"auth": "auth.spot.robot", "robot-id": "id.spot.robot"}
 """Authorities of services that are asked before a login."""
 
@@ -85,7 +114,7 @@ class Server:
         self.answered: list[Answered] = []
         clients = robot.service_client_factories_by_type.values()
         self.types = {client.default_service_name: client.service_type for client in clients}
-        self.types["robot-mission"] = mission_service_pb2.DESCRIPTOR.services_by_name["MissionService"].full_name
+        self.types["robot-mission"] = "bosdyn.api.mission.MissionService"
         self._kept: dict[Callable[[Server], Any], Any] = {}
 
     def once(self, make: Callable[[Server], Made]) -> Made:
@@ -126,7 +155,7 @@ class Server:
         Raises:
             SkippedError: The directory does not list the service.
         """
-        found = descriptor_pool.Default().FindServiceByName(self.types[service]).methods_by_name[method]
+        found = SERVICES[self.types[service]][method]
         authority = stranger_at or _NO_TOKEN.get(service)
         channel = self.stranger.ensure_secure_channel(authority) if authority else self.channel(service)
         request_type, response_type = GetMessageClass(found.input_type), GetMessageClass(found.output_type)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import copy
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -290,7 +293,7 @@ def changed(session: Session, error: PlantedError) -> Session:
 
 @pytest.mark.parametrize("name", IN_MOTION)
 def test_an_error_that_shows_in_motion_is_found(driven: Session, name: str) -> None:
-    server: Any = Server(SimpleNamespace(service_client_factories_by_type={}), None)  # type: ignore[arg-type]
+    server: Any = Server(SimpleNamespace(service_client_factories_by_type={}), None)
     (item,) = checks(IN_MOTION[name])
     server._kept[drive] = driven
     assert item.probe(server) in item.expects
@@ -494,6 +497,22 @@ def test_the_command_prints_json_and_fails_for_a_broken_rule(
     told = CliRunner().invoke(app, ["conformance", "--robot", "127.0.0.1:1", *rest])
     assert "127.0.0.1:1: " in str(told.exception)
     assert "check the address, the login, and --ca-file" in str(told.exception)
+
+
+def test_the_command_runs_in_a_process_of_its_own(planted: PlantedServer, certificates: Any) -> None:
+    """The fake's own modules, which this process has loaded, are not there."""
+    planted.plant(RIGHT)
+    program = [str(Path(sys.executable).with_name("spot-rl")), "fake-robot", "conformance"]
+    login = {"BOSDYN_CLIENT_USERNAME": "user", "BOSDYN_CLIENT_PASSWORD": "horse"}
+    done = subprocess.run(
+        [*program, "--robot", planted.address, "--ca-file", str(certificates.ca_path)],
+        env={**os.environ, **login},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == "No rule is broken in what was judged."
 
 
 def test_the_count_of_planted_errors_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
