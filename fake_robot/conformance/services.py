@@ -114,12 +114,12 @@ def localization_tells_kinematics(server: Server) -> str:
 @check("image.GetImage", "each source", "when, from where and how large", source="image.proto")
 def images_are_as_told(server: Server) -> str:
     """Each image has a time of the robot's clock, a frame that hangs together with the body, its source's size."""
-    sources = {source.name: source for source in server.ask("image", "ListImageSources").image_sources}
-    asked_ns = stamp_ns(server.robot_stamp(0.0))
-    answer = server.ask("image", "GetImage", image_requests=[{"image_source_name": name} for name in sources])
-    answered_ns = stamp_ns(server.robot_stamp(0.0))
-    for told in answer.image_responses:
-        shot, source = told.shot, sources[told.source.name]
+    for source in server.ask("image", "ListImageSources").image_sources:
+        asked_ns = stamp_ns(server.robot_stamp(0.0))
+        answer = server.ask("image", "GetImage", image_requests=[{"image_source_name": source.name}])
+        answered_ns = stamp_ns(server.robot_stamp(0.0))
+        (told,) = answer.image_responses
+        shot = told.shot
         if not asked_ns - _NEAR_NS <= stamp_ns(shot.acquisition_time) <= answered_ns + _NEAR_NS:
             return f"{source.name}: taken at another time"
         if pose_in(shot.transforms_snapshot, "body", shot.frame_name_image_sensor) is None:

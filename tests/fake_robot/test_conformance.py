@@ -5,8 +5,10 @@ from __future__ import annotations
 import copy
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,10 +22,11 @@ from bosdyn.client.robot import Robot as SdkRobot
 from typer.testing import CliRunner
 
 from benchmarks import conformance_errors
+from fake_robot.conformance import server as server_module
 from fake_robot.conformance import session as session_module
 from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict
 from fake_robot.conformance.command import UnreachableError, connect, run_suite
-from fake_robot.conformance.power import has_power, held
+from fake_robot.conformance.power import has_power, held, is_off
 from fake_robot.conformance.recording import Recorder, Recording
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server
 from fake_robot.conformance.session import Session, drive
@@ -59,6 +62,9 @@ BIASED: dict[str, Any] = BRISK | {
     "clock": {"skew_s": 86400.0, "drift_ppm": 60.0},
 }
 """A right robot with a payload, noisy sensors and another clock."""
+
+PROGRAM = [str(Path(sys.executable).with_name("spot-rl")), "fake-robot", "conformance"]
+LOGIN = {"BOSDYN_CLIENT_USERNAME": "user", "BOSDYN_CLIENT_PASSWORD": "horse"}
 
 Start = Callable[..., tuple[Server, PlantedServer]]
 
@@ -156,6 +162,19 @@ def test_power_that_nobody_asked_for_is_taken_away_and_told(start: Start) -> Non
     assert not has_power(server.state())
     last = [request.request for key, request in planted.asked if key == "PowerService/PowerCommand"][-1]
     assert last == power_pb2.PowerCommandRequest.REQUEST_OFF_MOTORS
+
+
+@pytest.mark.slow
+def test_a_suite_that_is_ended_in_its_motion_powers_the_robot_off_first(start: Start, certificates: Any) -> None:
+    server, planted = start(BRISK)
+    rest = ["--ca-file", str(certificates.ca_path), "--with-motion", "--check", "feet_stand_in_motion"]
+    with subprocess.Popen([*PROGRAM, "--robot", planted.address, *rest], env={**os.environ, **LOGIN}) as process:
+        while not any(key == "RobotCommandService/RobotCommandFeedback" for key, _ in planted.asked):
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert is_off(server.state())
 
 
 def test_the_exit_code_says_whether_all_was_judged() -> None:
@@ -431,6 +450,17 @@ def test_answers_that_cannot_be_read_leave_the_check_open(planted: PlantedServer
     assert "cannot be read: IndexError" in result.seen
 
 
+def test_a_call_that_is_not_answered_in_time_leaves_the_check_open(
+    planted: PlantedServer, certificates: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planted.plant(RIGHT)
+    server = log_in(planted, certificates)
+    server.require("directory")
+    monkeypatch.setattr(server_module, "RPC_TIMEOUT_S", 0.0)
+    (result,) = run_checks(server, Needs.LEASE, ("unknown_service",))
+    assert (result.verdict, result.seen) == (Verdict.OPEN, "no answer: DEADLINE_EXCEEDED")
+
+
 # ---- the table, the command ----
 
 
@@ -502,11 +532,9 @@ def test_the_command_prints_json_and_fails_for_a_broken_rule(
 def test_the_command_runs_in_a_process_of_its_own(planted: PlantedServer, certificates: Any) -> None:
     """The fake's own modules, which this process has loaded, are not there."""
     planted.plant(RIGHT)
-    program = [str(Path(sys.executable).with_name("spot-rl")), "fake-robot", "conformance"]
-    login = {"BOSDYN_CLIENT_USERNAME": "user", "BOSDYN_CLIENT_PASSWORD": "horse"}
     done = subprocess.run(
-        [*program, "--robot", planted.address, "--ca-file", str(certificates.ca_path)],
-        env={**os.environ, **login},
+        [*PROGRAM, "--robot", planted.address, "--ca-file", str(certificates.ca_path)],
+        env={**os.environ, **LOGIN},
         capture_output=True,
         text=True,
         check=False,
