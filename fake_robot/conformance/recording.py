@@ -20,7 +20,7 @@ from spot_model.robot.state import Array
 NAMES = tuple(name.replace("_", ".") for name in JOINT_NAMES)
 FRAMES = ("odom", "vision")
 AT_REST = "at rest"
-POLL_S, _RETAIN_EVERY = 0.02, 50
+POLL_S, _RETAIN_S = 0.02, 1.0
 _STREAM_S = 120.0
 _REST_STATES = 200
 _REST_S = 5.0
@@ -156,8 +156,10 @@ class Recorder:
             self.states.append(state)
 
     def _poll(self) -> None:
+        retained_s = time.monotonic()
         while not self._is_over.wait(POLL_S):
-            if self.lease is not None and len(self.polls) % _RETAIN_EVERY == 0:
+            if self.lease is not None and time.monotonic() > retained_s + _RETAIN_S:
+                retained_s = time.monotonic()
                 self.server.ask("lease", "RetainLease", lease=self.lease)
             state = self.server.state()
             self.polled_ns.append(time.time_ns())

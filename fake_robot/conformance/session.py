@@ -128,6 +128,8 @@ class _Driver:
 
     def hold(self) -> None:
         """Hold the stance by joint control, the knees with a load besides, and stand as before."""
+        if "license" not in self.server.listed:
+            return
         if not self.server.ask("license", "GetFeatureEnabled", feature_codes=[FEATURE]).feature_enabled[FEATURE]:
             return
         at_rad = np.array(self.recorder.states[-1].joint_states.position[:N_JOINTS])
