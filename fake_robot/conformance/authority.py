@@ -1,194 +1,189 @@
-"""Checks of lease, e-stop, power, licence and keep-alive."""
+"""Checks of lease, e-stop and power beside those that are one request."""
 
 from __future__ import annotations
 
-from bosdyn.api import estop_pb2, lease_pb2
+from typing import Any
 
-from fake_robot.conformance.check import Basis, Needs, check
-from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, enum_name, status_of
+from bosdyn.api import lease_pb2
 
-_LEASE = "lease.proto"
-_ESTOP = "estop.proto"
-_OLD = lease_pb2.Lease(resource="body", epoch="no-such-epoch", sequence=[1])
-_OF_NOTHING = lease_pb2.Lease(resource="no-such-resource", epoch="e", sequence=[1])
+from fake_robot.conformance.check import Needs, check
+from fake_robot.conformance.power import has_power, held, require_off, stop
+from fake_robot.conformance.requests import OF_BEFORE, changed, use
+from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
 
-
-def use_lease(server: Server, lease: lease_pb2.Lease) -> str:
-    """How a robot judges a lease in a command that changes nothing: clearing an unknown fault."""
-    answer = server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0)
-    return status_of(answer.lease_use_result)
+_LEASE, _ESTOP, _POWER = "lease.proto", "estop.proto", "power.proto"
+_REFUSED, _AS_TOLD = "refused", "taken with power, refused without"
 
 
-def _changed(lease: lease_pb2.Lease, **changes: object) -> lease_pb2.Lease:
-    return lease_pb2.Lease(
-        **{"resource": lease.resource, "epoch": lease.epoch, "sequence": list(lease.sequence), **changes}
-    )
+def _judged(used: str) -> str:
+    return "accepted" if used == "STATUS_OK" else _REFUSED
 
 
-@check("Lease.AcquireLease: resource", "an unknown resource", "STATUS_INVALID_RESOURCE", source=_LEASE)
-def acquire_unknown_resource(server: Server) -> str:
-    """Acquire what cannot be owned."""
-    return status_of(server.ask("lease", "AcquireLease", resource="no-such-resource"))
+@check("lease.AcquireLease: lease", "acquired twice, returned in between", "newer", source=_LEASE, needs=Needs.LEASE)
+def new_lease_is_newer(server: Server) -> str:
+    """The second lease has the epoch of the first and a greater sequence, and both are leases of the body."""
+    with held(server) as lease:
+        first = lease_pb2.Lease.FromString(lease.SerializeToString())
+    with held(server) as second:
+        if {first.resource, second.resource} != {"body"}:
+            return f"leases of {first.resource} and {second.resource}"
+        is_newer = first.epoch == second.epoch != "" and list(second.sequence) > list(first.sequence)
+    return "newer" if is_newer else "not newer"
 
 
-@check(
-    "Lease.AcquireLease",
-    "a resource that somebody holds",
-    "STATUS_RESOURCE_ALREADY_CLAIMED",
-    source=_LEASE,
-    needs=Needs.LEASE,
-)
+@check("lease.ListLeases", "", "all-leases, body over mobility", source=_LEASE)
+def leases_form_a_tree(server: Server) -> str:
+    """The resources of a robot without an arm, and which leases a lease contains."""
+
+    def below(part: Any, *, is_inside: bool = False) -> set[str]:
+        is_inside = is_inside or part.resource == "body"
+        own = {part.resource} if is_inside else set()
+        return own.union(*(below(sub, is_inside=is_inside) for sub in part.sub_resources))
+
+    told = server.ask("lease", "ListLeases")
+    missing = {"all-leases", "body", "mobility"} - {r.resource for r in told.resources}
+    if missing:
+        return f"no {', '.join(sorted(missing))}"
+    return "all-leases, body over mobility" if "mobility" in below(told.resource_tree) else "no such tree"
+
+
+@check("lease.AcquireLease", "one that is held", "STATUS_RESOURCE_ALREADY_CLAIMED", source=_LEASE, needs=Needs.LEASE)
 def acquire_twice(server: Server) -> str:
     """Acquire the lease while it is held."""
-    with server.lease():
+    with held(server):
         return status_of(server.ask("lease", "AcquireLease", resource="body"))
 
 
-@check("Lease.ReturnLease: lease", "a lease that is not the active one", "STATUS_NOT_ACTIVE_LEASE", source=_LEASE)
-def return_old_lease(server: Server) -> str:
-    """Return a lease of another epoch."""
-    return status_of(server.ask("lease", "ReturnLease", lease=_OLD))
-
-
-@check("Lease.ReturnLease: resource", "an unknown resource", "STATUS_INVALID_RESOURCE", source=_LEASE)
-def return_unknown_resource(server: Server) -> str:
-    """Return what cannot be owned."""
-    return status_of(server.ask("lease", "ReturnLease", lease=_OF_NOTHING))
-
-
-@check("Lease.ListLeases", "", "all-leases, body, mobility", source="SDK: Understanding Spot Programming")
-def leases_are_listed(server: Server) -> str:
-    """The resources of a robot without an arm."""
-    wanted = {"all-leases", "body", "mobility"}
-    return ", ".join(sorted(wanted & {r.resource for r in server.ask("lease", "ListLeases").resources}))
-
-
-@check("commands: lease", "no lease", "STATUS_INVALID_LEASE", source=_LEASE)
-def empty_lease(server: Server) -> str:
-    """A command without a lease."""
-    return use_lease(server, lease_pb2.Lease())
-
-
-@check("commands: lease.resource", "an unknown resource", "STATUS_UNMANAGED", source=_LEASE)
-def unmanaged_lease(server: Server) -> str:
-    """A command with a lease of something else."""
-    return use_lease(server, _OF_NOTHING)
-
-
-@check("commands: lease.epoch", "another epoch", "STATUS_WRONG_EPOCH", source=_LEASE, needs=Needs.LEASE)
-def wrong_epoch(server: Server) -> str:
-    """A command with a lease from before a reboot."""
-    with server.lease() as lease:
-        return use_lease(server, _changed(lease, epoch="no-such-epoch"))
-
-
-@check("commands: lease.sequence", "the lease that was granted", "STATUS_OK", source=_LEASE, needs=Needs.LEASE)
-def granted_lease(server: Server) -> str:
-    """A command with a good lease."""
-    with server.lease() as lease:
-        return use_lease(server, lease)
-
-
-@check("commands: lease.sequence", "an older sequence", "STATUS_OLDER", source=_LEASE, needs=Needs.LEASE)
-def older_lease(server: Server) -> str:
-    """A command with the lease of an earlier holder."""
-    with server.lease() as lease:
-        return use_lease(server, _changed(lease, sequence=[lease.sequence[0] - 1]))
-
-
-@check(
-    "commands: lease.sequence",
-    "the lease itself after its sub-lease was used",
-    "STATUS_OLDER",
-    source="lease.proto: sub-leases are newer",
-    needs=Needs.LEASE,
-)
+@check("commands: lease", "one whose sub-lease was used", "STATUS_OLDER", source=_LEASE, needs=Needs.LEASE)
 def lease_after_sublease(server: Server) -> str:
     """A command with a lease whose sub-lease was given on."""
-    with server.lease() as lease:
-        sub = _changed(lease, sequence=[*lease.sequence, 1])
-        first = use_lease(server, sub)
-        return use_lease(server, lease) if first == "STATUS_OK" else f"the sub-lease: {first}"
+    with held(server) as lease:
+        first = use(server, changed(lease, sequence=[*lease.sequence, 1]))
+        return use(server, lease) if first == "STATUS_OK" else f"the sub-lease: {first}"
 
 
-@check("Lease.RetainLease: lease", "a lease of another epoch", "STATUS_WRONG_EPOCH", source=_LEASE)
-def retain_wrong_epoch(server: Server) -> str:
-    """Retain a lease from before a reboot."""
-    return status_of(server.ask("lease", "RetainLease", lease=_OLD).lease_use_result)
+@check("commands, Lease.RetainLease", "a lease that was returned", _REFUSED, source=_LEASE, needs=Needs.LEASE)
+def returned_lease(server: Server) -> str:
+    """A command with, and the retaining of, a lease that this client has given back."""
+    with held(server) as lease:
+        kept = lease_pb2.Lease.FromString(lease.SerializeToString())
+    retained = enum_name(server.ask("lease", "RetainLease", lease=kept), "lease_use_result.status")
+    return "accepted" if "accepted" in {_judged(use(server, kept)), _judged(retained)} else _REFUSED
 
 
-@check("Estop.SetEstopConfig: target_config_id", "an unknown identifier", "STATUS_INVALID_ID", source=_ESTOP)
-def estop_wrong_config(server: Server) -> str:
-    """Replace a configuration that is not the active one."""
-    return status_of(server.ask("estop", "SetEstopConfig", target_config_id="no-such-config"))
+@check("lease.TakeLease", "the lease before it was taken", _REFUSED, source=_LEASE, needs=Needs.LEASE)
+def taken_lease(server: Server) -> str:
+    """A command with a lease that somebody took, before and after the new one is used; here its own holder took it."""
+    with held(server) as lease:
+        taken = server.ask("lease", "TakeLease", resource="body").lease
+        try:
+            before = _judged(use(server, lease))
+            use(server, taken)
+            return before if before == "accepted" else _judged(use(server, lease))
+        finally:
+            server.ask("lease", "ReturnLease", lease=taken)
 
 
-@check(
-    "Estop.RegisterEstopEndpoint: target_config_id",
-    "an unknown identifier",
-    "STATUS_CONFIG_MISMATCH",
-    source=_ESTOP,
-)
-def estop_register_elsewhere(server: Server) -> str:
-    """Register in a configuration that is not the active one."""
-    new = {"name": "conformance", "role": "PDB_rooted"}
-    answer = server.ask("estop", "RegisterEstopEndpoint", target_config_id="no-such-config", new_endpoint=new)
-    return status_of(answer)
+@check("lease.ListLeases: lease_owner", "while it is held", "its holder", source=_LEASE, needs=Needs.LEASE)
+def owner_is_listed(server: Server) -> str:
+    """The list names who holds the body, and nobody afterwards."""
+
+    def owner() -> str:
+        found = {r.resource: r for r in server.ask("lease", "ListLeases").resources}
+        return str(found["body"].lease_owner.client_name) if "body" in found else ""
+
+    with held(server):
+        during = owner()
+    if not during:
+        return "nobody"
+    return "its holder" if owner() != during else f"{during}, who returned it"
 
 
-@check("Estop.GetEstopSystemStatus: stop_level", "", "the most restrictive", source=_ESTOP)
+@check("commands: lease_use_result.attempted_lease", "a lease", "the same lease", source=_LEASE)
+def attempted_lease_is_told(server: Server) -> str:
+    """A lease that is refused comes back, so that a client with several knows which one it was."""
+    told = server.ask("robot-command", "ClearBehaviorFault", lease=OF_BEFORE, behavior_fault_id=0xFFFFFFF0)
+    return "the same lease" if told.lease_use_result.attempted_lease == OF_BEFORE else "another, or none"
+
+
+@check("estop.GetEstopConfig, GetEstopSystemStatus", "", "the same endpoints", source=_ESTOP)
+def estop_endpoints_agree(server: Server) -> str:
+    """The configuration has an identifier, and the status speaks of its endpoints."""
+    config = server.ask("estop", "GetEstopConfig").active_config
+    status = server.ask("estop", "GetEstopSystemStatus").status
+    if config.endpoints and not config.unique_id:
+        return "the configuration has no identifier"
+    configured, told = {e.unique_id for e in config.endpoints}, {e.endpoint.unique_id for e in status.endpoints}
+    return "the same endpoints" if configured == told else f"{len(configured)} configured, {len(told)} told of"
+
+
+@check("estop.GetEstopSystemStatus: stop_level", "", "the most restrictive", source=_ESTOP)
 def estop_is_the_most_restrictive(server: Server) -> str:
     """The system's level is no milder than any endpoint's, and that of the software e-stop which the state reports."""
-    status, none = server.ask("estop", "GetEstopSystemStatus").status, estop_pb2.ESTOP_LEVEL_NONE
-    if not status.stop_level or status.stop_level > min((e.stop_level or none for e in status.endpoints), default=none):
-        return f"{enum_name(status, 'stop_level')}, milder than an endpoint's"
+    status = server.ask("estop", "GetEstopSystemStatus").status
+    level = enum_name(status, "stop_level")
+    if not status.stop_level or status.stop_level > min((e.stop_level or 4 for e in status.endpoints), default=4):
+        return f"{level}, milder than an endpoint's"
     told = {e.state == e.STATE_ESTOPPED for e in server.state().estop_states if e.type == e.TYPE_SOFTWARE}
-    is_other = bool(told) and (status.stop_level != none) not in told
-    return f"{enum_name(status, 'stop_level')}, the state says otherwise" if is_other else "the most restrictive"
+    is_other = bool(told) and (level != "ESTOP_LEVEL_NONE") not in told
+    return f"{level}, the state says otherwise" if is_other else "the most restrictive"
 
 
-@check("Estop.EstopCheckIn: endpoint", "an unknown endpoint", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
+@check("estop.EstopCheckIn: endpoint", "an unknown endpoint", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
 def estop_unknown_endpoint(server: Server) -> str:
-    """Check in without having registered."""
+    """Check in without having registered, for the level that the robot has, so that nothing changes."""
+    require_off(server)
+    level = server.ask("estop", "GetEstopSystemStatus").status.stop_level
     unknown = {"unique_id": "no-such-endpoint", "role": "PDB_rooted"}
-    return status_of(server.ask("estop", "EstopCheckIn", stop_level="ESTOP_LEVEL_NONE", endpoint=unknown))
+    return status_of(server.ask("estop", "EstopCheckIn", stop_level=level, endpoint=unknown))
 
 
-@check("Power.PowerCommand: lease", "no lease", "STATUS_INVALID_LEASE", source="power.proto: lease_use_result")
+@check("estop.EstopCheckIn", "a wrong response", "STATUS_INCORRECT_CHALLENGE_RESPONSE", source=_ESTOP)
+def estop_wrong_response(server: Server) -> str:
+    """Check in for each endpoint, at the level that it asks for, without knowing its challenge; motors off."""
+    require_off(server)
+    endpoints = server.ask("estop", "GetEstopSystemStatus").status.endpoints
+    seen = [
+        status_of(server.ask("estop", "EstopCheckIn", stop_level=e.stop_level, endpoint=e.endpoint, challenge=1))
+        for e in endpoints
+    ]
+    registered = [status for status in seen if status != "STATUS_ENDPOINT_UNKNOWN"]
+    if not registered:
+        raise OpenError("no e-stop endpoint is registered; register one, then check again")
+    return max(registered, key=lambda status: status != "STATUS_INCORRECT_CHALLENGE_RESPONSE")
+
+
+@check("motor_power_state", "a stop", _AS_TOLD, source="robot_command.proto: NOT_POWERED_ON", needs=Needs.LEASE)
+def power_is_as_told(server: Server) -> str:
+    """A stop, which moves nothing, is refused for want of power where the state says that the motors are off."""
+    with held(server) as lease:
+        seen, is_on = stop(server, lease), has_power(server.state())
+    if seen not in {"STATUS_OK", "STATUS_NOT_POWERED_ON"}:
+        raise OpenError(f"a stop was answered by {seen}")
+    if (seen == "STATUS_NOT_POWERED_ON") != is_on:
+        return _AS_TOLD
+    return f"the motors are told to be {'on' if is_on else 'off'}, a stop was answered by {seen}"
+
+
+@check("power.PowerCommand: lease", "motors on, no lease", "STATUS_INVALID_LEASE", source=_POWER, needs=Needs.MOTION)
 def power_without_lease(server: Server) -> str:
-    """Motors on, without a lease."""
-    return status_of(server.ask("power", "PowerCommand", request="REQUEST_ON_MOTORS").lease_use_result)
+    """Motors on, without a lease: on a wrong robot they get power."""
+    answer = server.ask("power", "PowerCommand", request="REQUEST_ON_MOTORS")
+    return enum_name(answer, "lease_use_result.status")
 
 
-@check(
-    "Power.PowerCommand",
-    "motors on, with the e-stop pressed",
-    "STATUS_ESTOPPED",
-    source="power.proto",
-    needs=Needs.LEASE,
-)
+@check("power.PowerCommand", "motors on, the e-stop pressed", "STATUS_ESTOPPED", source=_POWER, needs=Needs.MOTION)
 def power_while_stopped(server: Server) -> str:
     """Only where the robot is stopped already: no check presses or releases a stop."""
-    if not server.robot.is_estopped(timeout=RPC_TIMEOUT_S):
-        raise SkippedError("the e-stop is released")
-    with server.lease() as lease:
+    if enum_name(server.ask("estop", "GetEstopSystemStatus").status, "stop_level") == "ESTOP_LEVEL_NONE":
+        raise SkippedError("the e-stop is released, and no check presses it")
+    with held(server) as lease:
         return status_of(server.ask("power", "PowerCommand", lease=lease, request="REQUEST_ON_MOTORS"))
 
 
-@check(
-    "Power.PowerCommandFeedback: power_command_id",
-    "an unknown number",
-    "CODE_INVALID_REQUEST",
-    basis=Basis.GUESS,
-    source="header.proto",
-)
+@check("power.PowerCommandFeedback", "an unknown number", "no success", source=_POWER, needs=Needs.MOTION)
 def power_feedback_of_nothing(server: Server) -> str:
-    """Ask after a command that was never given."""
+    """Ask after a command that was never given; what it is refused with, no proto says."""
     answer = server.ask("power", "PowerCommandFeedback", power_command_id=0xFFFFFFF0)
-    return enum_name(answer.header.error, "code")
-
-
-@check("Keepalive.CheckIn: policy_id", "an unknown number", "STATUS_INVALID_POLICY_ID", source="keepalive.proto")
-def keepalive_unknown_policy(server: Server) -> str:
-    """Check in for an unknown policy."""
-    return status_of(server.ask("keepalive", "CheckIn", policy_id=0xFFFFFFF0))
+    is_told = answer.header.error.code == answer.header.error.CODE_OK and status_of(answer) == "STATUS_SUCCESS"
+    return "STATUS_SUCCESS" if is_told else "no success"

@@ -2,97 +2,149 @@
 
 from __future__ import annotations
 
-import contextlib
+import functools
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 from bosdyn.api import (
     auth_service_pb2,
+    directory_pb2,
     directory_registration_service_pb2,
     directory_service_pb2,
+    directory_service_pb2_grpc,
     estop_service_pb2,
     fault_service_pb2,
     header_pb2,
     image_service_pb2,
-    lease_pb2,
     lease_service_pb2,
+    license_service_pb2,
+    local_grid_service_pb2,
     power_service_pb2,
     robot_command_service_pb2,
     robot_id_service_pb2,
     robot_state_pb2,
     robot_state_service_pb2,
+    time_sync_pb2,
     time_sync_service_pb2,
     world_object_service_pb2,
 )
-from bosdyn.api.docking import docking_service_pb2
 from bosdyn.api.graph_nav import graph_nav_service_pb2
 from bosdyn.api.keepalive import keepalive_service_pb2
 from bosdyn.api.mission import mission_service_pb2
-from bosdyn.client.lease import LeaseKeepAlive
 from bosdyn.client.robot import Robot
-from bosdyn.client.robot_command import blocking_stand
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
+Made = TypeVar("Made")
 CLIENT_NAME = "spot-rl-conformance"
 RPC_TIMEOUT_S = 10.0
-MOTION_TIMEOUT_S = 20.0
-POLL_S = 0.1
-_MODULES = {
-    "auth": auth_service_pb2,
-    "directory": directory_service_pb2,
-    "directory-registration": directory_registration_service_pb2,
-    "docking": docking_service_pb2,
-    "estop": estop_service_pb2,
-    "fault": fault_service_pb2,
-    "graph-nav-service": graph_nav_service_pb2,
-    "image": image_service_pb2,
-    "keepalive": keepalive_service_pb2,
-    "lease": lease_service_pb2,
-    "power": power_service_pb2,
-    "robot-command": robot_command_service_pb2,
-    "robot-id": robot_id_service_pb2,
-    "robot-mission": mission_service_pb2,
-    "robot-state": robot_state_service_pb2,
-    "time-sync": time_sync_service_pb2,
-    "world-objects": world_object_service_pb2,
-}
-_METHODS = {
-    (name, method.name): method
-    for name, module in _MODULES.items()
+FEATURE = "joint_control"
+"""The licence's name of joint control."""
+_MAX_ROUND_TRIPS = 25
+# fmt: off
+SERVICES = {
+    service.full_name: {method.name: method for method in service.methods}
+    for module in (
+        auth_service_pb2, directory_registration_service_pb2, directory_service_pb2, estop_service_pb2,
+        fault_service_pb2, graph_nav_service_pb2, image_service_pb2, keepalive_service_pb2, lease_service_pb2,
+        license_service_pb2, local_grid_service_pb2, mission_service_pb2, power_service_pb2, robot_command_service_pb2,
+        robot_id_service_pb2, robot_state_service_pb2, time_sync_service_pb2, world_object_service_pb2,
+    )
     for service in module.DESCRIPTOR.services_by_name.values()
-    for method in service.methods
 }
+# fmt: on
+"""Methods by the full name of their service."""
 _NO_TOKEN = {"auth": "auth.spot.robot", "robot-id": "id.spot.robot"}
 """Authorities of services that are asked before a login."""
 
 
 class SkippedError(Exception):
-    """The check cannot be made on this server now; the message says why."""
+    """The server does not offer what the check is about; the message says what."""
+
+
+class OpenError(Exception):
+    """The check cannot be judged on this server now; the message says why."""
+
+
+class Answered(NamedTuple):
+    """The header of one unary answer, and what was sent when; nanoseconds of this computer's clock."""
+
+    method: str
+    sent: header_pb2.RequestHeader
+    header: header_pb2.ResponseHeader
+    sent_ns: int
+    received_ns: int
+
+
+class Sync(NamedTuple):
+    """A client's round trips until the server called it synchronised, and the robot's clock by the best of them."""
+
+    answers: list[time_sync_pb2.TimeSyncUpdateResponse]
+    least_ns: int
+    """The robot's clock minus ours is no less than this, by the times of the headers."""
+    most_ns: int
+
+    @property
+    def ahead_ns(self) -> int:
+        """The robot's clock minus ours."""
+        return (self.least_ns + self.most_ns) // 2
+
+    @property
+    def clock_identifier(self) -> str:
+        """The identifier of the last answer."""
+        return str(self.answers[-1].clock_identifier)
+
+    @property
+    def is_established(self) -> bool:
+        """Whether the server says so."""
+        return bool(self.answers[-1].state.status == time_sync_pb2.TimeSyncState.STATUS_OK)
 
 
 class Server:
-    """One server, logged in and synchronised.
+    """One server, logged in.
 
     Args:
-        robot: Authenticated, with a running time sync.
+        robot: Authenticated.
         stranger: The same host, not logged in.
     """
 
     def __init__(self, robot: Robot, stranger: Robot) -> None:
         self.robot, self.stranger = robot, stranger
-        self._listed: frozenset[str] | None = None
+        self.answered: list[Answered] = []
+        clients = robot.service_client_factories_by_type.values()
+        self.types = {client.default_service_name: client.service_type for client in clients}
+        self.types["robot-mission"] = "bosdyn.api.mission.MissionService"
+        self._kept: dict[Callable[[Server], Any], Any] = {}
 
-    def stub(self, stub_type: Any, service_name: str) -> Any:
-        """The vendor's stub of a service."""
-        return stub_type(self.robot.ensure_channel(service_name))
+    def once(self, make: Callable[[Server], Made]) -> Made:
+        """What ``make`` makes of this server, made once: later callers get the same, or the same exception."""
+        if make not in self._kept:
+            try:
+                self._kept[make] = make(self)
+            except Exception as error:  # noqa: BLE001 - raised below, as often as it is asked for
+                self._kept[make] = error
+        if isinstance(self._kept[make], Exception):
+            raise self._kept[make]
+        made: Made = self._kept[make]
+        return made
+
+    def channel(self, service: str) -> Any:
+        """A channel to a service by the authority that the directory lists, with our token."""
+        self.require(service)
+        return self.robot.ensure_secure_channel(self.listed[service].authority)
+
+    @functools.cached_property
+    def listed(self) -> dict[str, Any]:
+        """The directory's entries, by name."""
+        channel = self.robot.ensure_secure_channel("api.spot.robot")
+        stub = directory_service_pb2_grpc.DirectoryServiceStub(channel)
+        request = directory_pb2.ListServiceEntriesRequest(header=header())
+        return {e.name: e for e in stub.ListServiceEntries(request, timeout=RPC_TIMEOUT_S).service_entries}
 
     def require(self, service: str) -> None:
         """Raise SkippedError where the directory does not list a service: what is not offered breaks no rule."""
-        if self._listed is None:
-            self._listed = frozenset(entry.name for entry in self.robot.ensure_client("directory").list())
-        if service not in self._listed:
+        if service not in self.listed:
             raise SkippedError(f"the server offers no {service}")
 
     def ask(self, service: str, method: str, *, stranger_at: str = "", **fields: Any) -> Any:
@@ -103,64 +155,56 @@ class Server:
         Raises:
             SkippedError: The directory does not list the service.
         """
-        found = _METHODS[service, method]
+        found = SERVICES[self.types[service]][method]
         authority = stranger_at or _NO_TOKEN.get(service)
-        if not authority:
-            self.require(service)
-        channel = self.stranger.ensure_secure_channel(authority) if authority else self.robot.ensure_channel(service)
+        channel = self.stranger.ensure_secure_channel(authority) if authority else self.channel(service)
         request_type, response_type = GetMessageClass(found.input_type), GetMessageClass(found.output_type)
         call = channel.unary_unary(
             f"/{found.containing_service.full_name}/{method}",
             request_serializer=request_type.SerializeToString,
             response_deserializer=response_type.FromString,
         )
-        return call(request_type(header=header(), **fields), timeout=RPC_TIMEOUT_S)
+        request: Any = request_type(header=header(), **fields)
+        sent_ns = time.time_ns()
+        answer = call(request, timeout=RPC_TIMEOUT_S)
+        self.answered.append(Answered(method, request.header, answer.header, sent_ns, time.time_ns()))
+        return answer
 
-    @property
-    def clock_identifier(self) -> str:
-        """The identifier of this client's finished time sync."""
-        return str(self.robot.time_sync.endpoint.clock_identifier)
+    @functools.cached_property
+    def sync(self) -> Sync:
+        """Our own time sync, so that one that is wrong can be judged.
+
+        Raises:
+            OpenError: The headers bear no times, so that no round trip can be reported.
+        """
+        answers: list[time_sync_pb2.TimeSyncUpdateResponse] = []
+        bounds: list[tuple[int, int]] = []
+        fields: dict[str, Any] = {}
+        for _ in range(_MAX_ROUND_TRIPS):
+            answers.append(self.ask("time-sync", "TimeSyncUpdate", **fields))
+            told = self.answered[-1]
+            trip = time_sync_pb2.TimeSyncRoundTrip()
+            trip.client_tx.FromNanoseconds(told.sent_ns)
+            trip.client_rx.FromNanoseconds(told.received_ns)
+            trip.server_rx.CopyFrom(told.header.request_received_timestamp)
+            trip.server_tx.CopyFrom(told.header.response_timestamp)
+            if not (trip.server_rx.seconds and trip.server_tx.seconds):
+                raise OpenError("no time sync: the headers of answers bear no times")
+            fields = {"clock_identifier": answers[-1].clock_identifier, "previous_round_trip": trip}
+            bounds.append((stamp_ns(trip.server_tx) - told.received_ns, stamp_ns(trip.server_rx) - told.sent_ns))
+            if answers[-1].state.status == time_sync_pb2.TimeSyncState.STATUS_OK:
+                break
+        return Sync(answers, max(least for least, _ in bounds), min(most for _, most in bounds))
 
     def robot_stamp(self, ahead_s: float) -> Timestamp:
-        """An instant of the robot's clock."""
-        stamp: Timestamp = self.robot.time_sync.endpoint.robot_timestamp_from_local_secs(time.time() + ahead_s)
+        """An instant of the robot's clock, by the times of headers."""
+        stamp = Timestamp()
+        stamp.FromNanoseconds(time.time_ns() + self.sync.ahead_ns + round(ahead_s * 1e9))
         return stamp
 
     def state(self) -> robot_state_pb2.RobotState:
         """The robot's state, polled."""
-        return self.robot.ensure_client("robot-state").get_robot_state()
-
-    @contextlib.contextmanager
-    def lease(self, resource: str = "body") -> Iterator[lease_pb2.Lease]:
-        """The lease for as long as the block runs; somebody else's is never taken.
-
-        Raises:
-            SkippedError: Somebody holds it.
-        """
-        from bosdyn.client.lease import ResourceAlreadyClaimedError
-
-        client = self.robot.ensure_client("lease")
-        try:
-            lease = client.acquire(resource)
-        except ResourceAlreadyClaimedError as error:
-            raise SkippedError("somebody else holds the lease") from error
-        try:
-            yield lease.lease_proto
-        finally:
-            with contextlib.suppress(Exception):
-                client.return_lease(lease)
-
-    def wait_for(self, is_done: Any, what: str) -> None:
-        """Poll until it is so.
-
-        Raises:
-            SkippedError: It does not come.
-        """
-        deadline_s = time.monotonic() + MOTION_TIMEOUT_S
-        while not is_done():
-            if time.monotonic() > deadline_s:
-                raise SkippedError(f"the robot did not {what} within {MOTION_TIMEOUT_S:g} s")
-            time.sleep(POLL_S)
+        return self.ask("robot-state", "GetRobotState").robot_state
 
 
 def header() -> header_pb2.RequestHeader:
@@ -170,40 +214,21 @@ def header() -> header_pb2.RequestHeader:
     return filled
 
 
+def stamp_ns(stamp: Any) -> int:
+    """Nanoseconds of a timestamp or duration."""
+    return int(stamp.seconds * 10**9 + stamp.nanos)
+
+
 def status_of(response: Any) -> str:
     """The name of a response's status."""
     return enum_name(response, "status")
 
 
-def enum_name(message: Any, field: str) -> str:
-    """The name of an enumeration's value in a message."""
+def enum_name(message: Any, path: str) -> str:
+    """The name of an enumeration's value in a message, at a path of fields and places with dots between them."""
+    *parents, field = path.split(".")
+    for parent in parents:
+        message = message[int(parent)] if parent.isdigit() else getattr(message, parent)
     value = getattr(message, field)
     found = message.DESCRIPTOR.fields_by_name[field].enum_type.values_by_number.get(value)
     return str(value) if found is None else str(found.name)
-
-
-def is_off(state: robot_state_pb2.RobotState) -> bool:
-    """Whether the motors have no power."""
-    return bool(state.power_state.motor_power_state == robot_state_pb2.PowerState.STATE_OFF)
-
-
-@contextlib.contextmanager
-def powered(server: Server) -> Iterator[lease_pb2.Lease]:
-    """Acquire the lease, power on, stand; at the end sit, power off, return the lease.
-
-    Raises:
-        SkippedError: Somebody holds the lease, or the e-stop is pressed.
-    """
-    robot = server.robot
-    if robot.is_estopped(timeout=RPC_TIMEOUT_S):
-        raise SkippedError("the e-stop is pressed")
-    if robot.is_powered_on(timeout=RPC_TIMEOUT_S):
-        raise SkippedError("the motors are on already")
-    with server.lease(), LeaseKeepAlive(robot.ensure_client("lease"), return_at_exit=False):
-        try:
-            robot.power_on(timeout_sec=MOTION_TIMEOUT_S)
-            blocking_stand(robot.ensure_client("robot-command"), timeout_sec=MOTION_TIMEOUT_S)
-            # The commands so far went out under newer sub-leases, so the one that was granted is too old.
-            yield robot.lease_wallet.advance("body").lease_proto
-        finally:
-            robot.power_off(cut_immediately=False, timeout_sec=MOTION_TIMEOUT_S)

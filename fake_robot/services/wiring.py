@@ -85,4 +85,6 @@ def add_services(server: grpc.Server, world: World, username: str) -> None:
     )
     # The first handler that takes a method wins: the stream of bytes, our own services and tables, then nobody's.
     unary = UnaryServices(services, ANSWERS, world)
-    server.add_generic_rpc_handlers((stream_handler(world), unary, UnknownServiceHandler()))
+    server.add_generic_rpc_handlers(
+        (stream_handler(world), unary, UnknownServiceHandler(world.directory.address_of_type))
+    )

@@ -119,7 +119,8 @@ def conformance(
         bool, typer.Option("--i-stand-beside-it", help="Needed for a host that may be a real robot.")
     ] = False,
     with_motion: Annotated[
-        bool, typer.Option("--with-motion", help="Also power the motors, stand and walk half a metre.")
+        bool,
+        typer.Option("--with-motion", help="Also power the motors, stand, walk some 2 m and hold by joint control."),
     ] = False,
     ca_file: Annotated[Path | None, typer.Option(help="Certificate to trust beside the vendor's.")] = None,
     check: Annotated[list[str] | None, typer.Option(help="Name of a check to run; may repeat. All if none.")] = None,

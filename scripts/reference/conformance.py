@@ -17,10 +17,28 @@ The same checks can be run against any server that claims to be a Spot:
 spot-rl fake-robot exec -- spot-rl fake-robot conformance --robot HOST
 ```
 
-It logs in with `BOSDYN_CLIENT_USERNAME` and `BOSDYN_CLIENT_PASSWORD`, moves nothing, and never takes a lease that
-another client holds. `--with-motion` also powers the motors, stands, walks half a metre and sits. A host that may be a
-real robot needs `--i-stand-beside-it`: stand beside it with its e-stop in your hand. The exit code is 1 if a documented
-or measured rule is broken; where the server only contradicts a guess, the result is *differs*."""
+It logs in with `BOSDYN_CLIENT_USERNAME` and `BOSDYN_CLIENT_PASSWORD`, and never takes a lease that another client
+holds. A host that may be a real robot needs `--i-stand-beside-it`: stand beside it with its e-stop in your hand.
+
+Without `--with-motion` it sends nothing that could give the motors power. Commands that a robot without power must
+refuse are sent only if the state says that the motors are off and a stop, which moves nothing, is refused for want of
+power. The motors are looked at before the first check and after each. If they have power that they had not, the suite
+has the robot sit down and switches them off, says so, and sends nothing more.
+
+`--with-motion` also asks for power without a lease, then powers the motors, stands, walks for 4 s in a turn to the left
+and 0.5 m ahead, holds its stance by joint control with the gains of its own stand if that is licensed, sits and powers
+off. Leave it 3 m on each side. Ctrl-C and SIGTERM have it sit down and power off first. No check presses an e-stop, so
+none shows that one stops the robot.
+
+| exit code | meaning |
+|---|---|
+| 0 | no rule is broken in what was judged |
+| 1 | a documented or measured rule is broken |
+| 3 | something that was asked for could not be judged; the lines marked *open* say why |
+| 4 | motors had power that they should not have had: unasked, or after they were switched off |
+
+Where the server only contradicts a guess, the result is *differs*. What the server does not offer, and what needs
+`--with-motion`, is *skipped*."""
 
 
 def conformance_page() -> str:

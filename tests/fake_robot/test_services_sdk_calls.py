@@ -6,8 +6,10 @@ import math
 import struct
 import time
 from collections.abc import Callable, Iterator
+from concurrent import futures
 from typing import Any
 
+import grpc
 import mujoco
 import pytest
 from bosdyn.api import data_buffer_pb2, data_index_pb2, payload_pb2, power_pb2, ray_cast_pb2, service_fault_pb2
@@ -16,7 +18,9 @@ from bosdyn.api.data_acquisition_store_pb2 import DataQueryParams
 from bosdyn.api.image_pb2 import ImageRequest
 from bosdyn.api.keepalive import keepalive_pb2
 from bosdyn.api.log_status.log_status_pb2 import LogStatus
+from bosdyn.api.mission import remote_pb2, remote_service_pb2_grpc
 from bosdyn.api.spot.inverse_kinematics_pb2 import InverseKinematicsRequest
+from bosdyn.api.world_object_pb2 import MutateWorldObjectRequest, WorldObject
 from bosdyn.client import ray_cast
 from bosdyn.client.data_acquisition import CancellationFailedError, UnknownCaptureTypeError
 from bosdyn.client.data_acquisition import RequestIdDoesNotExistError as NoSuchRequestError
@@ -27,7 +31,7 @@ from bosdyn.client.directory_registration import DirectoryRegistrationClient, Se
 from bosdyn.client.docking import DockingClient
 from bosdyn.client.exceptions import InvalidRequestError, UnimplementedError
 from bosdyn.client.fault import FaultClient, ServiceFaultAlreadyExistsError, ServiceFaultDoesNotExistError
-from bosdyn.client.frame_helpers import get_a_tform_b
+from bosdyn.client.frame_helpers import get_a_tform_b, validate_frame_tree_snapshot
 from bosdyn.client.keepalive import InvalidPolicyError, KeepaliveClient, Policy, PolicyKeepalive
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.local_grid import LocalGridClient
@@ -375,3 +379,59 @@ def test_a_service_that_a_base_spot_has_and_the_fake_has_not(robot: Any) -> None
     with pytest.raises(UnregisteredServiceNameError, match="manipulation"):
         robot.ensure_client("manipulation")
     assert "no service 'bosdyn.api.spot.InverseKinematicsService'" in refused.value.error.details()
+
+
+@pytest.mark.parametrize(
+    ("edges", "is_joined"),
+    [
+        ({"vision": "", "cup": "vision"}, True),
+        ({"map": "", "vision": "map", "cup": "map"}, True),
+        ({"cup": "odom"}, True),
+        ({"map": "", "cup": "map"}, False),
+    ],
+    ids=["root of both", "root above one of both", "below one of both", "none of both"],
+)
+def test_an_objects_frames_and_the_robots_form_one_tree(robot: Any, edges: dict[str, str], is_joined: bool) -> None:
+    thing = WorldObject(name="cup")
+    drawn = thing.drawable_properties.add(frame_name_drawable="cup")
+    drawn.frame.arrow_length, drawn.frame.arrow_radius, drawn.color.a = 0.1, 0.01, 1.0
+    for child, parent in edges.items():
+        edge = thing.transforms_snapshot.child_to_parent_edge_map[child]
+        edge.parent_frame_name, edge.parent_tform_child.position.x = parent, 1.0 if parent else 0.0
+        edge.parent_tform_child.rotation.w = 1.0
+    client = robot.ensure_client(WorldObjectClient.default_service_name)
+    client.mutate_world_objects(MutateWorldObjectRequest(mutation={"action": "ACTION_ADD", "object": thing}))
+    (listed,) = client.list_world_objects().world_objects
+    tree = listed.transforms_snapshot
+    assert validate_frame_tree_snapshot(tree)
+    for child, parent in edges.items():
+        if parent:
+            assert get_a_tform_b(tree, parent, child).x == pytest.approx(1.0)
+    assert (get_a_tform_b(tree, "body", "cup") is not None) == is_joined
+
+
+def test_a_service_that_a_client_registered_is_reached_through_the_robot(robot: Any) -> None:
+    class Remote(remote_service_pb2_grpc.RemoteMissionServiceServicer):  # type: ignore[misc]
+        def Tick(self, request: Any, context: Any) -> Any:  # noqa: N802
+            if request.session_id == "bad":
+                context.abort(grpc.StatusCode.FAILED_PRECONDITION, "no such session")
+            return remote_pb2.TickResponse(status=remote_pb2.TickResponse.STATUS_SUCCESS)
+
+    server = grpc.server(futures.ThreadPoolExecutor(2))
+    remote_service_pb2_grpc.add_RemoteMissionServiceServicer_to_server(Remote(), server)
+    port = server.add_insecure_port("127.0.0.1:0")
+    server.start()
+    try:
+        register = robot.ensure_client(DirectoryRegistrationClient.default_service_name).register
+        register("hello", "bosdyn.api.mission.RemoteMissionService", "hello.spot.robot", "127.0.0.1", port)
+        robot.sync_with_directory()
+        stub = remote_service_pb2_grpc.RemoteMissionServiceStub(robot.ensure_channel("hello"))
+        assert stub.Tick(remote_pb2.TickRequest(), timeout=10).status == remote_pb2.TickResponse.STATUS_SUCCESS
+        with pytest.raises(grpc.RpcError, match="a registered service: no such session") as refused:
+            stub.Tick(remote_pb2.TickRequest(session_id="bad"), timeout=10)
+        assert refused.value.code() is grpc.StatusCode.FAILED_PRECONDITION
+    finally:
+        server.stop(None).wait()
+    with pytest.raises(grpc.RpcError) as refused:
+        stub.Tick(remote_pb2.TickRequest(), timeout=10)
+    assert refused.value.code() is grpc.StatusCode.UNAVAILABLE

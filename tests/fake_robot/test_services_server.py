@@ -20,15 +20,17 @@ import pytest
 from bosdyn.api import (
     auth_service_pb2_grpc,
     data_buffer_pb2,
+    power_pb2,
     robot_command_pb2,
     robot_id_pb2,
     robot_id_service_pb2_grpc,
 )
 from bosdyn.client.auth import InvalidLoginError, InvalidTokenError, TemporarilyLockedOutError
-from bosdyn.client.exceptions import RpcError, UnauthenticatedError
+from bosdyn.client.exceptions import InvalidRequestError, RpcError, UnauthenticatedError
 from bosdyn.client.lease import ResourceAlreadyClaimedError
 from cryptography import x509
 
+from fake_robot.services.authority import power
 from fake_robot.start.certificates import CertificateError, ServerCertificates, ensure_certificates
 from fake_robot.start.listen import BindError, sdk_host
 from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
@@ -397,6 +399,17 @@ def test_steps_by_socket_and_the_command_that_goes_with_one(lock_step: Any) -> N
         assert "JointControlStreamRequest" in step(fake_admin_pb2.StepRequest(command=b"?").SerializeToString()).refusal
         assert step(b"?").refusal
         assert step(fake_admin_pb2.StepRequest(duration_ns=1).SerializeToString()).refusal == ""
+
+
+def test_a_client_that_waits_while_nobody_steps_is_told_so(lock_step: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = lock_step.sdk_robot()
+    lease = robot.ensure_client("lease").acquire()
+    client = robot.ensure_client("power")
+    command = client.power_command(power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS, lease=lease.lease_proto)
+    assert client.power_command_feedback(command.power_command_id) == power_pb2.STATUS_IN_PROGRESS
+    monkeypatch.setattr(power, "STANDSTILL_S", 0.0)
+    with pytest.raises(InvalidRequestError, match="nobody has stepped it; start the client with --lock-step"):
+        client.power_command_feedback(command.power_command_id)
 
 
 def test_step_needs_lock_step(stub: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 import grpc
@@ -88,6 +89,7 @@ class Stepping:
                 self._advance_states(request.state_messages, request.max_duration_ns or None)
             else:
                 self._advance(request.duration_ns)
+            self._world.stepped_s = time.monotonic()
             response = fake_admin_pb2.StepResponse(
                 robot_stamp_ns=self._world.now_ns(),
                 last_state_robot_stamp_ns=robot.last_state_stamp_ns,

@@ -136,7 +136,7 @@ class EstopEndpoints:
         A wrong answer may stop the robot but never release it.
         """
         with self._lock:
-            known = [e for e in self._endpoints if e.is_registered and not e.is_operator]
+            known = [e for e in self._endpoints if e.is_registered]
             found = next((e for e in known if e.proto.unique_id == endpoint.unique_id), None)
             if found is None or level not in LEVELS:
                 return CheckIn.STATUS_ENDPOINT_UNKNOWN, 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +23,12 @@ PAYLOAD_PORTS = {Request.REQUEST_ON_PAYLOAD_PORTS: True, Request.REQUEST_OFF_PAY
 WIFI_RADIO = {Request.REQUEST_ON_WIFI_RADIO: True, Request.REQUEST_OFF_WIFI_RADIO: False}
 FAN_KEYS = ("fan_front", "fan_rear")
 FAN_FREQUENCY_HZ = 50.0
+STANDSTILL_S = 3.0
+"""Of host time, after which a client that waits for a robot in lock-step is told that nobody steps it."""
+STANDSTILL = (
+    "the motors wait for robot time, which stands still: this fake robot runs in lock-step, and for {:.0f} s nobody "
+    "has stepped it; start the client with --lock-step and the fake's admin address, or the fake without --lock-step"
+)
 
 
 @dataclass
@@ -42,6 +49,7 @@ class PowerService:
         self._last_motor_command = 0
         self._last_id = 0
         self._fan = FanCommand(0, 0)
+        self._begun_s = 0.0
 
     def PowerCommand(self, request: Any) -> Any:  # noqa: N802
         """Begin a power change; needs the lease."""
@@ -76,6 +84,10 @@ class PowerService:
         else:
             snapshot = self._world.robot.snapshot()
             response.status = _motor_status(wanted, snapshot)
+            still_s = time.monotonic() - max(self._begun_s, self._world.stepped_s)
+            is_waiting = self._world.robot.is_lock_step and response.status == power_pb2.STATUS_IN_PROGRESS
+            if is_waiting and still_s > STANDSTILL_S:
+                return refuse_request(response, STANDSTILL.format(still_s))
             response.blocking_faults.extend(map(system_fault_message, _blocking(snapshot)))
         return response
 
@@ -132,6 +144,7 @@ class PowerService:
             world.reboot()
             return int(power_pb2.STATUS_SUCCESS)
         if wanted == Request.REQUEST_OFF_MOTORS:
+            self._begun_s = time.monotonic()
             world.robot.power_off()
             return int(power_pb2.STATUS_IN_PROGRESS)
         world.apply_estop()
@@ -144,6 +157,7 @@ class PowerService:
             return int(power_pb2.STATUS_KEEPALIVE_MOTORS_OFF)
         if snapshot.motor_power is MotorPower.ON:
             return int(power_pb2.STATUS_SUCCESS)
+        self._begun_s = time.monotonic()
         world.robot.power_on()
         return int(power_pb2.STATUS_IN_PROGRESS)
 

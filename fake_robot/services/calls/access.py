@@ -17,6 +17,7 @@ from spot_model.errors import SpotRlError
 
 _LOGGER = logging.getLogger(__name__)
 _BEARER = "Bearer "
+_OF_THE_TRANSPORT = ("grpc-", "user-agent", ":")
 
 Handler = Callable[[Any, grpc.ServicerContext], Any]
 
@@ -104,11 +105,21 @@ def refuse_request(response: Any, message: str) -> Any:
 
 
 class UnknownServiceHandler(grpc.GenericRpcHandler):
-    """Answers for every method that no service took."""
+    """Answers for every method that no service took: passes it on to a client's service of that type, or refuses it.
+
+    Args:
+        address_of_type: Host and port of the one service of a type that a client registered, or nothing.
+    """
+
+    def __init__(self, address_of_type: Callable[[str], str]) -> None:
+        self._address_of_type = address_of_type
 
     def service(self, handler_call_details: grpc.HandlerCallDetails) -> grpc.RpcMethodHandler[Any, Any]:
-        """Refuse with UNIMPLEMENTED, saying what there is."""
+        """Pass the call on, or refuse it with UNIMPLEMENTED, saying what there is."""
         service, _, method = handler_call_details.method.lstrip("/").rpartition("/")
+        address = self._address_of_type(service)
+        if address:
+            return grpc.stream_stream_rpc_method_handler(_passing_on(handler_call_details, address))
         types = sorted({kind for kind, _, _ in OWN_SERVICES.values()})
         told = (
             f"{service} has no method {method!r}"
@@ -120,6 +131,24 @@ class UnknownServiceHandler(grpc.GenericRpcHandler):
             context.abort(grpc.StatusCode.UNIMPLEMENTED, told)
 
         return grpc.stream_stream_rpc_method_handler(refuse)
+
+
+def _passing_on(details: grpc.HandlerCallDetails, address: str) -> Handler:
+    """Pass the bytes of a call on to a server without TLS, as a robot does, and its answers back."""
+    metadata = tuple((k, v) for k, v in details.invocation_metadata or () if not k.startswith(_OF_THE_TRANSPORT))
+
+    def pass_on(requests: Any, context: grpc.ServicerContext) -> Any:
+        with grpc.insecure_channel(address) as channel:
+            call: Any = channel.stream_stream(details.method)
+            answers = call(requests, metadata=metadata, timeout=context.time_remaining())
+            context.add_callback(answers.cancel)
+            try:
+                yield from answers
+            except grpc.RpcError as refusal:
+                told: Any = refusal
+                context.abort(told.code(), f"{address}, a registered service: {told.details()}")
+
+    return pass_on
 
 
 def _token_of(metadata: Any) -> str:

@@ -35,7 +35,7 @@ class DirectoryService:
 
 
 class DirectoryRegistrationService:
-    """Lets clients list services of their own. They are listed, but calls are not passed on to them."""
+    """Lets clients list services of their own; calls of types that the robot does not serve itself are passed on."""
 
     def __init__(self, directory: DirectoryEntries) -> None:
         self._directory = directory
@@ -43,14 +43,14 @@ class DirectoryRegistrationService:
     def RegisterService(self, request: Any) -> Any:  # noqa: N802
         """Add an entry."""
         response = directory_registration_pb2.RegisterServiceResponse()
-        is_new = self._directory.register(request.service_entry)
+        is_new = self._directory.register(request.service_entry, _address(request.endpoint))
         response.status = response.STATUS_OK if is_new else response.STATUS_ALREADY_EXISTS
         return response
 
     def UpdateService(self, request: Any) -> Any:  # noqa: N802
         """Replace an entry that a client added."""
         response = directory_registration_pb2.UpdateServiceResponse()
-        is_known = self._directory.update(request.service_entry)
+        is_known = self._directory.update(request.service_entry, _address(request.endpoint))
         response.status = response.STATUS_OK if is_known else response.STATUS_NONEXISTENT_SERVICE
         return response
 
@@ -60,3 +60,7 @@ class DirectoryRegistrationService:
         is_known = self._directory.unregister(request.service_name)
         response.status = response.STATUS_OK if is_known else response.STATUS_NONEXISTENT_SERVICE
         return response
+
+
+def _address(endpoint: Any) -> str:
+    return f"{endpoint.host_ip}:{endpoint.port}" if endpoint.host_ip and endpoint.port else ""

@@ -78,6 +78,7 @@ class DirectoryEntries:
     clock: LivenessClock
     _registered: dict[str, directory_pb2.ServiceEntry] = field(default_factory=dict)
     _heartbeats: dict[str, Heartbeat] = field(default_factory=dict)
+    _addresses: dict[str, str] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -95,26 +96,35 @@ class DirectoryEntries:
             is_own = name in OWN_SERVICES or name in LISTED_ONLY
             return self._own(name) if is_own else self._registered.get(name)
 
-    def register(self, entry: directory_pb2.ServiceEntry) -> bool:
-        """Add a client's service; False if the name is taken."""
+    def address_of_type(self, kind: str) -> str:
+        """Where a client's service of a type is reached, host and port; empty if none, or several, are registered."""
+        with self._lock:
+            found = {self._addresses.get(name, "") for name, entry in self._registered.items() if entry.type == kind}
+        return found.pop() if len(found) == 1 else ""
+
+    def register(self, entry: directory_pb2.ServiceEntry, address: str = "") -> bool:
+        """Add a client's service, reached at an address; False if the name is taken."""
         with self._lock:
             if entry.name in OWN_SERVICES or entry.name in LISTED_ONLY or entry.name in self._registered:
                 return False
             self._store(entry)
+            self._addresses[entry.name] = address
             return True
 
-    def update(self, entry: directory_pb2.ServiceEntry) -> bool:
+    def update(self, entry: directory_pb2.ServiceEntry, address: str = "") -> bool:
         """Replace a client's service; False if there is none of that name."""
         with self._lock:
             if entry.name not in self._registered:
                 return False
             self._store(entry)
+            self._addresses[entry.name] = address or self._addresses[entry.name]
             return True
 
     def unregister(self, name: str) -> bool:
         """Drop a client's service; False if there is none of that name."""
         with self._lock:
             self._heartbeats.pop(name, None)
+            self._addresses.pop(name, None)
             return self._registered.pop(name, None) is not None
 
     def silent(self) -> frozenset[str]:

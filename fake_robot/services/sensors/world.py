@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import time
 
 from bosdyn.api.keepalive import keepalive_pb2
 
@@ -64,6 +65,8 @@ class World:
         self.logs = LogBook(self.now_ns)
         self.license_state: str = config.joint_control_license
         self._silent_services: frozenset[str] = frozenset()
+        self.stepped_s = time.monotonic()
+        """When robot time was last made to pass, by the host's clock; of a robot in lock-step."""
         self.is_wifi_on = True
         self.are_payload_ports_on = True
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 from typing import Any
 
-from bosdyn.api import world_object_pb2
+from bosdyn.api import geometry_pb2, world_object_pb2
+from bosdyn.client.frame_helpers import ValidateFrameTreeError, get_a_tform_b
 
 from fake_robot.network.status import Snapshot
 from fake_robot.services.calls.stamps import ns_from_timestamp
@@ -46,11 +48,9 @@ class WorldObjectService:
         with self._lock:
             chosen = [o for o in self._objects.values() if _matches(o, request)]
             response = world_object_pb2.ListWorldObjectResponse(world_objects=chosen)
-        edges = frame_tree(self._snapshot()).child_to_parent_edge_map
+        robots = frame_tree(self._snapshot())
         for listed in response.world_objects:
-            for child, edge in edges.items():
-                if child not in listed.transforms_snapshot.child_to_parent_edge_map:
-                    listed.transforms_snapshot.child_to_parent_edge_map[child].CopyFrom(edge)
+            _hang_below(listed.transforms_snapshot, robots)
         return response
 
     def MutateWorldObjects(self, request: Any) -> Any:  # noqa: N802
@@ -76,6 +76,28 @@ class WorldObjectService:
                 kept.id = number
                 self._objects[number] = kept
         return Response(status=Response.STATUS_OK, mutated_object_id=number)
+
+
+def _hang_below(own: geometry_pb2.FrameTreeSnapshot, robots: geometry_pb2.FrameTreeSnapshot) -> None:
+    """Make one tree of an object's frames and the robot's: a frame of both is where the robot says.
+
+    What stood at the root of the object's frames hangs below the first such frame from now on. Frames that have none in
+    common with the robot's remain a tree of their own, and alone.
+    """
+    edges, told = own.child_to_parent_edge_map, robots.child_to_parent_edge_map
+    parents = {edge.parent_frame_name for edge in edges.values()}
+    common = sorted((set(edges) | parents) & set(told))
+    if edges and not common:
+        return
+    roots = [name for name in (set(edges) | parents) - set(told) - {""} if not edges[name].parent_frame_name]
+    for root in roots:
+        with contextlib.suppress(ValidateFrameTreeError):
+            pose = get_a_tform_b(own, common[0], root, validate=False)
+            if pose is not None:
+                edges[root].parent_tform_child.CopyFrom(pose.to_proto())
+                edges[root].parent_frame_name = common[0]
+    for name, edge in told.items():
+        edges[name].CopyFrom(edge)
 
 
 def _has_properties(wanted: world_object_pb2.WorldObject) -> bool:

@@ -1,0 +1,77 @@
+"""How many planted errors the conformance suite finds.
+
+Each of tests/fake_robot/planted_errors.py is planted alone, in a server that passes every call on to a fake robot.
+
+    python benchmarks/conformance_errors.py [--with-motion] [NAME ...]
+
+Claim: docs/benchmarks.md, "Programs and servers of others".
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from fake_robot.conformance.check import Needs, Verdict  # noqa: E402
+from fake_robot.conformance.command import connect  # noqa: E402
+from fake_robot.conformance.table import run_checks  # noqa: E402
+from fake_robot.robot.robot import Robot  # noqa: E402
+from fake_robot.scenario.scenario import scenario_from_data  # noqa: E402
+from fake_robot.services.identity.tokens import Credentials  # noqa: E402
+from fake_robot.start.certificates import ensure_certificates  # noqa: E402
+from fake_robot.start.server import FakeServer  # noqa: E402
+from tests.fake_robot.planted_errors import ERRORS  # noqa: E402
+from tests.fake_robot.planted_server import RIGHT, PlantedServer  # noqa: E402
+
+SCENARIO = {
+    "power": {"power_on_s": 0.3, "power_off_s": 0.1},
+    "motion": {"stand_s": 0.8, "sit_s": 0.8},
+    "joint_control": {"activation_wait_s": 0.2},
+    "services": {"cameras": "test_card"},
+}
+
+
+def main(words: list[str] | None = None) -> None:
+    """Print a line for each error, then the counts."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--with-motion", action="store_true")
+    given = parser.parse_args(words)
+    errors = [ERRORS[name] for name in given.names] or [RIGHT, *ERRORS.values()]
+    allowed = Needs.MOTION if given.with_motion else Needs.LEASE
+    missed, counts = [], {"outside": [0, 0], "own": [0, 0]}
+    with tempfile.TemporaryDirectory() as folder:
+        certificates = ensure_certificates(Path(folder))
+        for error in errors:
+            start_s = time.monotonic()
+            scenario = scenario_from_data(SCENARIO)
+            fake = FakeServer(Robot(scenario), scenario.services, Credentials("user", "horse"), certificates)
+            robot = fake.start().robot
+            with PlantedServer(robot, certificates) as server:
+                server.plant(error)
+                found = _found(server.address, certificates.ca_path, allowed)
+            fake.stop()
+            took_s = time.monotonic() - start_s
+            print(f"{took_s:5.1f} s  {error.source:8}{error.name:34}{'; '.join(found)[:240] or '-'}", flush=True)
+            if error is not RIGHT:
+                counts[error.source][0] += bool(found)
+                counts[error.source][1] += 1
+                missed += [] if found else [error.name]
+    print({source: f"{hit} of {of}" for source, (hit, of) in counts.items()}, "missed:", missed)
+
+
+def _found(address: str, ca_file: Path, allowed: Needs) -> list[str]:
+    os.environ |= {"BOSDYN_CLIENT_USERNAME": "user", "BOSDYN_CLIENT_PASSWORD": "horse"}
+    suite = connect(address, ca_file)
+    return [f"{r.check.name}: {r.seen}" for r in run_checks(suite, allowed) if r.verdict is Verdict.FAIL]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""The motors' power: who may have it, how we know, and how it is taken away."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import grpc
+from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2
+from bosdyn.client.robot_command import RobotCommandBuilder
+
+from fake_robot.conformance.server import Made, OpenError, Server, SkippedError, enum_name, header, status_of
+from spot_model.robot.state import Array
+
+POLL_S = 0.1
+SAT_DOWN = "it sat down and is off again"
+CONTROLLED_OFF_S = 15.0
+"""For a robot to sit down and switch its motors off."""
+_TIMED = {"se2_velocity_request", "se2_trajectory_request", "stance_request"}
+CALL_ERRORS = (grpc.RpcError, OpenError, SkippedError)
+"""What a call may raise."""
+
+
+def has_power(state: robot_state_pb2.RobotState) -> bool:
+    """Whether the motors are reported to have power, or to be about to."""
+    power = state.power_state
+    return power.motor_power_state in {power.MOTOR_POWER_STATE_ON, power.MOTOR_POWER_STATE_POWERING_ON}
+
+
+def is_off(state: robot_state_pb2.RobotState) -> bool:
+    """Whether the motors are reported to have no power; a state that is not known is none of both."""
+    return bool(state.power_state.motor_power_state == state.power_state.MOTOR_POWER_STATE_OFF)
+
+
+def require_off(server: Server) -> None:
+    """Raise OpenError unless the motors are reported to have no power."""
+    if not is_off(server.state()):
+        raise OpenError("the motors are not off")
+
+
+def send(
+    server: Server, lease: lease_pb2.Lease, command: Any, *, clock: str | None = None, end_s: float | None = 5.0
+) -> robot_command_pb2.RobotCommandResponse:
+    """Send a command; a timed one ends ``end_s`` from now, or bears no end time."""
+    sent = robot_command_pb2.RobotCommand()
+    sent.CopyFrom(command)
+    mobility = sent.synchronized_command.mobility_command
+    field = mobility.WhichOneof("command")
+    if end_s is not None and field in _TIMED:
+        getattr(mobility, field).end_time.CopyFrom(server.robot_stamp(end_s))
+    identifier = server.sync.clock_identifier if clock is None else clock
+    return server.ask("robot-command", "RobotCommand", lease=lease, command=sent, clock_identifier=identifier)
+
+
+def joint_request(server: Server, position_rad: Array, kp: Array, kd: Array, load_nm: Array, *, key: int = 1) -> Any:
+    """A message of joint control that holds every joint at its position, for half a second."""
+    request = robot_command_pb2.JointControlStreamRequest(header=header())
+    command = request.joint_command
+    command.end_time.CopyFrom(server.robot_stamp(0.5))
+    command.velocity.extend([0.0] * len(position_rad))
+    parts = (command.position, command.load, command.gains.k_q_p, command.gains.k_qd_p)
+    for field, values in zip(parts, (position_rad, load_nm, kp, kd), strict=True):
+        field.extend(values.tolist())
+    command.user_command_key = key
+    return request
+
+
+@contextlib.contextmanager
+def held(server: Server, resource: str = "body") -> Iterator[lease_pb2.Lease]:
+    """The lease for as long as the block runs; somebody else's is never taken.
+
+    Raises:
+        OpenError: Somebody holds it.
+    """
+    answer = server.ask("lease", "AcquireLease", resource=resource)
+    if answer.status != answer.STATUS_OK:
+        raise OpenError(f"the lease is not to be had: {status_of(answer)}")
+    try:
+        yield answer.lease
+    finally:
+        with contextlib.suppress(*CALL_ERRORS):
+            server.ask("lease", "ReturnLease", lease=answer.lease)
+
+
+@contextlib.contextmanager
+def unpowered(server: Server) -> Iterator[lease_pb2.Lease]:
+    """The lease of a robot without power, by two witnesses: its state, and that it refuses a stop for want of power.
+
+    A stop moves no robot, whatever its power; so a robot whose state is wrong is sent nothing else.
+
+    Raises:
+        OpenError: The motors have power, or may have.
+    """
+    require_off(server)
+    with held(server) as lease:
+        seen = stop(server, lease)
+        if seen != "STATUS_NOT_POWERED_ON":
+            raise OpenError(f"the motors may have power: a stop was answered by {seen}")
+        yield lease
+
+
+def stop(server: Server, lease: lease_pb2.Lease) -> str:
+    """The answer to a stop."""
+    return status_of(send(server, lease, RobotCommandBuilder.stop_command()))
+
+
+def wait_for(ask: Callable[[], Made], is_done: Callable[[Made], bool], timeout_s: float) -> Made:
+    """Ask until the answer will do, or the time is over; returns the last answer."""
+    deadline_s = time.monotonic() + timeout_s
+    while not is_done(seen := ask()) and time.monotonic() < deadline_s:
+        time.sleep(POLL_S)
+    return seen
+
+
+def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
+    """Have the robot sit down and switch its motors off; where it does not, switch them off as they are.
+
+    Args:
+        server: The robot.
+        held_lease: The lease, if it is held already; otherwise it is acquired.
+
+    Returns:
+        What became of it, in words.
+    """
+
+    def has_none() -> bool:
+        with contextlib.suppress(*CALL_ERRORS):
+            return is_off(server.state())
+        return False
+
+    with contextlib.ExitStack() as stack:
+        lease = held_lease or lease_pb2.Lease()
+        if held_lease is None:
+            with contextlib.suppress(*CALL_ERRORS):
+                lease = stack.enter_context(held(server))
+        with contextlib.suppress(*CALL_ERRORS):
+            sent = send(server, lease, RobotCommandBuilder.safe_power_off_command())
+            if status_of(sent) == "STATUS_OK" and wait_for(has_none, bool, CONTROLLED_OFF_S):
+                return SAT_DOWN
+        with contextlib.suppress(*CALL_ERRORS):
+            answer = server.ask("power", "PowerCommand", lease=lease, request="REQUEST_OFF_MOTORS")
+            if wait_for(has_none, bool, CONTROLLED_OFF_S):
+                return "its motors were switched off"
+            return f"THEY STILL HAVE POWER ({enum_name(answer, 'status')}): press the robot's e-stop"
+    return "THEY STILL HAVE POWER: press the robot's e-stop"
