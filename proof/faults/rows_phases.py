@@ -12,6 +12,7 @@ from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, 
 from proof.faults.rows_robot import first_damping_ns
 from proof.faults.rows_state import drive_way
 from spot_runtime.config import RobotConfig
+from spot_runtime.control.modes import TAKE_HOLD_S
 
 Named = tuple[str, dict[str, float | str]]
 GAP: Named = ("state_gap", {})
@@ -28,7 +29,7 @@ DAMPED = ("state_stale", "state_not_finite", "clock_jumped", "state_rejected", "
 ASKED_MS = 1e3 / RobotConfig().slow_state_rate_hz
 """Battery, temperatures and faults are asked for so often: how long it takes until they are known depends on luck."""
 
-EARLY_S = 0.05
+EARLY_S = TAKE_HOLD_S + 0.1
 """Robot time after joint control began at which whatever is asked for so often becomes known before the ramp's end."""
 
 BACK_S = 1.45

