@@ -97,8 +97,8 @@ COUNTS = {
     ],
 )
 def test_so_many_windows_in_a_row_are_a_stop_and_one_less_is_none(detail: str, enough: int) -> None:
-    assert list(check._stops(COUNTS[detail](enough - 1))) == []
-    (stop,) = check._stops(COUNTS[detail](enough))
+    assert list(check._doubts(COUNTS[detail](enough - 1))) == []
+    (stop,) = check._doubts(COUNTS[detail](enough))
     assert stop.detail == ("the body's velocity, y" if detail == "still" else detail)
     assert stop.values == {}
 
@@ -117,9 +117,9 @@ AMOUNTS = {
 )
 def test_an_amount_at_its_bound_is_no_stop(name: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bounds, name, value)
-    assert list(check._stops(AMOUNTS[name])) == []
+    assert list(check._doubts(AMOUNTS[name])) == []
     monkeypatch.setattr(bounds, name, below(value))
-    (stop,) = check._stops(AMOUNTS[name])
+    (stop,) = check._doubts(AMOUNTS[name])
     assert value in stop.values.values()
 
 
@@ -131,21 +131,21 @@ def test_feet_that_slide_for_half_the_time_make_a_long_travel_a_contradiction(
     touching_s: float, sliding_s: float, is_doubted: bool
 ) -> None:
     memory = SignalMemory(ground=ground.GroundMemory(touching_s, sliding_s, travel_m=2.0 * bounds.TRAVEL_M))
-    (stop,) = check._stops(memory)
+    (stop,) = check._doubts(memory)
     assert (stop.reason.name == "SIGNAL_DOUBTED") is is_doubted
 
 
 def test_the_sum_of_windows_with_wrong_loads_begins_anew_after_a_right_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load, "disagreeing", lambda *_: ONE)
     memory = SignalMemory(commands=(numbered(1),), load_windows=np.full(12, 2))
-    memory, _ = check_signals(memory, [ROBOT.state(i) for i in range(7)], is_standing=False, is_driven=True)
+    memory, _ = check_signals(memory, [ROBOT.state(i) for i in range(7)], DRIVEN)
     assert memory.load_windows.tolist() == [0, 0, 0, 3, *[0] * 8]
 
 
 @pytest.mark.parametrize(("load_nm", "felt_s"), [(ZERO, 0.0), (5.0 * ONE, 0.018)])
 def test_one_load_that_is_reported_is_held_against_what_was_asked(load_nm: np.ndarray, felt_s: float) -> None:
     states = [replace(ROBOT.state(i), load_nm=load_nm, last_command_key=1) for i in range(7)]
-    memory, _ = check_signals(SignalMemory(commands=(numbered(1),)), states, is_standing=False, is_driven=True)
+    memory, _ = check_signals(SignalMemory(commands=(numbered(1),)), states, DRIVEN)
     assert memory.answer.felt_s == pytest.approx(felt_s, abs=1e-6)
 
 
@@ -154,9 +154,9 @@ def test_one_load_that_is_reported_is_held_against_what_was_asked(load_nm: np.nd
 
 def test_a_window_is_full_after_18_ms_and_the_next_begins_with_its_last_state() -> None:
     states = [ROBOT.state(i) for i in range(7)]
-    memory, _ = check_signals(SignalMemory(), states[:6], is_standing=False, is_driven=False)
+    memory, _ = check_signals(SignalMemory(), states[:6], IDLE)
     assert memory.states == tuple(states[:6])
-    memory, _ = check_signals(memory, states[6:], is_standing=False, is_driven=False)
+    memory, _ = check_signals(memory, states[6:], IDLE)
     assert memory.states == (states[6],)
 
 
@@ -176,7 +176,7 @@ def test_a_load_may_answer_the_newest_commands_that_were_confirmed_and_all_later
     monkeypatch.setattr(load, "disagreeing", disagreeing)
     for key in (4, 2):
         states = [replace(ROBOT.state(i), last_command_key=key) for i in range(7)]
-        check_signals(memory, states, is_standing=False, is_driven=True)
+        check_signals(memory, states, DRIVEN)
     assert answered == [[2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6]]
     memory = SignalMemory()
     for key in range(1, 10):
@@ -187,9 +187,9 @@ def test_a_load_may_answer_the_newest_commands_that_were_confirmed_and_all_later
 def test_loads_are_held_against_commands_only_while_those_drive_the_joints() -> None:
     wrong = [replace(ROBOT.state(i), load_nm=np.full(12, 300.0)) for i in range(7)]
     memory = check.asked(SignalMemory(load_windows=2 + 0 * still.NO_COUNTS[:12]), numbered(1))
-    driven, _ = check_signals(memory, wrong, is_standing=False, is_driven=True)
+    driven, _ = check_signals(memory, wrong, DRIVEN)
     assert set(driven.load_windows) == {3}
-    idle, _ = check_signals(memory, wrong, is_standing=False, is_driven=False)
+    idle, _ = check_signals(memory, wrong, IDLE)
     assert set(idle.load_windows) == {0}
 
 
@@ -426,7 +426,7 @@ def test_a_robot_at_rest_with_coarse_sensors_is_not_stopped(
             foot_contact=np.ones(4, dtype=np.bool_),
             imu=(),
         )
-        memory, stops = check.check_signals(memory, [state], is_standing=True, is_driven=False)
+        memory, stops = check.check_signals(memory, [state], STANDING)
         assert stops == ()
 
 
