@@ -336,9 +336,7 @@ def test_an_inertial_unit_that_falls_silent_is_doubted_at_any_rate_of_states() -
 def test_feet_of_which_none_stands_contradict_the_bodys_velocity() -> None:
     for share, expected in ((1.0, 1), (0.9 * bounds.FOOT_SHARE, 0)):
         of_late = ground.GroundMemory(bounds.FOOT_MEMORY_S, share * bounds.FOOT_MEMORY_S, has_touched=True)
-        memory, doubts = check.check_signals(
-            check.SignalMemory(ground=of_late), walking()[:8], IDLE
-        )
+        memory, doubts = check.check_signals(check.SignalMemory(ground=of_late), walking()[:8], IDLE)
         assert len(doubts) == expected
         for _, stop in doubts:
             assert stop.reason is StopReason.SIGNALS_CONTRADICT
