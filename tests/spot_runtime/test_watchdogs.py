@@ -48,7 +48,7 @@ class Dogs:
 
     def __init__(self, robot: Any, sink: SickSink, config: RunConfig = CONFIG) -> None:
         self.robot, self.sink, self.config = robot, sink, config
-        self.memory, self.told = WatchMemory(), frozenset[EventName]()
+        self.memory, self.told = WatchMemory(), frozenset[tuple[EventName, str]]()
 
     @property
     def newest(self) -> RobotState | None:
@@ -111,7 +111,8 @@ def look(
 ) -> list[Stop]:
     dogs.robot.now_ns = now_ns
     since_ns = now_ns if mode_since_ns is None else mode_since_ns
-    return dogs.look(Phase(mode, since_ns, now_ns if control_since_ns is None else control_since_ns), now_ns)
+    control_since_ns = now_ns if control_since_ns is None else control_since_ns
+    return dogs.look(Phase(mode, since_ns, control_since_ns=control_since_ns), now_ns)
 
 
 def test_a_time_sync_that_fails_for_long_is_told_of_once(dogs: Dogs, sink: SickSink, robot: Any) -> None:
@@ -222,7 +223,7 @@ def test_a_stale_state_tells_whose_doing_it_is(
     dogs: Dogs, make_state: MakeState, cpu_wait_s: float | None, words: str
 ) -> None:
     dogs.screen([make_state(START_NS)], START_NS)
-    (stop,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS), START_NS + 50 * MS, cpu_wait_s)
+    (stop,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS, START_NS), START_NS + 50 * MS, cpu_wait_s)
     assert stop.reason is StopReason.STATE_STALE
     assert stop.detail.startswith(words)
     assert bool(stop.detail) == bool(words)
@@ -282,6 +283,16 @@ def test_modes_that_must_end(dogs: Dogs, mode: Mode, reason: StopReason | None, 
     stops = look(dogs, mode, START_NS + 3 * S + MS, mode_since_ns=START_NS)
     values = {"waited_s": 3.001, "bound_s": 3.0}
     assert stops == ([] if reason is None else [Stop(reason, detail, values)])
+
+
+def test_a_robot_that_confirmed_joint_control_late_may_be_taken_hold_of(dogs: Dogs, robot: Any) -> None:
+    for held_since_ns, is_late in ((0, True), (START_NS + 2900 * MS, False)):
+        robot.now_ns = START_NS + 3200 * MS
+        stops = dogs.look(Phase(Mode.ACTIVATING, START_NS, held_since_ns), robot.now_ns)
+        assert [stop.reason for stop in stops] == [StopReason.ACTIVATION_FAILED] * is_late
+    # Once it is handed back, the robot must answer that.
+    (stop,) = dogs.look(Phase(Mode.STANDING, START_NS, START_NS), robot.now_ns)
+    assert stop.reason is StopReason.HAND_BACK_FAILED
 
 
 def test_the_log_is_asked_twice_a_second(dogs: Dogs, sink: SickSink) -> None:
