@@ -31,7 +31,7 @@ class Stance(NamedTuple):
     sideways: float
     """Sum of the forces along the ground, of which a robot at rest has none."""
     pressing: float
-    """Largest force along the ground on a foot, as a share of the upward one, of feet that carry enough to tell."""
+    """Largest force along the ground on a foot beyond what friction holds."""
     twist_m: float
     """Height of the feet of one diagonal over those of the other, both feet added; 0 where the four lie in a plane."""
 
@@ -42,7 +42,7 @@ class Stance(NamedTuple):
             bounds.CARRIED_LEAST <= self.carried <= bounds.CARRIED_MOST
             and self.pulled <= bounds.PULL_SHARE
             and self.sideways <= bounds.NET_SIDEWAYS_SHARE
-            and self.pressing <= bounds.SIDEWAYS_SHARE
+            and self.pressing <= bounds.FOOT_ERROR_SHARE
             and abs(self.twist_m) <= bounds.TWIST_M
         )
 
@@ -59,13 +59,12 @@ def stance_of(position_rad: Array, load_nm: Array, up: Array) -> Stance:
     forces_n = ground_forces_n(position_rad, load_nm)
     carried_n = forces_n @ up
     along_n = forces_n - np.outer(carried_n, up)
-    tells = carried_n > bounds.FOOT_LEAST_SHARE * bounds.WEIGHT_N
-    pressing = np.linalg.norm(along_n[tells], axis=1) / carried_n[tells]
+    pressing_n = np.linalg.norm(along_n, axis=1) - bounds.SIDEWAYS_SHARE * np.maximum(carried_n, 0.0)
     return Stance(
         float(carried_n.sum()) / bounds.WEIGHT_N,
         -float(carried_n.min()) / bounds.WEIGHT_N,
         float(np.linalg.norm(along_n.sum(axis=0))) / bounds.WEIGHT_N,
-        float(pressing.max(initial=0.0)),
+        float(pressing_n.max()) / bounds.WEIGHT_N,
         twist_m,
     )
 
