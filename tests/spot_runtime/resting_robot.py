@@ -25,9 +25,16 @@ class Stand(NamedTuple):
 
 
 def drawn_stand(
-    rng: np.random.Generator, *, slope_rad: float = 0.0, payload_kg: float = 0.0, step_m: float = 0.0
+    rng: np.random.Generator,
+    *,
+    slope_rad: float = 0.0,
+    payload_kg: float = 0.0,
+    step_m: float = 0.0,
+    spread_m: float = 0.0,
 ) -> Stand:
     """Feet near below the hips in a plane parallel to the body, which may slope; one foot may be higher by a step.
+
+    ``spread_m`` is how far outside of the hips the feet stand.
 
     The ground's forces balance weight and moments; feet press against each other with part of their friction, of 0.8.
     """
@@ -37,6 +44,7 @@ def drawn_stand(
         heading = rng.uniform(0.0, 2.0 * np.pi)
         up = np.array([*(np.sin(slope_rad) * np.array([np.cos(heading), np.sin(heading)])), np.cos(slope_rad)])
         feet_m = hips_m + rng.uniform(-0.05, 0.05, (facts.N_LEGS, 3))
+        feet_m[:, 1] += spread_m * np.sign(hips_m[:, 1])
         feet_m[:, 2] = -rng.uniform(0.42, 0.55)
         feet_m[rng.integers(facts.N_LEGS), 2] += step_m
         forces_n = _forces_n(rng, feet_m, weight_n * up)
