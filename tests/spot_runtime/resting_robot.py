@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array
+from spot_model.robot.state import Array, ImuPacket, RobotState
 from spot_runtime.control.safety.signals.legs import foot_jacobians
+from tests.spot_runtime.conftest import START_NS
 
 GRAVITY_M_S2 = 9.81
+_NOWHERE, _ALL_FEET = np.zeros(3), np.ones(facts.N_LEGS, dtype=np.bool_)
 
 
 class Stand(NamedTuple):
@@ -122,3 +127,95 @@ def _about(axis: int, angle_rad: float) -> Array:
     turn[b, a] = np.sin(angle_rad)
     turn[a, b] = -turn[b, a]
     return turn
+
+
+# Sensors and estimators ----------------------------------------------------------------------------------------------
+
+PERIOD_S = 1e-9 * facts.STATE_PERIOD_NS
+CHUNK_S = 30.0
+
+
+@dataclass
+class QuietRobot:
+    """A robot that stands and sways a little, with sensors and estimators drawn from what such hardware does.
+
+    All of its signals fit together but for noise, steps and biases: positions are integrals of velocities, loads carry
+    the body of a drawn stand, attitude and turn rate belong together.
+    """
+
+    seed: int
+
+    def __post_init__(self) -> None:
+        """Draw the robot."""
+        self.rng = np.random.default_rng(self.seed)
+        self.stand = drawn_stand(self.rng, payload_kg=self.rng.uniform(0.0, 10.0))
+        drawn = self._log_uniform
+        self.steps = drawn(1e-5, 2e-3), drawn(1e-4, 0.1), drawn(0.005, 3.0)
+        """Of position (rad), velocity (rad/s) and load (N·m)."""
+        self.noise = drawn(1e-6, 1e-3), drawn(1e-4, 0.1), drawn(0.01, 2.0)
+        self.sway_rad, self.sway_s = drawn(1e-4, 0.01), drawn(0.3, 3.0)
+        self.velocity_bias_m_s, self.turn_bias_rad_s = self.rng.normal(0.0, 0.04, 3), self.rng.normal(0.0, 0.02, 3)
+        self.body_noise = drawn(1e-5, 0.05), drawn(1e-5, 0.05), drawn(1e-6, 0.003)
+        """Of the body's velocity (m/s), its turn rate (rad/s) and its attitude (rad)."""
+        self.force_noise_m_s2 = drawn(0.01, 0.6)
+        self.holds_at_rest = bool(self.rng.random() < 0.3)
+        """Whether its estimator reports a robot at rest without any motion."""
+
+    def _log_uniform(self, least: float, largest: float) -> float:
+        return float(np.exp(self.rng.uniform(np.log(least), np.log(largest))))
+
+    def states(self, seconds: float) -> Iterator[RobotState]:
+        """States of so long a time, one each 3 ms."""
+        count = round(CHUNK_S / PERIOD_S)
+        for begin in range(0, round(seconds / PERIOD_S), count):
+            yield from self._chunk(begin, min(count, round(seconds / PERIOD_S) - begin))
+
+    def _chunk(self, begin: int, count: int) -> Iterator[RobotState]:
+        """Each begins and ends in the middle of the sway, at rest, so that they join."""
+        normal = self.rng.standard_normal
+        rest = np.minimum(1.0, np.minimum(np.arange(count), np.arange(count)[::-1])[:, np.newaxis] * PERIOD_S)
+        sway = rest * self._wander((count, 12), self.sway_rad, self.sway_s)
+        rate = np.gradient(sway, PERIOD_S, axis=0)
+        position, velocity, load = (
+            np.round((true + size * normal((count, 12))) / step) * step
+            for true, size, step in zip(
+                (self.stand.position_rad + sway, rate, self.stand.load_nm + 20.0 * sway),
+                self.noise,
+                self.steps,
+                strict=True,
+            )
+        )
+        lean = rest * self._wander((count, 3), 0.005, 5.0)
+        turn = np.gradient(lean, PERIOD_S, axis=0)
+        speed_noise, turn_noise, lean_noise = self.body_noise
+        half = 0.5 * (lean + lean_noise * normal((count, 3)))
+        linear = self.velocity_bias_m_s + speed_noise * normal((count, 3))
+        angular = turn + self.turn_bias_rad_s + turn_noise * normal((count, 3))
+        if self.holds_at_rest:
+            half, linear, angular = 0.0 * half, 0.0 * linear, 0.0 * angular
+        attitude = np.column_stack([np.sqrt(1.0 - (half * half).sum(axis=1)), half])
+        force = np.array([0.2, -0.1, GRAVITY_M_S2 + 0.2]) + self.force_noise_m_s2 * normal((count, 3))
+        for i in range(count):
+            stamp_ns = START_NS + (begin + i) * facts.STATE_PERIOD_NS
+            yield RobotState(
+                robot_stamp_ns=stamp_ns,
+                host_stamp_ns=stamp_ns,
+                position_rad=position[i],
+                velocity_rad_s=velocity[i],
+                load_nm=load[i],
+                position_of_body_in_odom_m=_NOWHERE,
+                odom_from_body_wxyz=attitude[i],
+                linear_vel_of_body_in_odom_m_s=linear[i],
+                angular_vel_of_body_in_odom_rad_s=angular[i],
+                foot_contact=_ALL_FEET,
+                last_command_key=begin + i,
+                last_command_robot_stamp_ns=stamp_ns,
+                imu=(ImuPacket(stamp_ns, force[i], turn[i], attitude[i]),),
+            )
+
+    def _wander(self, shape: tuple[int, int], size: float, time_s: float) -> Array:
+        """Smooth motion about zero: noise through two first-order lags."""
+        fade = np.exp(-PERIOD_S / time_s)
+        wander = lfilter([1.0], [1.0, -fade], self.rng.standard_normal(shape), axis=0) * size * np.sqrt(1.0 - fade**2)
+        smooth: Array = lfilter([0.05], [1.0, -0.95], wander, axis=0)
+        return smooth
