@@ -118,7 +118,8 @@ def test_joints_that_are_not_where_they_are_reported_are_refused_by_name(name: s
     told = [facts.JOINT_NAMES.index(part.split(" ", 1)[0]) for part in stop.detail.split("; ")]
     assert told
     assert set(told) <= set(joints), stop.detail
-    assert looks_like in stop.detail
+    # What an exchange looks like is known once both joints have answered.
+    assert looks_like in stop.detail or ("exchanged" in looks_like and len(told) == 1)
 
 
 def test_only_while_joint_control_takes_hold_is_a_held_pose_judged() -> None:

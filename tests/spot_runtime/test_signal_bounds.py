@@ -603,6 +603,24 @@ def test_a_robot_that_turns_may_disagree_by_a_share_of_its_turn_rate() -> None:
         assert imu.after_window(imu.ImuMemory(), turning).turn_rate_windows == counted_windows
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_newest_packet_may_be_a_tenth_of_a_second_from_the_joints(side: int) -> None:
+    before = imu.ImuMemory(stamp_windows=3)
+    now_ns = window().last.robot_stamp_ns
+    for apart_ns, count in ((100_000_000, 0), (100_000_001, 4), (199_190_000_000, 4)):
+        packets = (packet(), packet(robot_stamp_ns=now_ns + side * apart_ns))
+        after = imu.after_window(before, window(imu=packets))
+        assert after.stamp_windows == count
+        assert after.stamp_error_s == pytest.approx(side * apart_ns / 1e9)
+
+
+def test_stamps_of_another_clock_are_told_with_their_error() -> None:
+    (doubt,) = check._doubts(SignalMemory(imu=imu.ImuMemory(stamp_windows=bounds.IMU_WINDOWS, stamp_error_s=199.19)))
+    assert doubt.stop.detail == "stamps of the inertial unit and of the joints"
+    assert doubt.stop.values == {"apart_s": 199.19, "bound_s": 0.1}
+    assert not list(check._doubts(SignalMemory(imu=imu.ImuMemory(stamp_windows=bounds.IMU_WINDOWS - 1))))
+
+
 def test_packets_of_a_window_are_averaged() -> None:
     pair = (packet(angular_vel_of_link_in_link_rad_s=np.array([0.0, 3.0, 0.0])), packet())
     assert imu.after_window(imu.ImuMemory(), window(imu=pair)).turn_rate_windows == 1
