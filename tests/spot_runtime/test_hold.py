@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.state import Array, Gains, JointCommand, RobotState
 from spot_runtime.control.modes import TAKE_HOLD_S
@@ -17,6 +19,7 @@ from spot_runtime.control.safety.signals.readers import Signal
 from spot_runtime.control.set_point import hold_setpoint, taking_hold
 from spot_runtime.stops import Stop, StopReason
 from tests.spot_runtime.resting_robot import Stand, drawn_stand
+from tests.spot_runtime.test_loop import drive, make_loop, modes_of
 from tests.spot_runtime.walking_robot import WalkingRobot
 
 ZERO = np.zeros(12)
@@ -120,6 +123,26 @@ def test_joints_that_are_not_where_they_are_reported_are_refused_by_name(name: s
     assert set(told) <= set(joints), stop.detail
     # What an exchange looks like is known once both joints have answered.
     assert looks_like in stop.detail or ("exchanged" in looks_like and len(told) == 1)
+
+
+def test_a_robot_with_such_a_joint_is_handed_back_before_the_policy_has_it(robot: Any, zero_policy: Policy) -> None:
+    """Its knee is 0.3 rad from where it is reported, and its servo knows."""
+
+    def answering(state: RobotState) -> list[RobotState]:
+        if not robot.sent:
+            return [state]
+        sent = robot.sent[-1]
+        apart_rad = sent.position_rad - state.position_rad - np.where(np.arange(12) == 5, 0.3, 0.0)
+        return [replace(state, load_nm=sent.gains.kp_nm_per_rad * apart_rad + sent.load_nm)]
+
+    robot.mutate = answering
+    loop, sink = make_loop(robot, zero_policy)
+    drive(loop)
+    assert loop.stop is not None
+    assert loop.stop.reason is StopReason.POSITION_REFUSED
+    assert loop.stop.detail.startswith("fr_kn reports -1.50 rad")
+    assert modes_of(sink) == ["activating", "standing"]
+    assert max(command.gains.kp_nm_per_rad[5] for command in robot.sent) < 0.5 * Gains.stand().kp_nm_per_rad[5]
 
 
 def test_only_while_joint_control_takes_hold_is_a_held_pose_judged() -> None:
