@@ -47,7 +47,7 @@ def test_what_legs_would_have_been_asked_with_the_set_points_of_others() -> None
 
 def test_sums_fade_and_add_up() -> None:
     before = AnswerMemory(
-        0.3, *(np.full(12, n) for n in (1.0, 2.0, 3.0, 0.5)), *(np.full((4, 4), n) for n in (4.0, 5.0))
+        0.3, *(np.full(12, n) for n in (1.0, 2.0, 3.0, 0.5, 6.0)), *(np.full((4, 4), n) for n in (4.0, 5.0))
     )
     before = before._replace(wrong_windows=np.full(12, 3), anothers_windows=np.full(4, 2))
     seen = window(load_nm=np.full(12, 5.0), velocity_rad_s=np.full(12, -1.0))
@@ -59,6 +59,7 @@ def test_sums_fade_and_add_up() -> None:
     np.testing.assert_allclose(after.asked_load, 2.0 * fade + asked * 5.0 * time)
     np.testing.assert_allclose(after.load_load, 3.0 * fade + 25.0 * time)
     np.testing.assert_allclose(after.unasked, 0.5 * fade + (5.0 - asked) * time)
+    np.testing.assert_allclose(after.given_given, 6.0 * fade + asked**2 * time)
     # Between the first leg and any other lie 1, 2 and 4 N·m: 21 N²·m² together; between the others, nothing.
     squares = np.zeros((4, 4))
     squares[0, 1:] = squares[1:, 0] = 21.0
@@ -100,19 +101,45 @@ def test_a_mean_load_may_lie_beside_what_is_asked_by_ten_and_two_fifths_of_it(as
     allowed = (10.0 + 0.4 * asked_nm) * felt_s
     for share, is_wrong in ((1.0 - 1e-9, False), (1.0 + 1e-9, True)):
         unasked = side * share * allowed * legs(0.0, 1.0, 0.0, 0.0)
-        found = _is_wrong(AnswerMemory(felt_s, np.full(12, square), np.full(12, square), unasked=unasked))
+        sums = AnswerMemory(felt_s, np.full(12, 9.0 * square), np.full(12, 9.0 * square))
+        found = _is_wrong(sums._replace(unasked=unasked, given_given=np.full(12, square)))
         assert found.tolist() == [False] * 3 + [is_wrong] * 3 + [False] * 6
 
 
-def test_a_load_that_is_not_measured_is_taken_for_the_one_that_was_asked() -> None:
-    measured = np.arange(12) != 5
-    after = after_window(AnswerMemory(), window(load_nm=np.full(12, -70.0)), command(1, np.full(12, 2.0)), measured)
+def test_a_load_that_is_not_measured_is_taken_for_the_one_that_the_motor_could_give() -> None:
+    measured = np.arange(12) % 6 < 3
     asked = np.tile([20.0, 40.0, 80.0], 4)
-    load_nm = np.where(measured, -70.0, asked)
+    most = load.motor_torque_nm(ZERO)
+    assert most[2] < 80.0
+    after = after_window(AnswerMemory(), window(load_nm=np.full(12, -70.0)), command(1, np.full(12, 2.0)), measured)
+    given = np.minimum(asked, most)
+    load_nm = np.where(measured, -70.0, given)
     np.testing.assert_allclose(after.asked_load, asked * load_nm * 0.018)
-    np.testing.assert_allclose(after.unasked, (load_nm - asked) * 0.018)
+    np.testing.assert_allclose(after.unasked, (load_nm - given) * 0.018)
+    np.testing.assert_allclose(after.given_given, given**2 * 0.018)
     np.testing.assert_allclose(after.load_load, load_nm**2 * 0.018)
     np.testing.assert_allclose(after.missed[1, 0], ((load_nm - asked)[3:6] ** 2).sum() * 0.018)
+    back = after_window(AnswerMemory(), window(load_nm=-most), command(1, np.full(12, -20.0)), ALL)
+    np.testing.assert_allclose(back.unasked, 0.0, atol=1e-12)
+
+
+def test_a_motor_gives_what_its_kind_can_and_a_knee_what_its_lever_lets_it() -> None:
+    position = np.tile([0.0, 0.0, -2.0], 4)
+    most = load.motor_torque_nm(position).reshape(4, 3)
+    assert set(most[:, :2].ravel()) == {facts.HIP_TORQUE_LIMIT_NM}
+    bent, straight = (load.motor_torque_nm(np.full(12, angle_rad))[2] for angle_rad in (-1.6, -2.7))
+    assert bent > 1.5 * straight
+
+
+@pytest.mark.parametrize("name", ["low", "high"])
+def test_a_joint_within_its_bound_of_a_stop_may_lie_on_it(name: str) -> None:
+    stops = facts.POSITION_LOW_RAD if name == "low" else facts.POSITION_HIGH_RAD
+    inside = 1.0 if name == "low" else -1.0
+    assert load.at_stop(stops + inside * 0.999 * bounds.STOP_RAD).all()
+    assert not load.at_stop(stops + inside * 1.001 * bounds.STOP_RAD).any()
+    only = np.array(facts.DEFAULT_POSITION_RAD)
+    only[4] = stops[4]
+    assert load.at_stop(only).tolist() == [joint == 4 for joint in range(12)]
 
 
 @pytest.mark.parametrize(

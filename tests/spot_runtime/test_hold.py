@@ -117,7 +117,8 @@ def test_joints_that_are_not_where_they_are_reported_are_refused_by_name(name: s
     assert found is not None
     after_s, stop = found
     assert stop.reason is StopReason.POSITION_REFUSED
-    assert after_s < 0.3
+    # A joint that is said to lie beyond its stop is not judged here, and its neighbour is once it is held more stiffly.
+    assert after_s < (0.45 if "knee exchanged" in name else 0.3)
     told = [facts.JOINT_NAMES.index(part.split(" ", 1)[0]) for part in stop.detail.split("; ")]
     assert told
     assert set(told) <= set(joints), stop.detail
