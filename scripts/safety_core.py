@@ -13,6 +13,8 @@ _SIGNALS = (
     "tests/spot_runtime/test_signals.py",
 )
 _ANSWERS = "tests/spot_runtime/test_answers.py"
+_HOLD = "tests/spot_runtime/test_hold.py"
+_STANCE = "tests/spot_runtime/test_stance.py"
 
 TESTS_OF = {
     **{
@@ -29,7 +31,11 @@ TESTS_OF = {
         for name in ("ground", "imu", "legs", "motion", "still", "weight", "window")
     },
     "spot_runtime/control/safety/signals/answer.py": (_ANSWERS,),
-    **{f"spot_runtime/control/safety/signals/{name}.py": (*_SIGNALS, _ANSWERS) for name in ("check", "load")},
+    "spot_runtime/control/safety/signals/hold.py": (_HOLD,),
+    "spot_runtime/control/safety/signals/readers.py": ("tests/spot_runtime/test_readers.py",),
+    "spot_runtime/control/safety/signals/stance.py": (_STANCE,),
+    "spot_runtime/control/safety/signals/check.py": (*_SIGNALS, _ANSWERS, _HOLD, _STANCE),
+    "spot_runtime/control/safety/signals/load.py": (*_SIGNALS, _ANSWERS),
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),
     "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py", _SIGNAL_BOUNDS),

@@ -56,7 +56,7 @@ def taking_hold(hold: Setpoint, held_s: float) -> Setpoint:
     """
     if not hold.load_nm.any():
         return hold
-    share = FIRST_STIFFNESS ** max(0.0, 1.0 - held_s / TAKE_HOLD_S)
+    share = FIRST_STIFFNESS ** min(1.0, max(0.0, 1.0 - held_s / TAKE_HOLD_S))
     return hold._replace(gains=Gains(share * hold.gains.kp_nm_per_rad, hold.gains.kd_nm_s_per_rad))
 
 

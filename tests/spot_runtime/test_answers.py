@@ -12,11 +12,14 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.control.safety.signals import bounds, check, load
 from spot_runtime.control.safety.signals.answer import AnswerMemory, _apart, _is_anothers, _is_wrong, after_window
+from spot_runtime.control.safety.signals.readers import Signal
 from spot_runtime.stops import StopReason
 from tests.spot_runtime.test_signal_memories import window
 from tests.spot_runtime.walking_robot import WalkingRobot
 
 ZERO = np.zeros(12)
+ALL = np.ones(12, dtype=np.bool_)
+IDLE, DRIVEN = check.Situation(), check.Situation(is_driven=True)
 GAINS = Gains(np.tile([10.0, 20.0, 40.0], 4), np.full(12, 2.0))
 
 
@@ -44,17 +47,19 @@ def test_what_legs_would_have_been_asked_with_the_set_points_of_others() -> None
 
 def test_sums_fade_and_add_up() -> None:
     before = AnswerMemory(
-        0.3, *(np.full(12, float(n)) for n in (1, 2, 3)), *(np.full((4, 4), float(n)) for n in (4, 5))
+        0.3, *(np.full(12, n) for n in (1.0, 2.0, 3.0, 0.5, 6.0)), *(np.full((4, 4), n) for n in (4.0, 5.0))
     )
     before = before._replace(wrong_windows=np.full(12, 3), anothers_windows=np.full(4, 2))
     seen = window(load_nm=np.full(12, 5.0), velocity_rad_s=np.full(12, -1.0))
-    after = after_window(before, seen, command(1, legs(0.1, 0.2, 0.2, 0.2)))
+    after = after_window(before, seen, command(1, legs(0.1, 0.2, 0.2, 0.2)), ALL)
     fade, time = 1.0 - 0.018 / 0.5, 0.018
     assert after.felt_s == pytest.approx(0.3 * fade + time)
     asked = np.array([1.0, 2.0, 4.0, *(2.0, 4.0, 8.0) * 3]) + 2.0
     np.testing.assert_allclose(after.asked_asked, 1.0 * fade + asked**2 * time)
     np.testing.assert_allclose(after.asked_load, 2.0 * fade + asked * 5.0 * time)
     np.testing.assert_allclose(after.load_load, 3.0 * fade + 25.0 * time)
+    np.testing.assert_allclose(after.unasked, 0.5 * fade + (5.0 - asked) * time)
+    np.testing.assert_allclose(after.given_given, 6.0 * fade + asked**2 * time)
     # Between the first leg and any other lie 1, 2 and 4 N·m: 21 N²·m² together; between the others, nothing.
     squares = np.zeros((4, 4))
     squares[0, 1:] = squares[1:, 0] = 21.0
@@ -64,7 +69,7 @@ def test_sums_fade_and_add_up() -> None:
     np.testing.assert_allclose(after.missed, 5.0 * fade + missed * time)
     assert not after.wrong_windows.any()
     assert not after.anothers_windows.any()
-    forgotten = after_window(before, seen._replace(duration_s=3.0), command())
+    forgotten = after_window(before, seen._replace(duration_s=3.0), command(), ALL)
     assert forgotten.felt_s == pytest.approx(3.0)
     np.testing.assert_allclose(forgotten.load_load, 75.0)
 
@@ -87,6 +92,54 @@ def test_a_load_may_lie_between_nothing_and_twice_what_is_asked(asked_nm: float,
         square = asked_nm**2 * felt_s
         found = _is_wrong(AnswerMemory(felt_s, np.full(12, square), legs(1.0, share, 1.0, 1.0) * square))
         assert found.tolist() == [False] * 3 + [is_wrong] * 3 + [False] * 6
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("asked_nm", [0.0, 20.0, 200.0])
+def test_a_mean_load_may_lie_beside_what_is_asked_by_ten_and_two_fifths_of_it(asked_nm: float, side: float) -> None:
+    felt_s, square = 0.4, asked_nm**2 * 0.4
+    allowed = (10.0 + 0.4 * asked_nm) * felt_s
+    for share, is_wrong in ((1.0 - 1e-9, False), (1.0 + 1e-9, True)):
+        unasked = side * share * allowed * legs(0.0, 1.0, 0.0, 0.0)
+        sums = AnswerMemory(felt_s, np.full(12, 9.0 * square), np.full(12, 9.0 * square))
+        found = _is_wrong(sums._replace(unasked=unasked, given_given=np.full(12, square)))
+        assert found.tolist() == [False] * 3 + [is_wrong] * 3 + [False] * 6
+
+
+def test_a_load_that_is_not_measured_is_taken_for_the_one_that_the_motor_could_give() -> None:
+    measured = np.arange(12) % 6 < 3
+    asked = np.tile([20.0, 40.0, 80.0], 4)
+    most = load.motor_torque_nm(ZERO)
+    assert most[2] < 80.0
+    after = after_window(AnswerMemory(), window(load_nm=np.full(12, -70.0)), command(1, np.full(12, 2.0)), measured)
+    given = np.minimum(asked, most)
+    load_nm = np.where(measured, -70.0, given)
+    np.testing.assert_allclose(after.asked_load, asked * load_nm * 0.018)
+    np.testing.assert_allclose(after.unasked, (load_nm - given) * 0.018)
+    np.testing.assert_allclose(after.given_given, given**2 * 0.018)
+    np.testing.assert_allclose(after.load_load, load_nm**2 * 0.018)
+    np.testing.assert_allclose(after.missed[1, 0], ((load_nm - asked)[3:6] ** 2).sum() * 0.018)
+    back = after_window(AnswerMemory(), window(load_nm=-most), command(1, np.full(12, -20.0)), ALL)
+    np.testing.assert_allclose(back.unasked, 0.0, atol=1e-12)
+
+
+def test_a_motor_gives_what_its_kind_can_and_a_knee_what_its_lever_lets_it() -> None:
+    position = np.tile([0.0, 0.0, -2.0], 4)
+    most = load.motor_torque_nm(position).reshape(4, 3)
+    assert set(most[:, :2].ravel()) == {facts.HIP_TORQUE_LIMIT_NM}
+    bent, straight = (load.motor_torque_nm(np.full(12, angle_rad))[2] for angle_rad in (-1.6, -2.7))
+    assert bent > 1.5 * straight
+
+
+@pytest.mark.parametrize("name", ["low", "high"])
+def test_a_joint_within_its_bound_of_a_stop_may_lie_on_it(name: str) -> None:
+    stops = facts.POSITION_LOW_RAD if name == "low" else facts.POSITION_HIGH_RAD
+    inside = 1.0 if name == "low" else -1.0
+    assert load.at_stop(stops + inside * 0.999 * bounds.STOP_RAD).all()
+    assert not load.at_stop(stops + inside * 1.001 * bounds.STOP_RAD).any()
+    only = np.array(facts.DEFAULT_POSITION_RAD)
+    only[4] = stops[4]
+    assert load.at_stop(only).tolist() == [joint == 4 for joint in range(12)]
 
 
 @pytest.mark.parametrize(
@@ -115,7 +168,7 @@ def answered(windows: int, sizes: np.ndarray, *, as_leg: int | None = None) -> A
         if as_leg is not None:
             load_nm[3 * as_leg : 3 * as_leg + 3] = load_nm[3:6]
         position_rad = legs(1.0, (-1.0) ** number, 1.0, 1.0)
-        memory = after_window(memory, window(load_nm=load_nm), command(1, position_rad))
+        memory = after_window(memory, window(load_nm=load_nm), command(1, position_rad), ALL)
     return memory
 
 
@@ -128,10 +181,10 @@ def test_windows_in_a_row_count_once_enough_is_felt() -> None:
         assert not turned.anothers_windows.any()
         assert not answered(windows, np.ones(12)).wrong_windows.any()
         assert answered(windows, np.ones(12), as_leg=3).anothers_windows.tolist() == [0, 0, 0, counted]
-    # The knee's products are -448 N²·m²·s by now, of squares of 448; 40 · 1000 · 0.018 = 720 more turn their sign.
-    once = np.tile([10.0, 20.0, 40.0], 4)
-    once[5] = 1000.0
-    after = after_window(turned, window(load_nm=once), command(1, legs(1.0, 1.0, 1.0, 1.0)))
+    # The knee's products are -448 N²·m²·s by now, of squares of 448; 120 · 250 · 0.018 = 540 more turn their sign.
+    once = np.tile([30.0, 60.0, 120.0], 4)
+    once[5] = 250.0
+    after = after_window(turned, window(load_nm=once), command(1, legs(3.0, 3.0, 3.0, 3.0)), ALL)
     assert not after.wrong_windows.any()
 
 
@@ -139,24 +192,27 @@ def test_nothing_counts_before_enough_is_felt_and_counts_are_whole_numbers(monke
     nothing = AnswerMemory()
     assert nothing.wrong_windows.dtype == nothing.anothers_windows.dtype == np.int64
     turned, stands = window(load_nm=np.full(12, -50.0)), command(1, np.full(12, 2.0))
-    felt_s = after_window(nothing, turned, stands).felt_s
+    felt_s = after_window(nothing, turned, stands, ALL).felt_s
     for least_s, counted in ((felt_s, 1), (np.nextafter(felt_s, 1.0), 0)):
         monkeypatch.setattr(bounds, "ANSWER_LEAST_S", least_s)
-        assert set(after_window(nothing, turned, stands).wrong_windows) == {counted}
+        assert set(after_window(nothing, turned, stands, ALL).wrong_windows) == {counted}
 
 
-def stops_after(count: int, **counts: Any) -> list[tuple[StopReason, str]]:
+def told_after(count: int, **counts: Any) -> list[str]:
     answer = AnswerMemory(**{name: which * count for name, which in counts.items()})
-    return [(stop.reason, stop.detail) for stop in check._stops(check.SignalMemory(answer=answer))]
+    doubts = list(check._doubts(check.SignalMemory(answer=answer)))
+    assert all(doubt.suspects == {Signal.LOAD, Signal.POSITION} for doubt in doubts)
+    assert all(doubt.stop.reason is StopReason.SIGNALS_CONTRADICT for doubt in doubts)
+    return [doubt.stop.detail for doubt in doubts]
 
 
-def test_so_many_windows_in_a_row_are_a_stop_and_one_less_is_none() -> None:
+def test_so_many_windows_in_a_row_are_a_doubt_and_one_less_is_none() -> None:
     knee, hind = (np.arange(12) == 5).astype(int), (np.arange(4) >= 2).astype(int)
-    assert stops_after(bounds.LOAD_WINDOWS - 1, wrong_windows=knee, anothers_windows=hind) == []
-    words = "load of fr_kn does not answer what is asked"
-    assert stops_after(bounds.LOAD_WINDOWS, wrong_windows=knee) == [(StopReason.SIGNAL_DOUBTED, words)]
+    assert told_after(bounds.LOAD_WINDOWS - 1, wrong_windows=knee, anothers_windows=hind) == []
+    words = "position of fr_kn and load, which does not answer what is asked"
+    assert told_after(bounds.LOAD_WINDOWS, wrong_windows=knee) == [words]
     words = "set-points of hl, hr and loads, which answer another leg's"
-    assert stops_after(bounds.LOAD_WINDOWS, anothers_windows=hind) == [(StopReason.SIGNALS_CONTRADICT, words)]
+    assert told_after(bounds.LOAD_WINDOWS, anothers_windows=hind) == [words]
 
 
 def test_the_newest_command_that_was_confirmed_is_answered_while_it_drives_the_joints() -> None:
@@ -165,19 +221,19 @@ def test_the_newest_command_that_was_confirmed_is_answered_while_it_drives_the_j
         memory = check.asked(memory, command(key, np.full(12, 0.1 * key)))
     states = [replace(WalkingRobot(noise=0.0).state(i), position_rad=ZERO, velocity_rad_s=ZERO) for i in range(7)]
 
-    def after(key: int, *, is_driven: bool = True, **changes: Any) -> AnswerMemory:
+    def after(key: int, situation: check.Situation = DRIVEN, **changes: Any) -> AnswerMemory:
         given = [replace(state, last_command_key=key, **changes) for state in states]
-        return check.check_signals(memory, given, is_standing=False, is_driven=is_driven)[0].answer
+        return check.check_signals(memory, given, situation)[0].answer
 
     for key, position_rad in ((3, 0.3), (4, 0.3), (5, 0.5), (9, 0.7)):
         assert after(key).asked_asked[0] == pytest.approx((10.0 * position_rad) ** 2 * 0.018)
         assert after(key).felt_s == pytest.approx(0.1 * (1.0 - 0.018 / 0.5) + 0.018)
-    for nothing in (after(2), after(7, is_driven=False), after(7, load_nm=ZERO)):
+    for nothing in (after(2), after(7, IDLE), after(7, load_nm=ZERO)):
         assert nothing.felt_s == 0.0
 
 
-def walked(change: Any) -> StopReason | None:
-    """The first stop of a robot whose loads answer what is asked, and whose states then change like this."""
+def walked(change: Any) -> str | None:
+    """What is told first of a robot whose loads answer what is asked, and whose states then change like this."""
     robot, memory, gains = WalkingRobot(), check.SignalMemory(), Gains.policy()
     for index in range(300):
         state = robot.state(index, key=index)
@@ -186,10 +242,9 @@ def walked(change: Any) -> StopReason | None:
             memory = check.asked(memory, JointCommand(index, wanted, ZERO, ZERO, gains, 1))
         load_nm = load.torque_nm(memory.commands[-1], state.position_rad, state.velocity_rad_s)
         state = change(replace(state, load_nm=load_nm))
-        memory, _ = check.check_signals(memory, [state], is_standing=False, is_driven=True)
-        found = list(check._stops(check.SignalMemory(answer=memory.answer)))
-        if found:
-            return found[0].reason
+        memory, _ = check.check_signals(memory, [state], DRIVEN)
+        for doubt in check._doubts(check.SignalMemory(answer=memory.answer)):
+            return doubt.stop.detail
     return None
 
 
@@ -198,13 +253,13 @@ def test_legs_taken_for_each_other_answer_each_others_set_points(pair: tuple[int
     order = np.arange(12).reshape(facts.N_LEGS, 3)
     order[list(pair)] = order[list(pair[::-1])]
     which, names = order.ravel(), ("position_rad", "velocity_rad_s", "load_nm")
-    exchanged = walked(lambda s: replace(s, **{name: getattr(s, name)[which] for name in names}))
-    assert exchanged is StopReason.SIGNALS_CONTRADICT
+    words = walked(lambda s: replace(s, **{name: getattr(s, name)[which] for name in names}))
+    assert words is not None
+    assert all(facts.LEG_NAMES[leg] in words for leg in pair)
 
 
-@pytest.mark.parametrize(
-    ("factor", "reason"),
-    [(1.0, None), (0.5, None), (-1.0, StopReason.SIGNAL_DOUBTED), (4.0, StopReason.SIGNAL_DOUBTED)],
-)
-def test_loads_of_another_size_are_not_taken_for_those_of_another_leg(factor: float, reason: StopReason | None) -> None:
-    assert walked(lambda s: replace(s, load_nm=factor * s.load_nm)) is reason
+@pytest.mark.parametrize(("factor", "is_wrong"), [(1.0, False), (0.65, False), (-1.0, True), (4.0, True)])
+def test_loads_of_another_size_are_not_taken_for_those_of_another_leg(factor: float, is_wrong: bool) -> None:
+    words = walked(lambda s: replace(s, load_nm=factor * s.load_nm))
+    assert (words is not None) == is_wrong
+    assert words is None or "which does not answer what is asked" in words

@@ -162,24 +162,83 @@ def test_a_robot_that_lies_on_its_back_is_not_asked_to_stand(
     assert not robot.sent or stands
 
 
-@pytest.mark.parametrize(
-    ("end", "outcome"), [(StopReason.COMPLETED, "tilt"), (StopReason.OPERATOR_ESTOP, "operator_estop")]
+LIES = np.array([0.0, 1.0, 0.0, 0.0])
+"""Upside down."""
+ENDS = (
+    *(StopReason.COMPLETED, StopReason.OPERATOR_STOP, StopReason.OPERATOR_DAMP, StopReason.OPERATOR_ESTOP),
+    *(StopReason.STATE_STALE, StopReason.LEASE_LOST, StopReason.SIGNALS_CONTRADICT, StopReason.POSITION_REFUSED),
+    *(StopReason.INTERNAL_ERROR, StopReason.BATTERY_LOW),
 )
-def test_a_robot_that_tips_over_as_it_sits_down_is_not_said_to_sit(end: StopReason, outcome: str) -> None:
-    robot = Troubled()
 
-    def tip() -> None:
-        robot.mutate = lambda state: [replace(state, odom_from_body_wxyz=np.array([0.0, 1.0, 0.0, 0.0]))]
 
-    robot.troubles = {("power_off", 1): tip}
+def session_after(robot: Troubled, end: ControlEnd) -> tuple[RobotSession, list[str]]:
     told: list[str] = []
     with StopSignals() as signals:
         session = RobotSession(signals, lambda _, text: told.append(text))
-        session.drive(lambda: robot, lambda _: ControlEnd(Stop(end), may_stand=False))
-    assert session.outcome.label == outcome
+        session.drive(lambda: robot, lambda _: end)
+    assert robot.calls[-2:] == ["power_off", "close"]
+    return session, told
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_robot_that_tips_over_as_it_sits_down_fell_whatever_came_first(end: StopReason) -> None:
+    robot = Troubled()
+
+    def tip() -> None:
+        robot.mutate = lambda state: [replace(state, odom_from_body_wxyz=LIES)]
+
+    robot.troubles = {("power_off", 1): tip}
+    stop = Stop(end)
+    session, told = session_after(robot, ControlEnd(stop, may_stand=False))
+    outcome = session.outcome
+    assert (outcome.label, outcome.exit_code, outcome.is_fault) == ("tilt", 26, True)
+    assert outcome.sentence == f"{stop.sentence()}; then the robot fell and lies at 180°; see to it"
     assert "the motors are off; the robot has tipped over: see to it" in told
     assert not any(text.startswith("the robot sits") for text in told)
-    assert robot.calls[-2:] == ["power_off", "close"]
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_robot_that_stays_upright_did_not_fall(end: StopReason) -> None:
+    session, told = session_after(Troubled(), ControlEnd(Stop(end), may_stand=False))
+    assert (session.outcome.label, session.outcome.exit_code) == (end.label, end.exit_code)
+    assert session.outcome.sentence == Stop(end).sentence()
+    assert "the robot sits and its motors are off" in told
+
+
+@pytest.mark.parametrize("end", [end for end in ENDS if end is not StopReason.COMPLETED])
+def test_a_body_that_tilted_too_far_after_something_else_decides_the_outcome(end: StopReason) -> None:
+    """Upright again, as one that was set on its feet since: the sentence still has both."""
+    fall = Stop(StopReason.TILT, "", {"tilt_rad": 1.2, "bound_rad": 0.785})
+    session, told = session_after(Troubled(), ControlEnd(Stop(end), may_stand=False, fall=fall))
+    outcome = session.outcome
+    assert (outcome.label, outcome.exit_code, outcome.is_fault) == ("tilt", 26, True)
+    assert outcome.sentence == f"{Stop(end).sentence()}; then {fall.sentence()}"
+    assert "the robot sits and its motors are off" in told
+
+
+def test_a_robot_whose_power_off_fails_is_looked_at_too() -> None:
+    robot = Troubled()
+
+    def fail() -> None:
+        robot.mutate = lambda state: [replace(state, odom_from_body_wxyz=LIES)]
+        raise MotionError("the motors do not stop")
+
+    robot.troubles = {("power_off", 1): fail}
+    session, told = session_after(robot, ControlEnd(Stop(StopReason.COMPLETED), may_stand=False))
+    assert session.outcome.exit_code == 26
+    assert "powering off failed" in session.outcome.sentence
+    assert session.outcome.sentence.endswith("; then the robot fell and lies at 180°; see to it")
+    assert not any("motors are off" in text for text in told)
+
+
+def test_a_robot_found_lying_at_the_start_is_not_said_to_have_fallen() -> None:
+    robot = Troubled(mutate=lambda state: [replace(state, odom_from_body_wxyz=LIES)])
+    session, told = session_after(robot, ControlEnd(Stop(StopReason.COMPLETED), may_stand=False))
+    assert session.outcome.label == "robot_fault"
+    assert session.outcome.exit_code != 26
+    assert "set the robot on its belly or feet" in session.outcome.sentence
+    assert "fell" not in session.outcome.sentence
+    assert "the motors are off; the robot has tipped over: see to it" in told
 
 
 def test_a_failure_of_what_is_told_of_shutting_down_keeps_no_power_on() -> None:

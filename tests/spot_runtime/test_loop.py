@@ -17,7 +17,8 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
-from spot_runtime.control.modes import Mode
+from spot_runtime.control.modes import TAKE_HOLD_S, Mode
+from spot_runtime.hal.base import JointControl
 from spot_runtime.sources.base import Wanted
 from spot_runtime.stops import Stop, StopReason
 from spot_tools.run.scripted import ScriptedSource
@@ -68,7 +69,7 @@ def test_a_good_run_from_stand_to_stand(robot: Any, zero_policy: Policy) -> None
     assert sink.events[-2].name == "mode"
 
 
-def test_the_first_set_point_is_the_measured_pose_with_the_stands_gains_and_the_measured_load(
+def test_the_first_set_point_is_the_measured_pose_held_softly_with_the_measured_load(
     robot: Any, zero_policy: Policy
 ) -> None:
     robot.activates = False
@@ -77,7 +78,48 @@ def test_the_first_set_point_is_the_measured_pose_with_the_stands_gains_and_the_
     first = robot.sent[0]
     np.testing.assert_allclose(first.position_rad, facts.DEFAULT_POSITION_RAD, atol=1e-5)
     np.testing.assert_allclose(first.load_nm, STAND_LOAD_NM)
-    np.testing.assert_array_equal(first.gains.kp_nm_per_rad, Gains.stand().kp_nm_per_rad)
+    np.testing.assert_allclose(first.gains.kp_nm_per_rad, 0.1 * Gains.stand().kp_nm_per_rad)
+    # Nothing becomes firmer before the robot confirms that these commands drive its joints.
+    for _ in range(50):
+        loop.cycle()
+    assert loop.mode is Mode.ACTIVATING
+    np.testing.assert_allclose(robot.sent[-1].gains.kp_nm_per_rad, 0.1 * Gains.stand().kp_nm_per_rad)
+
+
+def test_stiffness_rises_from_the_robots_confirmation_to_the_stands_within_the_time_of_taking_hold(
+    robot: Any, zero_policy: Policy
+) -> None:
+    robot.activates = False
+    loop, _ = make_loop(robot, zero_policy)
+    drive_until(loop, Mode.ACTIVATING)
+    for _ in range(20):
+        loop.cycle()
+    begin_ns, robot.control, first = robot.now_ns, JointControl.ACTIVE, len(robot.sent)
+    drive_until(loop, Mode.RAMPING_IN)
+    assert (robot.now_ns - begin_ns) / 1e9 == pytest.approx(TAKE_HOLD_S, abs=0.0061)
+    shares = np.array([command.gains.kp_nm_per_rad / Gains.stand().kp_nm_per_rad for command in robot.sent[first:]])
+    assert (np.diff(shares, axis=0) >= 0.0).all()
+    # A command is as stiff as at the policy's last tick: 20 ms of 400.
+    assert (shares[1:] / shares[:-1]).max() < 1.0 / 0.1**0.055
+    assert shares[-1].min() > 0.1**0.06
+
+
+def test_a_pose_that_is_not_held_firmly_yet_does_not_become_firmer_as_it_is_handed_back(
+    robot: Any, zero_policy: Policy
+) -> None:
+    loop, sink = make_loop(robot, zero_policy)
+    robot.takes_back = False
+    drive_until(loop, Mode.ACTIVATING)
+    for _ in range(60):
+        loop.cycle()
+    soft = robot.sent[-1].gains.kp_nm_per_rad
+    robot.waiting.append(Stop(StopReason.MOTOR_HOT))
+    drive_until(loop, Mode.STANDING)
+    for _ in range(30):
+        loop.cycle()
+    assert modes_of(sink) == ["activating", "standing"]
+    np.testing.assert_allclose(robot.sent[-1].gains.kp_nm_per_rad, soft, rtol=0.13)
+    assert (soft < 0.5 * Gains.stand().kp_nm_per_rad).all()
 
 
 def test_every_command_keeps_the_invariants(robot: Any, zero_policy: Policy) -> None:

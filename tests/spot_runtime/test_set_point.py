@@ -8,13 +8,14 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.state import Gains
 from spot_runtime.config import HandoverConfig
-from spot_runtime.control.modes import Mode
+from spot_runtime.control.modes import TAKE_HOLD_S, Mode
 from spot_runtime.control.set_point import (
     asked_setpoint,
     blend,
     hold_setpoint,
     hold_weight_out,
     policy_setpoint,
+    taking_hold,
     within_stops,
 )
 
@@ -37,10 +38,30 @@ def asked(mode: Mode, in_mode_s: float = 0.5, policy_rad: np.ndarray | None = PO
     )
 
 
-@pytest.mark.parametrize("mode", [Mode.ACTIVATING, Mode.STANDING])
-def test_without_the_policy_the_pose_is_held(mode: Mode) -> None:
-    assert asked(mode) is HOLD
-    assert asked(mode, policy_rad=None) is HOLD
+def test_without_the_policy_the_pose_is_held() -> None:
+    assert asked(Mode.STANDING) is HOLD
+    assert asked(Mode.STANDING, policy_rad=None) is HOLD
+
+
+@pytest.mark.parametrize(
+    ("held_share", "stiffness"), [(-1.0, 0.1), (0.0, 0.1), (0.5, 0.1**0.5), (1.0, 1.0), (3.0, 1.0)]
+)
+def test_a_pose_is_taken_hold_of_by_equal_factors_from_a_tenth_of_the_stiffness(
+    held_share: float, stiffness: float
+) -> None:
+    """Damping and the torque that carries the body are all there from the beginning."""
+    setpoint = asked(Mode.ACTIVATING, held_share * TAKE_HOLD_S, policy_rad=None)
+    np.testing.assert_allclose(setpoint.gains.kp_nm_per_rad, stiffness * HOLD.gains.kp_nm_per_rad)
+    assert setpoint.gains.kd_nm_s_per_rad is HOLD.gains.kd_nm_s_per_rad
+    assert setpoint.position_rad is HOLD.position_rad
+    assert setpoint.load_nm is HOLD.load_nm
+
+
+def test_a_pose_is_held_firmly_at_once_where_no_load_is_reported() -> None:
+    bare = hold_setpoint(POSE, np.zeros(12))
+    assert taking_hold(bare, 0.0) is bare
+    one = hold_setpoint(POSE, np.where(np.arange(12) == 7, 1e-3, 0.0))
+    assert taking_hold(one, 0.0) is not one
 
 
 @pytest.mark.parametrize("mode", [Mode.ACTIVE, Mode.SOFT_STOP])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from spot_model.robot import facts
 from spot_model.robot.state import ImuPacket, RobotState
 from spot_runtime.control.safety.signals import bounds, ground, imu, motion, weight
-from spot_runtime.control.safety.signals.legs import feet, foot_jacobians, ground_forces_n
+from spot_runtime.control.safety.signals.legs import feet, ground_forces_n
 from spot_runtime.control.safety.signals.window import Window, length, rotation_matrix, turned_rad, window_of
 from tests.spot_runtime.walking_robot import WalkingRobot
 
@@ -137,30 +137,97 @@ def test_a_turn_at_its_bound_does_not_count(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_what_feet_did_fades_and_adds_up() -> None:
-    before = ground.GroundMemory(0.4, 0.2, travel_m=0.3, airborne_s=0.1, has_touched=False)
-    fade = 1.0 - 0.018 / 0.5
-    slow = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([0.6, 0.0, 0.8])))
+    before = ground.GroundMemory(0.4, 0.2, 0.1, travel_m=0.3, slid_m=0.2, airborne_s=0.1, has_touched=False)
+    fade, travel_fade = 1.0 - 0.018 / 0.5, 1.0 - 0.018 * 0.4 / bounds.TRAVEL_M
+    slow = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([0.6, 0.0, 0.8])), None)
     assert slow.touching_s == pytest.approx(0.4 * fade + 0.018)
     assert slow.sliding_s == pytest.approx(0.2 * fade)
-    assert slow.travel_m == pytest.approx(0.3 + 1.0 * 0.018)
+    assert slow.unloaded_s == pytest.approx(0.1 * fade)
+    assert slow.travel_m == pytest.approx(0.3 * travel_fade + 1.0 * 0.018)
+    assert slow.slid_m == pytest.approx(0.2 * travel_fade + 1.0 * 0.018)
     assert slow.airborne_s == 0.0
     assert slow.has_touched
-    fast = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([1.2, 0.0, 0.0])))
+    fast = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([1.2, 0.0, 0.0])), None)
     assert fast.speed_m_s == pytest.approx(1.2)
     assert fast.sliding_s == pytest.approx(0.2 * fade + 0.018)
-    at_bound = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([1.0, 0.0, 0.0])))
+    at_bound = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([1.0, 0.0, 0.0])), None)
     assert at_bound.sliding_s == pytest.approx(0.2 * fade)
-    flying = ground.after_window(before, window(foot_contact=np.zeros(4, dtype=np.bool_)))
-    assert (flying.travel_m, flying.speed_m_s, flying.has_touched) == (0.0, 0.0, False)
+    flying = ground.after_window(before, window(foot_contact=np.zeros(4, dtype=np.bool_)), None)
+    assert (flying.travel_m, flying.slid_m, flying.speed_m_s, flying.has_touched) == (0.0, 0.0, 0.0, False)
     assert flying.airborne_s == pytest.approx(0.118)
-    forgotten = ground.after_window(before, window()._replace(duration_s=1.0))
-    assert (forgotten.touching_s, forgotten.sliding_s) == (1.0, 0.0)
+    forgotten = ground.after_window(before, window()._replace(duration_s=1.0), None)
+    assert (forgotten.touching_s, forgotten.sliding_s, forgotten.unloaded_s) == (1.0, 0.0, 0.0)
+    long = ground.after_window(before, window()._replace(duration_s=4.0), None)
+    assert (long.travel_m, long.slid_m) == (0.0, 0.0)
 
 
-def test_sliding_is_a_share_of_time_once_half_the_memory_is_filled() -> None:
+def test_shares_of_time_are_told_once_half_the_memory_is_filled() -> None:
     half = 0.5 * bounds.FOOT_MEMORY_S
-    assert ground.GroundMemory(half, 0.1).sliding_share == pytest.approx(0.1 / half)
-    assert ground.GroundMemory(0.999 * half, 0.1).sliding_share == 0.0
+    memory = ground.GroundMemory(half, 0.1, 0.05)
+    assert (memory.sliding_share, memory.unloaded_share) == pytest.approx((0.1 / half, 0.05 / half))
+    short = memory._replace(touching_s=0.999 * half)
+    assert (short.sliding_share, short.unloaded_share) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("share", "carries"), [(0.099, False), (0.101, True), (-0.3, False)])
+def test_a_foot_in_contact_that_carries_nothing_is_not_believed(share: float, carries: bool) -> None:
+    """One foot touches; the body moves too fast for a foot that stands."""
+    only = np.array([False, False, True, False])
+    seen = window(linear_vel_of_body_in_odom_m_s=np.array([1.2, 0.0, 0.0]), foot_contact=only)
+    seen = seen._replace(first=replace(seen.first, foot_contact=only))
+    carried_n = np.where(only, share, 0.5) * bounds.WEIGHT_N
+    after = ground.after_window(ground.GroundMemory(), seen, carried_n)
+    assert after.touching_s == pytest.approx(0.018)
+    assert (after.sliding_s, after.unloaded_s) == pytest.approx((0.018, 0.0) if carries else (0.0, 0.018))
+    assert after.speed_m_s == pytest.approx(1.2 if carries else 0.0)
+    # Where loads tell nothing, contacts are believed.
+    assert ground.after_window(ground.GroundMemory(), seen, None).sliding_s == pytest.approx(0.018)
+
+
+def test_the_foot_that_carries_exactly_a_tenth_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bounds, "WEIGHT_N", 300.0)
+    monkeypatch.setattr(bounds, "FOOT_LEAST_SHARE", 0.125)
+    for carried_n, unloaded_s in ((37.5, 0.018), (np.nextafter(37.5, 99.0), 0.0)):
+        after = ground.after_window(ground.GroundMemory(), window(), np.full(4, carried_n))
+        assert after.unloaded_s == pytest.approx(unloaded_s)
+
+
+@pytest.mark.parametrize("is_touching", [True, False])
+def test_the_path_of_the_slowest_foot_counts_whether_it_is_in_contact_or_not(is_touching: bool) -> None:
+    """The body moves ahead over one foot that stands, while the other legs swing; contacts may say anything."""
+    position, rates = np.array(facts.DEFAULT_POSITION_RAD), np.tile([0.0, -2.0, 0.0], 4)
+    rates[9:] = [0.0, 2.0, 0.0]
+    still_foot = legs_of(position, rates)
+    seen = window(position_rad=position, velocity_rad_s=rates, linear_vel_of_body_in_odom_m_s=-still_foot)
+    contact = (np.arange(4) == 3) == is_touching
+    states = (replace(state, foot_contact=contact) for state in (seen.first, seen.last))
+    seen = seen._replace(**dict(zip(("first", "last"), states, strict=True)), contact_changed=False)
+    after = ground.after_window(ground.GroundMemory(), seen, None)
+    assert after.travel_m == pytest.approx(0.018 * np.linalg.norm(still_foot))
+    assert after.slid_m == pytest.approx(0.0, abs=1e-9)
+    assert (after.speed_m_s < 1e-6) == is_touching
+    changed = ground.after_window(ground.GroundMemory(), seen._replace(contact_changed=True), None)
+    assert (changed.slid_m, changed.travel_m) == (0.0, 0.0)
+
+
+def legs_of(position_rad: np.ndarray, velocity_rad_s: np.ndarray) -> np.ndarray:
+    """How the sole of the last leg moves relative to the body: as its foot's centre does, and by its rolling."""
+    moving = feet(position_rad, velocity_rad_s)
+    rolling = facts.FOOT_RADIUS_M * np.cross(moving.turn_rate_rad_s[3], [0.0, 0.0, 1.0])
+    return moving.velocity_m_s[3] - rolling
+
+
+def test_the_noise_of_a_velocity_near_zero_does_not_add_up_in_an_hour_and_a_travel_does() -> None:
+    """Noise and an offset that sum up to 0.4 m/s for ever; at a little more, four time constants are enough."""
+    rest = window()
+    for speed_m_s, minutes, is_found in ((0.399, 5.0, False), (0.6, 0.25, True)):
+        memory = ground.GroundMemory()
+        moving = rest._replace(last=replace(rest.last, linear_vel_of_body_in_odom_m_s=np.array([0.0, speed_m_s, 0.0])))
+        most_m = 0.0
+        for _ in range(round(minutes * 60.0 / 0.018)):
+            memory = ground.after_window(memory, moving, None)
+            most_m = max(most_m, memory.travel_m)
+        assert (most_m > bounds.TRAVEL_M) == is_found
 
 
 def test_what_the_inertial_unit_felt_fades_and_adds_up() -> None:
@@ -239,24 +306,18 @@ def carrying(shares: list[float]) -> np.ndarray:
     return np.array(loads)
 
 
-def standing(shares: list[float]) -> Window:
-    return window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=carrying(shares))
-
-
 def test_what_legs_carry_fades_and_adds_up() -> None:
     before = weight.WeightMemory(np.array([10.0, 20.0, 30.0, 40.0]), 3.0, 0.9)
-    seen = standing([0.1, 0.2, 0.3, 0.4])
-    after = weight.after_window(before, seen)
+    seen, carried_n = window(), np.array([0.1, 0.2, 0.3, 0.4]) * WEIGHT_N
+    after = weight.after_window(before, seen, carried_n)
     fade = 1.0 - 0.018 / 1.0
     pushed = np.array([10.0, 20.0, 30.0, 40.0]) * fade + np.array([0.1, 0.2, 0.3, 0.4]) * WEIGHT_N * 0.018
     np.testing.assert_allclose(after.pushed_n_s, pushed, rtol=1e-4)
     assert after.gained_n_s == pytest.approx(3.0 * fade)
     assert after.felt_s == pytest.approx(0.9 * fade + 0.018)
-    assert after.has_loads
-    rising = weight.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([5.0, 5.0, 0.2]), load_nm=ZERO))
+    rising = weight.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([5.0, 5.0, 0.2])), carried_n)
     assert rising.gained_n_s == pytest.approx(3.0 * fade + 31.60 * 0.2, rel=1e-3)
-    assert not rising.has_loads
-    assert weight.after_window(before, seen._replace(duration_s=2.0)).felt_s == pytest.approx(2.0)
+    assert weight.after_window(before, seen._replace(duration_s=2.0), carried_n).felt_s == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(
@@ -276,17 +337,16 @@ def test_what_legs_carry_fades_and_adds_up() -> None:
     ],
 )
 def test_loads_that_do_not_carry_the_robot(shares: list[float], gained_n_s: float, is_wrong: bool) -> None:
-    memory = weight.WeightMemory(np.array(shares) * bounds.WEIGHT_N, gained_n_s, 1.0, has_loads=True)
+    memory = weight.WeightMemory(np.array(shares) * bounds.WEIGHT_N, gained_n_s, 1.0)
     assert memory.is_wrong == is_wrong
-    assert not memory._replace(has_loads=False).is_wrong
-    short = weight.WeightMemory(0.75 * np.array(shares) * bounds.WEIGHT_N, 0.75 * gained_n_s, 0.75, has_loads=True)
+    short = weight.WeightMemory(0.75 * np.array(shares) * bounds.WEIGHT_N, 0.75 * gained_n_s, 0.75)
     assert short.is_wrong == is_wrong
     assert not short._replace(felt_s=0.749).is_wrong
     np.testing.assert_allclose(short.legs_share, shares)
 
 
 def test_a_share_at_its_bound_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    memory = weight.WeightMemory(np.array([0.3, 0.4, 0.5, -0.1]) * WEIGHT_N, 0.0, 1.0, has_loads=True)
+    memory = weight.WeightMemory(np.array([0.3, 0.4, 0.5, -0.1]) * WEIGHT_N, 0.0, 1.0)
     legs_share = memory.legs_share
     for name, value, towards in (
         ("PULL_SHARE", -float(legs_share[3]), 0.0),
@@ -300,53 +360,14 @@ def test_a_share_at_its_bound_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
             assert memory.is_wrong
 
 
-def test_one_load_tells_that_loads_are_reported_and_all_fades_within_the_memory(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_legs_carry_fades_within_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bounds, "WEIGHT_MEMORY_S", 2.0)
-    after = weight.after_window(weight.WeightMemory(felt_s=1.0), window(load_nm=1.0 * (np.arange(12) == 0)))
-    assert after.has_loads
+    after = weight.after_window(weight.WeightMemory(felt_s=1.0), window(), np.zeros(4))
     assert after.felt_s == pytest.approx(1.0 - 0.009 + 0.018)
 
 
-def pressing(forces_n: list[list[float]]) -> Window:
-    """A robot that stands, whose loads balance these forces of the ground on its feet."""
-    _, jacobians = foot_jacobians(facts.DEFAULT_POSITION_RAD)
-    loads = -np.einsum("lij,li->lj", jacobians, np.array(forces_n)).ravel()
-    return window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=loads)
-
-
-QUARTER_N = 0.25 * WEIGHT_N
-
-
-@pytest.mark.parametrize(
-    ("foot", "is_wrong"),
-    [
-        ([0.0, 0.0, QUARTER_N], False),
-        ([0.99 * QUARTER_N, 0.0, QUARTER_N], False),
-        ([1.01 * QUARTER_N, 0.0, QUARTER_N], True),
-        ([0.0, -1.01 * QUARTER_N, QUARTER_N], True),
-        ([0.72 * QUARTER_N, 0.72 * QUARTER_N, QUARTER_N], True),
-        ([1.1 * 0.099 * WEIGHT_N, 0.0, 0.099 * WEIGHT_N], False),
-        ([1.1 * 0.101 * WEIGHT_N, 0.0, 0.101 * WEIGHT_N], True),
-    ],
-)
-def test_the_feet_of_a_robot_that_stands_press_down(foot: list[float], is_wrong: bool) -> None:
-    others = [[0.0, 0.0, QUARTER_N]] * 3
-    assert weight.is_burden_wrong(pressing([foot, *others])) is is_wrong
-    assert weight.is_burden_wrong(pressing([*others, foot])) is is_wrong
-
-
-def test_loads_of_a_robot_that_stands_carry_it_unless_none_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    standing_ = pressing([[0.0, 0.0, QUARTER_N]] * 4)
-    turned = np.where(np.arange(12) == 0, 0.0, -standing_.last.load_nm)
-    assert weight.is_burden_wrong(window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=turned)) is True
-    assert weight.is_burden_wrong(window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=ZERO)) is False
-    forces = ground_forces_n(standing_.last.position_rad, standing_.last.load_nm)
-    share = float((forces @ standing_.odom_from_body[2]).sum()) / bounds.WEIGHT_N
-    for name, towards in (("CARRIED_LEAST", 9.0), ("CARRIED_MOST", 0.0)):
-        with monkeypatch.context() as patch:
-            patch.setattr(bounds, name, share)
-            assert not weight.is_burden_wrong(standing_)
-            patch.setattr(bounds, name, float(np.nextafter(share, towards)))
-            assert weight.is_burden_wrong(standing_)
+def test_forces_on_the_feet_are_those_that_the_loads_balance() -> None:
+    """Worked out a second way, by finite differences of where the feet are."""
+    shares = [0.1, 0.2, 0.3, 0.4]
+    upward_n = ground_forces_n(facts.DEFAULT_POSITION_RAD, carrying(shares))[:, 2]
+    np.testing.assert_allclose(upward_n, np.array(shares) * WEIGHT_N, rtol=1e-4)

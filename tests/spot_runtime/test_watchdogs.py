@@ -54,7 +54,7 @@ class Dogs:
 
     def __init__(self, robot: Any, sink: SickSink, config: RunConfig = CONFIG) -> None:
         self.robot, self.sink, self.config = robot, sink, config
-        self.memory, self.told = WatchMemory(), frozenset[EventName]()
+        self.memory, self.told = WatchMemory(), frozenset[tuple[EventName, str]]()
 
     @property
     def newest(self) -> RobotState | None:
@@ -238,9 +238,14 @@ def test_a_stale_state_tells_whose_doing_it_is(
     dogs: Dogs, make_state: MakeState, pause: Pause, reason: StopReason, words: str
 ) -> None:
     dogs.screen([make_state(START_NS)], START_NS)
+<<<<<<< HEAD
     (found,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS), START_NS + 50 * MS)
     stop = with_own_doing(found, pause)
     assert (stop.reason, stop.values) == (reason, found.values)
+=======
+    (stop,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS, START_NS), START_NS + 50 * MS, cpu_wait_s)
+    assert stop.reason is StopReason.STATE_STALE
+>>>>>>> w-core
     assert stop.detail.startswith(words)
     assert bool(stop.detail) == bool(words)
     assert ("link" in stop.sentence()) == (reason is StopReason.STATE_STALE)
@@ -345,6 +350,16 @@ def test_modes_that_must_end(dogs: Dogs, mode: Mode, reason: StopReason | None, 
     stops = look(dogs, mode, START_NS + 3 * S + MS, mode_since_ns=START_NS)
     values = {"waited_s": 3.001, "bound_s": 3.0}
     assert stops == ([] if reason is None else [Stop(reason, detail, values)])
+
+
+def test_a_robot_that_confirmed_joint_control_late_may_be_taken_hold_of(dogs: Dogs, robot: Any) -> None:
+    for held_since_ns, is_late in ((0, True), (START_NS + 2900 * MS, False)):
+        robot.now_ns = START_NS + 3200 * MS
+        stops = dogs.look(Phase(Mode.ACTIVATING, START_NS, held_since_ns), robot.now_ns)
+        assert [stop.reason for stop in stops] == [StopReason.ACTIVATION_FAILED] * is_late
+    # Once it is handed back, the robot must answer that.
+    (stop,) = dogs.look(Phase(Mode.STANDING, START_NS, START_NS), robot.now_ns)
+    assert stop.reason is StopReason.HAND_BACK_FAILED
 
 
 def test_the_log_is_asked_twice_a_second(dogs: Dogs, sink: SickSink) -> None:

@@ -136,7 +136,8 @@ def _look_at_log(health: SinkHealth, config: RunConfig, notes: Notes) -> tuple[S
 def _waited_too_long(memory: WatchMemory, phase: Phase, robot_ns: int, config: RunConfig) -> tuple[Stop, ...]:
     answer, bound_s = _ANSWERS.get(phase.mode), config.handover.activation_timeout_s
     waited_s = (robot_ns - phase.since_ns) / NS_PER_S
-    if answer is None or waited_s <= bound_s:
+    has_answered = phase.mode is Mode.ACTIVATING and phase.held_since_ns > 0
+    if answer is None or has_answered or waited_s <= bound_s:
         return ()
     if phase.mode is Mode.READY:
         stale = check_age(memory.states, robot_ns, config.safety)

@@ -232,6 +232,10 @@ SIDEWAYS_SHARE: Final = 1.0
 concrete (OpenStax, College Physics, table 5.1), and a robot may press its feet apart with all of it. On the vendor's
 steepest slope, 30°, a share of 0.58 is its own weight's. Legs taken for others may seem to press harder."""
 
+FOOT_ERROR_SHARE: Final = 0.15
+"""Of the weight: loads that are off by 5 N·m seem to push a foot along the ground by 23 N and upward by 36 N, 0.19
+together in the worst case; friction beyond 0.8 is rare, which leaves a fifth of what a foot carries, 0.04."""
+
 NET_SIDEWAYS_SHARE: Final = 0.35
 """Sum of the forces along the ground, as a share of the weight. A robot at rest has none; loads that are off by 5 N·m
 in the same way at four hips half a metre above the ground make 0.13, gains that differ by 20 % between front and hind

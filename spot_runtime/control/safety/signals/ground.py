@@ -24,6 +24,8 @@ class GroundMemory(NamedTuple):
     travel_m: float = 0.0
     """Path of the body since a foot last touched down or lifted off, while any touches. It fades, so that the noise of
     a velocity near zero does not add up."""
+    slid_m: float = 0.0
+    """Path meanwhile of whichever of the four feet moved least over the ground, in contact or not; it fades alike."""
     airborne_s: float = 0.0
     """Time without any foot in contact."""
     has_touched: bool = False
@@ -54,6 +56,13 @@ def after_window(memory: GroundMemory, window: Window, carried_n: Array | None) 
     is_same = is_touching and not window.contact_changed
     fade = max(0.0, 1.0 - window.duration_s / bounds.TRAVEL_MEMORY_S)
     travel = memory.travel_m * fade + speed * window.duration_s if is_same else 0.0
+    soles = sole_speeds_m_s(
+        feet(state.position_rad, state.velocity_rad_s),
+        velocity_m_s=velocity,
+        turn_rate_rad_s=body_from_odom @ state.angular_vel_of_body_in_odom_rad_s,
+        up=body_from_odom[:, 2],
+    )
+    slid = memory.slid_m * fade + float(soles.min()) * window.duration_s if is_same else 0.0
     airborne = 0.0 if is_touching else memory.airborne_s + window.duration_s
     fade = max(0.0, 1.0 - window.duration_s / bounds.FOOT_MEMORY_S)
     touching, sliding, unloaded = memory.touching_s * fade, memory.sliding_s * fade, memory.unloaded_s * fade
@@ -66,13 +75,7 @@ def after_window(memory: GroundMemory, window: Window, carried_n: Array | None) 
             contacts = contacts & (carried_n > bounds.FOOT_LEAST_SHARE * bounds.WEIGHT_N)
             unloaded += 0.0 if contacts.any() else window.duration_s
     if contacts.any():
-        soles = sole_speeds_m_s(
-            feet(state.position_rad, state.velocity_rad_s),
-            velocity_m_s=velocity,
-            turn_rate_rad_s=body_from_odom @ state.angular_vel_of_body_in_odom_rad_s,
-            up=body_from_odom[:, 2],
-        )
         slowest = float(soles[contacts].min())
         if slowest > bounds.FOOT_SPEED_M_S + bounds.FOOT_SPEED_SHARE * speed:
             sliding += window.duration_s
-    return GroundMemory(touching, sliding, unloaded, travel, airborne, memory.has_touched or is_touching, slowest)
+    return GroundMemory(touching, sliding, unloaded, travel, slid, airborne, memory.has_touched or is_touching, slowest)

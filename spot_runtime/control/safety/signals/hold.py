@@ -61,13 +61,12 @@ def words(memory: HoldMemory) -> str:
     said, answers = memory.said_rad, memory.answers_rad
 
     def looks_like(joint: int) -> str:
-        error = abs(answers[joint] - said[joint])
-        if abs(answers[joint] + said[joint]) < _ALIKE * error:
-            return ", as if mirrored"
-        for other in wrong:
-            if other != joint and abs(answers[joint] - said[other]) < _ALIKE * error:
-                return f", as if exchanged with {facts.JOINT_NAMES[other]}"
-        return ""
+        angles_rad = {", as if mirrored": -said[joint]}
+        for other in wrong[wrong != joint]:
+            angles_rad[f", as if exchanged with {facts.JOINT_NAMES[other]}"] = said[other]
+        alike = min(angles_rad, key=lambda name: abs(answers[joint] - angles_rad[name]))
+        is_alike = abs(answers[joint] - angles_rad[alike]) < _ALIKE * abs(answers[joint] - said[joint])
+        return alike if is_alike else ""
 
     return "; ".join(
         f"{facts.JOINT_NAMES[joint]} reports {said[joint]:+.2f} rad and answers as at about {answers[joint]:+.2f}"

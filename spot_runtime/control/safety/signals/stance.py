@@ -26,10 +26,12 @@ class Stance(NamedTuple):
 
     carried: float
     """Upward force on all feet."""
+    pulled: float
+    """Largest downward force on a foot; negative where the ground pushes each of them up."""
     sideways: float
     """Sum of the forces along the ground, of which a robot at rest has none."""
     pressing: float
-    """Largest force along the ground on a foot, as a share of the upward one, of feet that carry enough to tell."""
+    """Largest force along the ground on a foot beyond what friction holds."""
     twist_m: float
     """Height of the feet of one diagonal over those of the other, both feet added; 0 where the four lie in a plane."""
 
@@ -38,8 +40,9 @@ class Stance(NamedTuple):
         """Whether a robot can stand so."""
         return (
             bounds.CARRIED_LEAST <= self.carried <= bounds.CARRIED_MOST
+            and self.pulled <= bounds.PULL_SHARE
             and self.sideways <= bounds.NET_SIDEWAYS_SHARE
-            and self.pressing <= bounds.SIDEWAYS_SHARE
+            and self.pressing <= bounds.FOOT_ERROR_SHARE
             and abs(self.twist_m) <= bounds.TWIST_M
         )
 
@@ -52,16 +55,16 @@ def stance_of(position_rad: Array, load_nm: Array, up: Array) -> Stance:
     feet_m, _ = foot_jacobians(position_rad)
     twist_m = float(_DIAGONALS @ (feet_m @ up))
     if not load_nm.any():
-        return Stance(1.0, 0.0, 0.0, twist_m)
+        return Stance(1.0, -0.25, 0.0, 0.0, twist_m)
     forces_n = ground_forces_n(position_rad, load_nm)
     carried_n = forces_n @ up
     along_n = forces_n - np.outer(carried_n, up)
-    tells = carried_n > bounds.FOOT_LEAST_SHARE * bounds.WEIGHT_N
-    pressing = np.linalg.norm(along_n[tells], axis=1) / carried_n[tells]
+    pressing_n = np.linalg.norm(along_n, axis=1) - bounds.SIDEWAYS_SHARE * np.maximum(carried_n, 0.0)
     return Stance(
         float(carried_n.sum()) / bounds.WEIGHT_N,
+        -float(carried_n.min()) / bounds.WEIGHT_N,
         float(np.linalg.norm(along_n.sum(axis=0))) / bounds.WEIGHT_N,
-        float(pressing.max(initial=0.0)),
+        float(pressing_n.max()) / bounds.WEIGHT_N,
         twist_m,
     )
 
