@@ -164,6 +164,12 @@ def test_power_that_nobody_asked_for_is_taken_away_and_told(start: Start) -> Non
     assert last == power_pb2.PowerCommandRequest.REQUEST_OFF_MOTORS
 
 
+def test_a_power_command_that_was_never_given_is_no_success(planted: PlantedServer, certificates: Any) -> None:
+    planted.plant(ERRORS["power_feedback_of_nothing_succeeds"])
+    (result,) = run_checks(log_in(planted, certificates), Needs.MOTION, ("power_feedback_of_nothing",))
+    assert (result.verdict, result.seen) == (Verdict.FAIL, "STATUS_SUCCESS")
+
+
 @pytest.mark.slow
 def test_a_suite_that_is_ended_in_its_motion_powers_the_robot_off_first(start: Start, certificates: Any) -> None:
     server, planted = start(BRISK)
