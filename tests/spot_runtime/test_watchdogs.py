@@ -238,14 +238,9 @@ def test_a_stale_state_tells_whose_doing_it_is(
     dogs: Dogs, make_state: MakeState, pause: Pause, reason: StopReason, words: str
 ) -> None:
     dogs.screen([make_state(START_NS)], START_NS)
-<<<<<<< HEAD
-    (found,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS), START_NS + 50 * MS)
+    (found,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS, START_NS), START_NS + 50 * MS)
     stop = with_own_doing(found, pause)
     assert (stop.reason, stop.values) == (reason, found.values)
-=======
-    (stop,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS, START_NS), START_NS + 50 * MS, cpu_wait_s)
-    assert stop.reason is StopReason.STATE_STALE
->>>>>>> w-core
     assert stop.detail.startswith(words)
     assert bool(stop.detail) == bool(words)
     assert ("link" in stop.sentence()) == (reason is StopReason.STATE_STALE)
