@@ -1,18 +1,21 @@
 """``python -m fake_robot``: the same as ``spot-rl fake-robot``, also where the console script is not installed."""
 
-from __future__ import annotations
-
-import sys
-
-import typer
-
-from fake_robot.start.commands import app
-from spot_model.errors import SpotRlError
-from spot_model.io.command_line import error_line, exit_code_of
+from spot_model.__main__ import leave_out_current_folder
 
 
 def main() -> None:
     """Run the command with the process's own arguments."""
+    leave_out_current_folder()
+    import sys
+
+    import typer
+
+    from fake_robot.start.commands import app
+    from spot_model.errors import SpotRlError
+    from spot_model.io.command_line import error_line, exit_code_of
+    from spot_model.io.inherited import set_right
+
+    set_right()
     try:
         typer.main.get_command(app).main(args=sys.argv[1:], prog_name="python -m fake_robot")
     except (SpotRlError, OSError) as error:

@@ -18,6 +18,7 @@ import typer
 
 from proof.claims import CLAIMS, Bound, Claim, Ratio
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.child_process import module_command
 from spot_model.io.progress import Progress
 from spot_model.io.signals import exit_on_termination
 from spot_model.version import software_revision
@@ -125,9 +126,10 @@ def run_script(script: str) -> dict[str, Any]:
         ScriptError: It fails, or prints something else.
     """
     words = shlex.split(script)
-    own = ["-m", "spot_model", *words[1:]] if words[0] == "spot-rl" else [str(SCRIPTS / words[0]), *words[1:]]
+    own = [sys.executable, str(SCRIPTS / words[0]), *words[1:]]
+    command = module_command("spot_model", *words[1:]) if words[0] == "spot-rl" else own
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(Path.cwd()), os.environ.get("PYTHONPATH", "")))}
-    done = subprocess.run([sys.executable, *own], capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
     try:
         if done.returncode == 0:
             told: dict[str, Any] = json.loads(done.stdout)

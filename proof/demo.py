@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +14,7 @@ from spot_log import read_run
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.child_process import module_command
 from spot_model.io.signals import run_in_foreground
 from spot_model.io.velocity_sequence import forward_sequence, save_sequence
 from spot_model.policy.policy import load_policy
@@ -66,7 +66,7 @@ def demo(
 def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more: list[str]) -> None:
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", str(sequence)]
     words += ["--log-dir", str(folder), "--label", "purpose=demo", *more]
-    command = [sys.executable, "-m", "spot_model", *words]
+    command = module_command("spot_model", *words)
     code, is_interrupted = run_in_foreground(command, {**os.environ, **address.environment})
     if is_interrupted:
         raise KeyboardInterrupt

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -16,7 +15,7 @@ import typer
 
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import ChildProcess
+from spot_model.io.child_process import ChildProcess, module_command
 from spot_model.io.signals import exit_on_termination
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
@@ -127,7 +126,7 @@ def run_once(
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", sequence]
     words += ["--config", str(config)]
     words += ["--duration", str(seconds), "--log-dir", str(folder), "--summary-json", str(summary)]
-    command = [sys.executable, "-m", "spot_model", *words]
+    command = module_command("spot_model", *words)
     environment = {**os.environ, **address.environment}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)  # noqa: S603
     if done.returncode != 0 or not summary.is_file():

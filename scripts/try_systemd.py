@@ -95,7 +95,7 @@ class Container:
 
     def control_process(self) -> int:
         """The process that controls the robot, as numbered out here."""
-        return next(p for p in self.processes() if b"operator.run_child" in _command_line(p))
+        return next(p for p in self.processes() if b"operator.run.run_child" in _command_line(p))
 
     def processes(self) -> list[int]:
         """All processes of the installed program, as numbered out here."""

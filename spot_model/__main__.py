@@ -1,11 +1,27 @@
 """The console script ``spot-rl``, and ``python -m spot_model``: nothing is imported before Ctrl-C is answered."""
 
+import os
 import sys
+
+
+def leave_out_current_folder() -> None:
+    """Find no module in the current folder, which ``python -m`` puts first, unless this package lies there."""
+    is_by_module = sys.orig_argv[len(sys.orig_argv) - len(sys.argv) - 1] == "-m"
+    if is_by_module and not getattr(sys.flags, "safe_path", False):  # a flag that Python has from 3.11 on
+        root = __file__.rpartition(f"{os.sep}spot_model{os.sep}")[0]
+        if sys.path[0] not in (root, os.path.realpath(root)):
+            del sys.path[0]
 
 
 def main() -> None:
     """Run ``spot-rl`` with the process's own arguments."""
     try:
+        from spot_model.io.inherited import set_right
+
+        set_right()
+        if sys.flags.optimize > 1:
+            sys.stderr.write("spot-rl: error: the vendor's SDK fails with PYTHONOPTIMIZE=2 (-OO); unset it\n")
+            raise SystemExit(2)
         from spot_model.io.command_line import main as run
     except KeyboardInterrupt:
         print("spot-rl: interrupted", file=sys.stderr)  # noqa: T201 - typer is not there yet
@@ -14,4 +30,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    leave_out_current_folder()
     main()

@@ -9,6 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
+from spot_model.io.child_process import without_secrets
+
 REVISION_VARIABLE: Final = "SPOT_RL_REVISION"
 UNKNOWN: Final = "unknown"
 GIT_TIMEOUT_S: Final = 5.0
@@ -45,5 +47,8 @@ def _checked_out(folder: Path) -> str:
 
 def _git(*arguments: str, folder: Path) -> str:
     words = ["git", "--no-optional-locks", *arguments]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True, timeout=GIT_TIMEOUT_S)  # noqa: S603
+    environment = without_secrets(os.environ)
+    done = subprocess.run(  # noqa: S603 - our own words
+        words, cwd=folder, env=environment, capture_output=True, text=True, check=True, timeout=GIT_TIMEOUT_S
+    )
     return done.stdout.strip()

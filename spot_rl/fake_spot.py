@@ -17,6 +17,7 @@ from typing_extensions import Self
 from fake_robot.scenario.scenario import load_scenario, scenario_from_data
 from fake_robot.start.process import FakeProcess
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.child_process import module_command, without_secrets
 from spot_rl.paths import AnyPath, to_path
 from spot_rl.simulation import model_of, policy_file
 
@@ -68,7 +69,10 @@ class FakeSpot:
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-")))
             # Effects of one's own are found where the script finds them.
-            environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+            environment = {
+                **without_secrets(os.environ),
+                "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+            }
             process = stack.enter_context(
                 FakeProcess(scenario=self._scenario, is_lock_step=self.is_lock_step, environment=environment)
             )
@@ -133,7 +137,7 @@ class FakeSpot:
         words += ["--log-dir", str(folder)]
         words += [w for key, value in (labels or {}).items() for w in ("--label", f"{key}={value}")]
         told = subprocess.run(  # noqa: S603 - our own command line
-            [sys.executable, "-m", "spot_model", *words],
+            module_command("spot_model", *words),
             env={**os.environ, **self.environment},
             capture_output=True,
             text=True,

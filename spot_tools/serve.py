@@ -12,7 +12,7 @@ import typer
 from spot_log.live.process import LiveProcess
 from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
-from spot_model.io.signals import answered, exit_on_termination
+from spot_model.io.signals import STOP_SIGNALS, answered, exit_on_termination
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.host.console import Console
@@ -76,7 +76,13 @@ def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> N
     tell = tell_by(Journal.if_heard(), console)
     supervisor = Supervisor(robot, config, manager=manager, tell=tell, lock_step=lock_step)
     ends: list[int] = []
-    with answered(ends.append, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+
+    def end(number: int) -> None:
+        if number == signal.SIGQUIT:
+            supervisor.estop()
+        ends.append(number)
+
+    with answered(end, *STOP_SIGNALS):
         server = OperatorServer(supervisor, config)
         try:
             supervisor.begin()

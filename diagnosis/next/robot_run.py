@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Final
 
 from spot_log import read_run
 from spot_model.errors import SpotRlError
+from spot_model.io.child_process import module_command
 from spot_model.io.signals import run_in_foreground
 
 Start = Callable[[Sequence[str]], bool]
@@ -61,4 +61,4 @@ def is_here(robot: str) -> bool:
 
 def start_here(words: Sequence[str]) -> bool:
     """Start ``spot-rl``, wait until it has ended, and say whether somebody asked for that: the robot rests."""
-    return run_in_foreground([sys.executable, "-m", "spot_model", *words]).is_interrupted
+    return run_in_foreground(module_command("spot_model", *words)).is_interrupted

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fake_robot.network.camera_view import CameraView
 from fake_robot.scenario.scenario import Scenario
-from spot_model.io.child_process import UNHEARD, ChildProcess
+from spot_model.io.child_process import UNHEARD, ChildProcess, without_secrets
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -100,7 +100,7 @@ class Eyes:
                 str(theirs.fileno()),
                 told=b"",
                 descriptors=(theirs.fileno(),),
-                environment={**os.environ, "MUJOCO_GL": backend, "LP_NUM_THREADS": "1"},
+                environment={**without_secrets(os.environ), "MUJOCO_GL": backend, "LP_NUM_THREADS": "1"},
                 output=UNHEARD,
                 errors=UNHEARD,
                 has_own_session=True,

@@ -18,6 +18,7 @@ from fake_robot.start.certificates import write_private
 from fake_robot.start.options import FakeOptions
 from fake_robot.start.state_folder import DEFAULT_USERNAME
 from spot_model.errors import BadInputError
+from spot_model.io.inherited import environment_as_inherited
 from spot_model.io.signals import answered, run_in_foreground
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def exec_program(context: typer.Context) -> None:
     with _started(options) as fake:
         host = fake.endpoints.sdk_host
         words = [host if word == HOST_PLACEHOLDER else word for word in context.args]
-        environment = {**os.environ, **fake.environment.variables(), HOST_VARIABLE: host}
+        environment = {**environment_as_inherited(os.environ), **fake.environment.variables(), HOST_VARIABLE: host}
         typer.echo(f"it serves; starting {words[0]} …", err=True)
         try:
             code = run_in_foreground(words, environment).code

@@ -165,14 +165,13 @@ def _topic_of(datagram: bytes) -> str:
 
 
 def shed_inherited_settings() -> None:
-    """Give up what a real-time parent hands down: FIFO scheduling, CPU affinity, blocked and ignored signals."""
+    """Give up what a real-time parent hands down: FIFO scheduling, CPU affinity, and to be ended by its signals."""
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with contextlib.suppress(OSError):
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
     for number in SHARED_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_SETMASK, [])
 
 
 def main() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import re
 import select
 import socket
 import struct
@@ -27,8 +25,6 @@ START_TIMEOUT_S: Final = 60.0
 CLOSE_TIMEOUT_S: Final = 10.0
 _ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
 _FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
-
-_SECRET: Final = re.compile(r"PASSWORD|TOKEN|SECRET|CREDENTIAL", re.IGNORECASE)
 
 
 class LoggerProcess:
@@ -69,7 +65,6 @@ class LoggerProcess:
                 str(path),
                 told=codec.header_to_proto(header).SerializeToString(),
                 descriptors=(theirs.fileno(),),
-                environment=without_secrets(os.environ),
             )
         sink = LoggerProcess(child, ours, path)
         try:
@@ -163,11 +158,6 @@ class LoggerProcess:
             status = json.loads(data)
             self._child_problem = status["problem"]
             self._unwritten = {**dict.fromkeys(TOPICS, 0), **status["unwritten"]}
-
-
-def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
-    """An environment for a process that needs no password: any user who may list processes can read it."""
-    return {name: value for name, value in environment.items() if not _SECRET.search(name)}
 
 
 def _check_directory(path: Path) -> None:

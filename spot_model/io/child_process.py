@@ -1,9 +1,14 @@
-"""A process that this one starts: told what to do on its standard input, ended for sure."""
+"""A process that this one starts: told what to do on its standard input, ended for sure.
+
+A module of ours finds no module in the current folder, and no password in its environment: any user who may list
+processes can read that, and whatever runs in the process does. What needs one is told it on its standard input.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import select
 import signal
 import subprocess
@@ -16,11 +21,15 @@ from typing import IO, Final
 
 from typing_extensions import Self
 
+from spot_model.io import launch
+
 END_TIMEOUT_S = 5.0
 HEARD: Final = subprocess.PIPE
 """For :attr:`ChildProcess.output` to read."""
 UNHEARD: Final = subprocess.DEVNULL
 LOOK_PERIOD_S: Final = 0.2
+SECRET: Final = re.compile(r"PASSW|PASSPHRASE|TOKEN|SECRET|CREDENTIAL|COOKIE|_KEY$|^PYTHONINSPECT$", re.IGNORECASE)
+"""Names of variables that a process of ours does without; the last would take its exit code away."""
 
 
 class LivingProcess:
@@ -83,6 +92,19 @@ def ends(descriptor: int, within_s: float | None) -> bool:
     return bool(poll.poll(None if within_s is None else max(0.0, 1e3 * within_s)))
 
 
+def module_command(module: str, *arguments: str) -> list[str]:
+    """The words that run a module of this installation as a program, as ``python -m`` would from any other folder."""
+    return [sys.executable, str(Path(launch.__file__).absolute()), module, *arguments]
+
+
+def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
+    """An environment for a process that needs no password, and finds no module in the current folder."""
+    kept = {name: value for name, value in environment.items() if not SECRET.search(name)}
+    if "PYTHONPATH" in kept:  # an empty entry stands for the current folder
+        kept["PYTHONPATH"] = os.pathsep.join(filter(None, kept["PYTHONPATH"].split(os.pathsep)))
+    return kept
+
+
 class ChildProcess:
     """Runs a program, mostly a module of ours. Nothing here waits unless it says so.
 
@@ -112,7 +134,7 @@ class ChildProcess:
         has_own_session: bool = False,
         reads_terminal: bool = False,
     ) -> Self:
-        """Start a module of this installation, as ``python -m`` does, or another program.
+        """Start a module of this installation, or another program.
 
         Args:
             program: The module's name, or the words of the other program.
@@ -120,7 +142,7 @@ class ChildProcess:
             told: Its standard input, which ends after it; the call does not wait until it has been read. None: a
                 pipe that ends with this process, or with :meth:`end`.
             descriptors: What it inherits beside standard input, output and error.
-            environment: Its own; this process's if None.
+            environment: Its own; this process's if None, for a module :func:`without_secrets`.
             output: Where its standard output goes, as subprocess has it: this process's own if None; :data:`HEARD`.
             errors: Where its standard error goes, likewise.
             has_own_session: Whether a terminal's Ctrl-C is kept from it.
@@ -135,7 +157,9 @@ class ChildProcess:
                 given = stack.enter_context(os.fdopen(os.memfd_create("told"), "w+b"))
                 given.write(told)
                 given.seek(0)
-            words = [sys.executable, "-m", program] if isinstance(program, str) else program
+            words = program
+            if isinstance(program, str):
+                words, environment = module_command(program), environment or without_secrets(os.environ)
             process = subprocess.Popen(  # noqa: S603 - its callers' own command lines
                 [*words, *arguments],
                 stdin=given,

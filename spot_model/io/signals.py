@@ -6,9 +6,11 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import NamedTuple, NoReturn
+from typing import Final, NamedTuple, NoReturn
 
 from spot_model.io.child_process import ChildProcess
+
+STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 @contextmanager
@@ -29,18 +31,22 @@ def answered(answer: Callable[[int], object], *numbers: signal.Signals) -> Itera
 
 @contextmanager
 def exit_on_termination() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the block as Ctrl-C does, so that it clears away its folders and its processes.
+    """Let the stop signals end the block as Ctrl-C does, so that it clears away its folders and its processes.
 
-    Only in the main thread.
+    Also those that the process was started to ignore, as ``nohup`` and a script's ``&`` have it. Only in the main
+    thread.
 
     Raises:
-        SystemExit: One came; the exit code is 128 and its number.
+        KeyboardInterrupt: Ctrl-C, or its signal.
+        SystemExit: Another one came; the exit code is 128 and its number.
     """
 
     def end(number: int) -> NoReturn:
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
         raise SystemExit(128 + number)
 
-    with answered(end, signal.SIGTERM, signal.SIGHUP):
+    with answered(end, *STOP_SIGNALS):
         yield
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import signal
 import sys
 import time
@@ -81,7 +82,10 @@ def start_rescuer(robot: str, config: RunConfig, folder: Path, *, lock_step: str
 
 def _told(robot: str, config: RunConfig, folder: Path, lock_step: str) -> dict[str, Any]:
     text = config.model_dump_json(by_alias=True)
-    return {"robot": robot, "config": text, "folder": str(folder), "lock_step": lock_step}
+    from spot_runtime.hal.connection.credentials import told_credentials
+
+    login = told_credentials(os.environ)
+    return {"robot": robot, "config": text, "folder": str(folder), "lock_step": lock_step, "login": login}
 
 
 def main() -> None:
@@ -90,6 +94,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     told = json.loads(sys.stdin.buffer.read())
+    os.environ.update(told["login"])
     is_heard = "note" not in told
     if not is_heard and not _is_left_to_us(told):
         return

@@ -14,6 +14,7 @@ from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import free_path, make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import load_joint_experiment
+from spot_model.io.signals import exit_on_termination
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.io.whole import check_new, write_new
 from spot_model.policy.joint_script import joint_script
@@ -38,6 +39,7 @@ from spot_tools.run.scripted import ScriptedSource
 from spot_tools.run.summary_text import summary_text
 
 
+@exit_on_termination()
 def run(
     robot: RobotAddress,
     policy: Annotated[Path | None, typer.Option(help="ONNX file with its contract.")] = None,

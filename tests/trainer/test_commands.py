@@ -7,13 +7,13 @@ from typer.testing import CliRunner
 
 from proof.training.command import train
 from spot_model.errors import BadInputError
-from trainer.__main__ import app
+from trainer.__main__ import commands
 
 CONFIG = str(Path(__file__).parents[2] / "policies" / "walk.yaml")
 
 
 def fails(*words: str) -> str:
-    result = CliRunner().invoke(app, list(words))
+    result = CliRunner().invoke(commands(), list(words))
     assert isinstance(result.exception, BadInputError), result.output
     return str(result.exception)
 
@@ -37,10 +37,12 @@ def test_train_export_end_to_end(tmp_path: Path) -> None:
     run, out = tmp_path / "run", tmp_path / "p.onnx"
     small = ["n_envs=4", "iterations=1", "ppo.hidden=[8]", "ppo.mini_batches=1", "ppo.steps_per_iteration=4"]
     options = [word for override in small for word in ("--set", override)]
-    result = CliRunner().invoke(app, ["train", "--config", CONFIG, "--out", str(run), *options])
+    result = CliRunner().invoke(commands(), ["train", "--config", CONFIG, "--out", str(run), *options])
     assert result.exit_code == 0, result.output
     assert "checkpoint_000001.pt" in result.output
-    result = CliRunner().invoke(app, ["export", str(run), "--out", str(out), "--networks", str(tmp_path / "n.pt")])
+    result = CliRunner().invoke(
+        commands(), ["export", str(run), "--out", str(out), "--networks", str(tmp_path / "n.pt")]
+    )
     assert result.exit_code == 0, result.output
     assert out.is_file()
     assert (tmp_path / "n.pt").is_file()
@@ -58,4 +60,4 @@ def test_bench_prints_one_json_object() -> None:
 
 @pytest.mark.parametrize("name", ["train", "export", "evaluate"])
 def test_every_command_has_help(name: str) -> None:
-    assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
+    assert CliRunner().invoke(commands(), [name, "--help"]).exit_code == 0

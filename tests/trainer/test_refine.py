@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy, policy_from_bytes
 from spot_model.robot import facts
-from trainer.__main__ import app
+from trainer.__main__ import commands
 from trainer.ppo.checkpoint_policy import run_torch
 from trainer.ppo.symmetry import mirror_action, mirror_observation
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig, load_refine_config
@@ -134,7 +134,7 @@ def refine(tmp_path: Path, name: str, weights: str) -> tuple[Path, Result]:
         f" starts: [], ramp_s: 0.5, settle_s: 0, watch_s: 1, weights: {{{weights}}}}}"
     )
     words = ["refine", str(POLICY), "--config", str(file), "--out", str(out), "--jobs", "1"]
-    return out, CliRunner().invoke(app, words)
+    return out, CliRunner().invoke(commands(), words)
 
 
 def test_the_command_leaves_a_better_policy_and_its_figures(tmp_path: Path) -> None:

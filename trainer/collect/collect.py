@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from spot_model.errors import SpotRlError
+from spot_model.io.child_process import module_command
 from spot_model.io.command_line import INTERRUPTED_EXIT_CODE
 from spot_model.io.signals import run_in_foreground
 from spot_tools.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
@@ -73,7 +73,7 @@ def collect(
 
 def _start(arguments: list[str]) -> int:
     """One run, to its end; after a Ctrl-C no other begins."""
-    ended = run_in_foreground([sys.executable, "-m", "spot_model", *arguments])
+    ended = run_in_foreground(module_command("spot_model", *arguments))
     if ended.is_interrupted:
         raise CollectionInterruptedError("interrupted; whole runs are kept: give the command again to go on")
     return ended.code

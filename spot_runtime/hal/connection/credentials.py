@@ -15,6 +15,7 @@ from spot_runtime.hal.errors import CredentialsError
 
 USERNAME_VARIABLE: Final = "BOSDYN_CLIENT_USERNAME"
 PASSWORD_VARIABLE: Final = "BOSDYN_CLIENT_PASSWORD"  # noqa: S105 - a variable's name; the vendor's SDK reads it too
+FOLDER_VARIABLE: Final = "CREDENTIALS_DIRECTORY"
 SYSTEMD_NAME: Final = "spot-credentials"
 MAX_BYTES: Final = 4096
 
@@ -37,8 +38,8 @@ def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Crede
         CredentialsError: None is there, or the file is unreadable, readable by others, or holds something else. The
             message never holds the content.
     """
-    if file is None and "CREDENTIALS_DIRECTORY" in environment:
-        candidate = Path(environment["CREDENTIALS_DIRECTORY"]) / SYSTEMD_NAME
+    if file is None and FOLDER_VARIABLE in environment:
+        candidate = Path(environment[FOLDER_VARIABLE]) / SYSTEMD_NAME
         if _is_file(candidate):
             # systemd may grant the service's user its reading by an access list, whose mask shows as the group's bits;
             # the folder lets nobody else in.
@@ -57,6 +58,12 @@ def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Crede
         f"no user name and password for the robot: set {USERNAME_VARIABLE} and {PASSWORD_VARIABLE}, or name a file "
         f"with --credentials-file"
     )
+
+
+def told_credentials(environment: Mapping[str, str]) -> dict[str, str]:
+    """The variables that :func:`find_credentials` reads, for a process that is told them instead of inheriting them."""
+    names = (USERNAME_VARIABLE, PASSWORD_VARIABLE, FOLDER_VARIABLE)
+    return {name: environment[name] for name in names if name in environment}
 
 
 def _is_file(path: Path) -> bool:

@@ -14,7 +14,7 @@ import sys
 from typing import NoReturn
 
 from spot_model.errors import SpotRlError
-from spot_model.io.signals import answered
+from spot_model.io.signals import STOP_SIGNALS, answered
 from spot_protos import operator_pb2
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.stops import StopReason
@@ -38,6 +38,7 @@ def drive(link: RunLink) -> int:
     from spot_runtime.rescue.guarded import guarded
 
     spec = read_spec(sys.stdin.buffer)
+    os.environ.update(spec.credentials)
     policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
     request = HalRequest(spec.robot, spec.config, spec.lock_step)
     adapter = find_adapter(request)
@@ -58,7 +59,7 @@ def main() -> None:
         raise BrokenOffError(f"{signal.Signals(number).name} came before the robot was touched; arm again")
 
     try:
-        with answered(break_off, signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        with answered(break_off, *STOP_SIGNALS):
             link.begin()
             code = drive(link)
     except SpotRlError as error:

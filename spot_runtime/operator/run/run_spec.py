@@ -28,6 +28,8 @@ class RunSpec(Settings):
     labels: dict[str, str] = Field(default_factory=dict)
     lock_step: str = ""
     """Admin address of a fake robot in lock-step mode; empty: real time."""
+    credentials: dict[str, str] = Field(default_factory=dict, repr=False)
+    """Variables with the login, which the process has from here and not in the environment that it is started with."""
 
 
 def read_spec(stream: IO[bytes]) -> RunSpec:

@@ -9,8 +9,9 @@ import time
 from collections.abc import Sequence
 from typing import Final
 
-from spot_model.io.child_process import ChildProcess
+from spot_model.io.child_process import ChildProcess, without_secrets
 from spot_protos import run_link_pb2
+from spot_runtime.hal.connection.credentials import told_credentials
 from spot_runtime.host.descriptors import is_ready
 from spot_runtime.host.service_manager import PROCESS_VARIABLE
 from spot_runtime.operator.run.link import receive
@@ -40,13 +41,15 @@ class RunProcess:
         """
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         # The watchdog that the service manager meant for us is fed by the control loop while there is one.
-        environment = {name: value for name, value in os.environ.items() if name != PROCESS_VARIABLE}
+        environment = without_secrets(os.environ)
+        environment.pop(PROCESS_VARIABLE, None)
+        told = spec.model_copy(update={"credentials": told_credentials(os.environ)})
         with theirs:
             # A session of its own: Ctrl-C at the service's terminal is for the service, which then asks this process.
             process = ChildProcess.start(
                 "spot_runtime.operator.run.run_child",
                 str(theirs.fileno()),
-                told=spec.model_dump_json(by_alias=True).encode(),
+                told=told.model_dump_json(by_alias=True).encode(),
                 descriptors=(theirs.fileno(),),
                 environment=environment,
                 has_own_session=True,
@@ -91,6 +94,10 @@ class RunProcess:
         """Without the socket, and whatever was asked before."""
         self._process.send(signal.SIGTERM)
         self._process.send(signal.SIGINT)
+
+    def press_estop(self) -> None:
+        """Without the socket: the e-stop."""
+        self._process.send(signal.SIGQUIT)
 
     def abort(self) -> None:
         """End the process so that it writes every thread's stack, if it is told to (PYTHONFAULTHANDLER)."""

@@ -246,6 +246,12 @@ class Supervisor:
         with self._lock:
             self._rescue_or_rest()
 
+    def estop(self) -> None:
+        """Have the control process press the e-stop, if there is one; may be called in a signal's handler."""
+        run = self._run
+        if run is not None:
+            run.process.press_estop()
+
     def shut_down(self) -> None:
         """End whatever goes on; returns when the robot is at rest, or whatever should see to it has been killed."""
         run = self._run
