@@ -106,7 +106,7 @@ class StopReason(Enum):
         Reaction.DAMP, 49, "the vendor's stand did not take the robot back", "see the robot's own page"
     )
     CLOCK_JUMPED = StopRule(Reaction.DAMP, 43, "the robot's clock jumped", "start again; a fake robot: use --lock-step")
-    LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease was lost; it is not taken back", "see who holds it")
+    LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease was lost", "see who took it")
     ESTOPPED = StopRule(Reaction.EXPIRE, 45, "an e-stop is pressed", "release the e-stop, then start again")
     MOTORS_OFF = StopRule(Reaction.EXPIRE, 46, "the motors have no power", "power on, then start again")
     BEHAVIOR_FAULT = StopRule(

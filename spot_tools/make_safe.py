@@ -26,7 +26,7 @@ def make_safe(
     ] = WITHIN_S,
     lock_step: LockStepAddress = None,
 ) -> None:
-    """Sit a robot down and cut its power after its control process died, unless another client has had it since.
+    """Sit a robot down and cut its power after its control process died, unless another client has it.
 
     Does nothing if no process on this computer left a robot under control; never uses another client's lease.
     """

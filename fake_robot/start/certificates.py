@@ -23,6 +23,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from spot_model.errors import SpotRlError
+from spot_model.io.private_folder import new_private_file
 
 VALIDITY = dt.timedelta(days=365)
 RENEW_BEFORE_EXPIRY = dt.timedelta(days=7)
@@ -158,8 +159,7 @@ def _write(folder: Path, addresses: tuple[str, ...], stored: ServerCertificates 
 
 def write_private(path: Path, content: bytes) -> None:
     """Replace ``path`` in one step by a file that only its owner can read (mode 0600)."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    temporary, descriptor = new_private_file(path)
     with os.fdopen(descriptor, "wb") as file:
         file.write(content)
     temporary.replace(path)

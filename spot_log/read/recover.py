@@ -86,8 +86,8 @@ def recover_leftovers(directory: Path) -> list[Recovery]:
 def _recover_leftover(leftover: Path) -> Recovery | None:
     log = leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX))
     aside = log.with_name(log.name + ASIDE_SUFFIX)
-    # A pipe of that name would be waited for without end.
-    if not leftover.is_file() or aside.exists():
+    # A pipe of that name would be waited for without end, and a link leads to what is no log of ours.
+    if leftover.is_symlink() or not leftover.is_file() or aside.exists():
         return None
     with _held(leftover) as is_ours:
         if not is_ours:
@@ -115,7 +115,7 @@ def _take_back(aside: Path) -> None:
     """Give a leftover its name back whose recovery was killed; a result that was begun holds nothing else."""
     log = aside.with_name(aside.name.removesuffix(ASIDE_SUFFIX))
     begun = active_path(log)
-    if log.exists() or not aside.is_file():
+    if log.exists() or aside.is_symlink() or not aside.is_file():
         return
     with _held(aside) as is_ours:
         if is_ours and not (begun.exists() and _is_locked(begun)):
@@ -132,7 +132,7 @@ def _free_name(path: Path) -> Path:
 @contextmanager
 def _held(path: Path) -> Iterator[bool]:
     """Hold a file's lock for a while; False where somebody else has it: its writer, or another recovery."""
-    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

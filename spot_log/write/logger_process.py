@@ -40,6 +40,7 @@ class LoggerProcess:
         self._child_problem = ""
         self._own_problem = ""
         self._unwritten: dict[str, int] = dict.fromkeys(TOPICS, 0)
+        self._place: str | None = None
 
     @staticmethod
     def start(path: Path, header: RunHeader, *, timeout_s: float = START_TIMEOUT_S) -> LoggerProcess:
@@ -117,7 +118,7 @@ class LoggerProcess:
             )
         elif not problem and any(self._dropped.values()):
             problem = f"the log's process does not keep up: {sum(self._dropped.values())} messages dropped"
-        return SinkHealth(self._is_alive, self.dropped, dict(self._unwritten), problem)
+        return SinkHealth(self._is_alive, self.dropped, dict(self._unwritten), problem, self._place)
 
     def close(self, outcome: str) -> None:
         """End the log; waits until the file is whole, at most :data:`CLOSE_TIMEOUT_S`."""
@@ -135,6 +136,9 @@ class LoggerProcess:
         if self._child.wait(max(0.1, deadline_s - time.monotonic())) is None:
             self._own_problem = f"the log's process has not finished after {CLOSE_TIMEOUT_S:g} s; it goes on by itself"
         self.health()
+        if self._place is None:  # it ended by itself, or still writes
+            there = (path for path in (self.path, active_path(self.path)) if path.exists())
+            self._place = str(next(there, ""))
         self._is_closed, self._is_alive = True, False
         self._socket.close()
 
@@ -158,6 +162,7 @@ class LoggerProcess:
             status = json.loads(data)
             self._child_problem = status["problem"]
             self._unwritten = {**dict.fromkeys(TOPICS, 0), **status["unwritten"]}
+            self._place = status["path"] if status["closed"] else None
 
 
 def _check_directory(path: Path) -> None:

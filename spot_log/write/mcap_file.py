@@ -53,6 +53,8 @@ class McapFile:
         # By its descriptor the folder is found again where somebody moves it.
         self._folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         self._fd = -1
+        self.place: Path | None = path
+        """Where it was at the last :meth:`look`, or at its end."""
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         try:
             self._fd = os.open(path.name, flags, 0o644, dir_fd=self._folder)
@@ -197,9 +199,12 @@ class McapFile:
             self.flush()
             self._append(self._tail())
             if final_name:
-                # A hard link refuses to overwrite, a rename would not.
-                os.link(self.path.name, final_name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
-                os.unlink(self.path.name, dir_fd=self._folder)
+                # A link refuses to overwrite, a rename would not. By descriptor: something else may have the old name.
+                os.link(f"/proc/self/fd/{self._fd}", final_name, dst_dir_fd=self._folder)
+                if self._is_in(self._folder, self.path.name):
+                    os.unlink(self.path.name, dir_fd=self._folder)
+                self.path = self.path.with_name(final_name)
+                self.place = self._find()
         finally:
             self.close()
 
@@ -209,10 +214,24 @@ class McapFile:
         status = os.fstatvfs(self._fd)
         return status.f_bavail * status.f_frsize
 
-    @property
-    def is_deleted(self) -> bool:
-        """Whether the file has no name any more: whatever is written to it is lost."""
-        return os.fstat(self._fd).st_nlink == 0
+    def look(self) -> Path | None:
+        """Where the file is by now; None where no name leads to it: it was deleted, or its disk was unmounted."""
+        self.place = self._find()
+        return self.place
+
+    def _find(self) -> Path | None:
+        """Where it should be, or where its folder or itself was moved to."""
+        if self._is_in(None, self.path):
+            return self.path
+        folder, file = (Path(f"/proc/self/fd/{fd}").readlink() for fd in (self._folder, self._fd))
+        return next((path for path in (folder / self.path.name, file) if self._is_in(None, path)), None)
+
+    def _is_in(self, folder: int | None, name: str | Path) -> bool:
+        """Whether this name is the file's, and no other's or a link's."""
+        try:
+            return os.path.samestat(os.stat(name, dir_fd=folder, follow_symlinks=False), os.fstat(self._fd))
+        except OSError:
+            return False
 
     def close(self) -> None:
         """Close without an index; harmless after :meth:`finish`."""

@@ -145,6 +145,16 @@ class RunWriter:
         return _by_topic(self._file.buffered_counts)
 
     @property
+    def written(self) -> dict[str, int]:
+        """Messages in the file, by topic."""
+        return _by_topic(self._file.written_counts)
+
+    @property
+    def place(self) -> Path | None:
+        """Where the file is; None where no name leads to it."""
+        return self._file.place
+
+    @property
     def is_chunk_full(self) -> bool:
         """Whether it is time to flush, whatever the clock says."""
         return self._file.buffered_bytes >= CHUNK_BYTES
@@ -198,8 +208,10 @@ class RunWriter:
         self._file.close()
 
     def _check_named(self) -> None:
-        if self._file.is_deleted:
-            raise FileNotFoundError(errno.ENOENT, "its file was deleted while it was being written")
+        if self._file.look() is None:
+            raise FileNotFoundError(
+                errno.ENOENT, "its file was deleted, or its disk unmounted, while it was being written"
+            )
 
     def _add_state(self, state: log_pb2.State, sequence: int) -> None:
         if self._robot_minus_host_ns is None:

@@ -24,6 +24,8 @@ class SinkHealth:
     """Reached the log's process but not the disk (disk full, undecodable), by topic."""
     problem: str = ""
     """Empty while all is well; otherwise one sentence that names the cause."""
+    path: str | None = None
+    """Where a file is that was closed; empty where no name leads to it; None before, and of what is no file."""
 
 
 class LogSink(Protocol):

@@ -1,4 +1,4 @@
-"""A folder for a socket of our own, for this user alone; what a killed process has left is removed."""
+"""A folder for a socket of our own, and a file for a secret, for this user alone; what a killed process left goes."""
 
 from __future__ import annotations
 
@@ -25,6 +25,22 @@ def make_private_folder(environment: Mapping[str, str], prefix: str, socket_name
         if _is_left_behind(left / socket_name, kind):
             shutil.rmtree(left, ignore_errors=True)
     return Path(tempfile.mkdtemp(prefix=prefix, dir=base))
+
+
+def new_private_file(place: Path) -> tuple[Path, int]:
+    """A new file beside ``place``, to be moved there when it holds its secret: no other user ever had it open.
+
+    Returns:
+        Its path and its descriptor, open to read and write.
+
+    Raises:
+        OSError: It cannot be made.
+    """
+    path = place.with_name(f".{place.name}.{os.getpid()}")
+    path.unlink(missing_ok=True)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    os.fchmod(descriptor, 0o600)  # whatever the umask
+    return path, descriptor
 
 
 def _is_left_behind(path: Path, kind: socket.SocketKind) -> bool:

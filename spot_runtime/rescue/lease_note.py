@@ -7,6 +7,7 @@ lease by which the robot can tell whether anybody has had it since. The note is 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import os
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from spot_model.errors import SpotRlError
+from spot_model.io.private_folder import new_private_file
 from spot_runtime.host.locked_file import open_locked
 
 FOLDER_NAME: Final = "spot-rl"
@@ -80,20 +82,31 @@ class HeldNote:
 
     @staticmethod
     def write(path: Path, note: LeaseNote) -> HeldNote:
-        """Write a note to the disk, in the place of an old one. Raises LeaseNoteError."""
-        held = HeldNote._open(path, os.O_CREAT)
-        data = json.dumps(asdict(note)).encode()
+        """Write a note to the disk, as a new file that takes the place of an old one, whoever may read that.
+
+        Raises:
+            LeaseNoteError: It cannot be written, or the process lives that wrote the old one.
+        """
+        old = HeldNote._old(path)
+        fresh, descriptor = None, -1
         try:
-            os.ftruncate(held._descriptor, 0)
-            os.pwrite(held._descriptor, data, 0)
-            os.fsync(held._descriptor)
+            fresh, descriptor = new_private_file(path)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.pwrite(descriptor, json.dumps(asdict(note)).encode(), 0)
+            os.fsync(descriptor)
+            fresh.replace(path)
         except OSError as error:
-            held.remove()  # half a note would look like a robot that was left with power
+            HeldNote(fresh or path, descriptor).let_go()
+            if fresh is not None:
+                fresh.unlink(missing_ok=True)  # half a note would look like a robot that was left with power
             raise LeaseNoteError(
                 f"the note {path} of the lease, by which a crash is made good, cannot be written: {error.strerror}; "
                 "make room, or see to the folder"
             ) from error
-        return held
+        finally:
+            if old is not None:
+                old.let_go()
+        return HeldNote(path, descriptor)
 
     @staticmethod
     def find(path: Path) -> tuple[HeldNote, LeaseNote] | None:
@@ -106,7 +119,7 @@ class HeldNote:
         if not path.exists():
             return None
         try:
-            held = HeldNote._open(path, 0)
+            held = HeldNote._open(path)
         except FileNotFoundError:  # its holder has just removed it
             return None
         try:
@@ -131,14 +144,22 @@ class HeldNote:
             os.close(descriptor)
 
     @staticmethod
-    def _open(path: Path, flags: int) -> HeldNote:
+    def _old(path: Path) -> HeldNote | None:
+        """What is to be replaced; its lock keeps others from acting on it meanwhile."""
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            return HeldNote(path, open_locked(path, flags))
+            return HeldNote._open(path)
+        except FileNotFoundError:
+            return None
+
+    @staticmethod
+    def _open(path: Path) -> HeldNote:
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            return HeldNote(path, open_locked(path, 0))
         except BlockingIOError:
             raise NoteHeldError("the process that holds the robot's lease lives; stop that one instead") from None
         except OSError as error:
-            if isinstance(error, FileNotFoundError) and not flags:
+            if isinstance(error, FileNotFoundError):
                 raise
             raise LeaseNoteError(
                 f"the note {path}, by which a crash is made good, cannot be opened: {error.strerror}; see to the folder"

@@ -2,8 +2,8 @@
 
 The robot's own time-outs have ended the motion by then: the last command lapsed 50 ms after it was sent, and the joints
 were damped. What is left is a robot that lies or stands with power and without anybody. This process asks the robot
-whose lease was the newest. If that is still the dead process's, nobody has had the robot since, and it is told to sit
-and to cut power. A lease of anybody else is never touched, and no motion but this one is asked for.
+whose lease was the newest. If that is still the dead process's, or nobody has one by now, the robot is told to sit and
+to cut power. A lease of anybody else is never touched, and no motion but this one is asked for.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Safety(Enum):
 
     POWERED_OFF = "it sat down and its motors lost power"
     HAD_NO_POWER = "its motors had no power already"
-    NOT_OURS = "somebody else has had the robot since: nothing was done, and whoever has it is answerable"
+    NOT_OURS = "somebody else has the robot: nothing was done, and whoever has it is answerable"
 
 
 def make_safe(note: LeaseNote, config: RunConfig, *, lock_step: str = "", within_s: float = WITHIN_S) -> Safety:
@@ -122,8 +122,7 @@ def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
         is_ours = _is_ours(session, note)
         if session.is_without_power():
             return Safety.HAD_NO_POWER
-        if not is_ours or not _hold(session, note):
-            return Safety.NOT_OURS
+        _hold(session, is_ours=is_ours)
         with contextlib.suppress(ClockError):  # a robot that syncs no clocks may still sit down
             session.sync_clocks()
 
@@ -148,15 +147,12 @@ def _is_ours(session: Session, note: LeaseNote) -> bool:
     return True
 
 
-def _hold(session: Session, note: LeaseNote) -> bool:
-    """Whether the lease can be used: as it is, or taken again after it went stale."""
-    try:
-        session.retain_lease()
-    except LeaseHeldError:
-        session.has_lease = False
-    else:
-        return True
-    session.acquire_lease()
-    granted = session.lease
-    # If anybody took it and gave it back since the question above, the numbers have a gap.
-    return granted is not None and (granted.epoch, granted.sequence[0]) == (note.epoch, note.root + 1)
+def _hold(session: Session, *, is_ours: bool) -> None:
+    """Have a lease to use: the note's, as it is, or a new one. Raises LeaseHeldError where somebody else has one."""
+    if is_ours:
+        try:
+            session.retain_lease()
+        except LeaseHeldError:  # it went stale, or somebody took it just now
+            session.has_lease = False
+    if not session.has_lease:
+        session.acquire_lease()

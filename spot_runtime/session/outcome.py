@@ -44,6 +44,10 @@ class Outcome:
             return replace(self, sentence=f"{self.sentence}; then {words}")
         return Outcome("power_off_failed", error.exit_code, f"{self.sentence}; then {words}", is_fault=True)
 
+    def after_loss_of_log(self, problem: str) -> Outcome:
+        """The outcome of a run that has left no log; what went wrong before stays."""
+        return self.after_stop(Stop(StopReason.LOG_FAILED, problem))
+
     def _after(self, later: Outcome) -> Outcome:
         is_fall = self.sentence and later.label == StopReason.TILT.label
         if not self.is_fault and not is_fall:

@@ -187,11 +187,13 @@ class _Attempt:
         """What a person and a program want to know."""
         rss_mb = resident_mb()
         health, outcome = self._sink.health(), self.session.outcome
+        if health.path == "":
+            outcome = outcome.after_loss_of_log(health.problem)
         return RunSummary(
             outcome=outcome.label,
             exit_code=outcome.exit_code,
             sentence=outcome.sentence,
-            log_path=str(self._request.log_path),
+            log_path=str(self._request.log_path) if health.path is None else health.path,
             log_dropped=sum(health.dropped.values()),
             log_unwritten=sum(health.unwritten.values()),
             log_problem=health.problem,

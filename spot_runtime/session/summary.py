@@ -19,6 +19,7 @@ class RunSummary:
     exit_code: int
     sentence: str
     log_path: str
+    """Where the log is; empty where no name leads to it."""
     ticks: int
     rate_hz: float
     skipped_ticks: int

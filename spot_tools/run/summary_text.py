@@ -18,7 +18,7 @@ def summary_text(end: RunSummary) -> str:
             _pair("state age, robot", end.acquisition_age_p50_ms, end.acquisition_age_p99_ms, "ms"),
         ]
     lost = end.log_dropped + end.log_unwritten
-    lines.append(f"log                {end.log_path} ({lost} messages lost)")
+    lines.append(f"log                {end.log_path or 'none is left'} ({lost} messages lost)")
     if end.log_problem:
         lines.append(f"log's problem      {end.log_problem}")
     return "\n".join(lines)

@@ -456,7 +456,7 @@ def test_a_robot_whose_lease_was_lost_is_not_said_to_be_powered_off(
 ) -> None:
     hal.power_off()  # there never was a lease, and nothing to power off
     monkeypatch.setattr(hal._session, "_lease", SimpleNamespace(lease_proto=object()))
-    with pytest.raises(LeaseHeldError, match="answerable for the robot, which may have power"):
+    with pytest.raises(LeaseHeldError, match="the lease is gone, and THE ROBOT MAY HAVE POWER"):
         hal.power_off()
     assert hal.joint_control is JointControl.OFF
 

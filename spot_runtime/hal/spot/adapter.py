@@ -28,6 +28,7 @@ from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.pace import Pace, RealTime, States
+from spot_runtime.hal.spot.power_off import power_off
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.state_receiver import OnEnd, StateReceiver, take_all
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
@@ -48,9 +49,6 @@ def adapter(request: HalRequest) -> Adapter:
 CHECK_INS_LOST: Final = 2
 """So many failures in a row are a stop. Three check-ins fall into the endpoint's time-out, so the robot has not cut the
 power yet."""
-
-RETRY_S: Final = 0.5
-"""Robot time between two attempts to power off."""
 
 
 class BosdynHal:
@@ -104,7 +102,7 @@ class BosdynHal:
         # The lease first: only the robot's holder may replace an e-stop.
         session.acquire_lease()
         self._pace.start(self._jobs)
-        self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=self._pace.chore_now_s())
+        self._keep_lease()
         if session.set_up_estop():
             now_s = self._pace.chore_now_s()
             self._jobs.add("estop", robot.estop_timeout_s / 3.0, self._check_in, now_s=now_s)
@@ -213,11 +211,19 @@ class BosdynHal:
     def power_off(self) -> None:
         """See the protocol."""
         self._is_powering_off = True
-        if self._session.has_lease:
-            self._power_off()
-        self.release()
-        if self._session.lease is not None and not self._session.has_lease:
-            raise LeaseHeldError("the lease is gone, and who has it is answerable for the robot, which may have power")
+        try:
+            if self._session.lease is not None:
+                power_off(
+                    self._session,
+                    self._motions,
+                    self._pause,
+                    self._pace,
+                    timeout_s=self._config.robot.power_timeout_s,
+                    even_if_off=self._is_power_in_doubt,
+                    on_taken_up=self._lease_taken_up,
+                )
+        finally:
+            self.release()
 
     def close(self) -> None:
         """See the protocol."""
@@ -235,20 +241,14 @@ class BosdynHal:
     def _motions(self) -> Motions:
         return self._session.motions(self._pause)
 
-    def _power_off(self) -> None:
-        """Try again, also where the robot refuses: what is in the way for a moment must not leave it standing."""
-        until_s = self._pace.chore_now_s() + self._config.robot.power_timeout_s
-        while True:
-            try:
-                return self._motions().power_off(even_if_off=self._is_power_in_doubt)
-            except LeaseHeldError:
-                raise
-            except HalError as error:
-                if self._pace.chore_now_s() >= until_s:
-                    raise
-                # A robot that refuses has seen the newer lease, too.
-                self._is_power_in_doubt &= type(error) is HalError
-            self._pause(RETRY_S)
+    def _keep_lease(self) -> None:
+        period_s, now_s = self._config.robot.lease_period_s, self._pace.chore_now_s()
+        self._jobs.add("lease", period_s, self._session.retain_lease, now_s=now_s)
+
+    def _lease_taken_up(self) -> None:
+        self._problems = deque((p for p in self._problems if p.reason is not StopReason.LEASE_LOST), maxlen=100)
+        self._keep_lease()
+        self._occurred(EventName.LEASE_TAKEN_UP, "nobody had it any more; the robot sits down under it and powers off")
 
     def _occurred(self, name: EventName, text: str) -> None:
         """In any thread; the one that writes the run's other events tells of it."""

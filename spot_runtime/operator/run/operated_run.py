@@ -99,10 +99,11 @@ class OperatedRun:
             finally:
                 self.background.wait()
                 self._end_log(session.outcome.label or StopReason.INTERNAL_ERROR.label)
+            end = session.outcome.after_loss_of_log(self._logs.loss) if self._logs.loss else session.outcome
             outcome = operator_pb2.Outcome(
-                outcome=session.outcome.label,
-                exit_code=session.outcome.exit_code,
-                sentence=session.outcome.sentence,
+                outcome=end.label,
+                exit_code=end.exit_code,
+                sentence=end.sentence,
                 log_paths=[str(path) for path in self._logs.paths],
                 host_stamp_ns=self._clock.now_ns(),
             )

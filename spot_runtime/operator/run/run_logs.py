@@ -24,6 +24,8 @@ class SwitchedSink(ForwardingSink):
     def __init__(self) -> None:
         super().__init__(NullSink())
         self._dropped_before = dict.fromkeys(TOPICS, 0)
+        self.last = self._to.health()
+        """Of the log that was closed last."""
 
     @property
     def is_logging(self) -> bool:
@@ -44,6 +46,7 @@ class SwitchedSink(ForwardingSink):
         """Close the log of the moment, if there is one; another may be opened."""
         before, self._to = self._to, NullSink()
         before.close(outcome)
+        self.last = before.health()
         for topic, count in before.dropped.items():
             self._dropped_before[topic] += count
 
@@ -63,6 +66,8 @@ class RunLogs:
         self._make_sink, self._sink = make_sink, sink
         self.paths: list[Path] = []
         self._newest: NewLog | None = None
+        self.loss = ""
+        """What became of a log that no name leads to; empty where there is none."""
 
     @property
     def path(self) -> Path | None:
@@ -90,5 +95,10 @@ class RunLogs:
         return log.flight.write(log.path, log.header, outcome) if log is not None and self._sink.is_logging else None
 
     def end(self, outcome: str) -> None:
-        """Close the log of the moment."""
+        """Close the log of the moment, and remember where it is."""
+        is_logging = self._sink.is_logging
         self._sink.close(outcome)
+        last = self._sink.last
+        if is_logging and last.path is not None:
+            self.paths[-1:] = [Path(last.path)] if last.path else []
+            self.loss = self.loss if last.path else last.problem

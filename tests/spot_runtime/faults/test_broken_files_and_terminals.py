@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from spot_log import LogReadError, read_run, recover_leftovers, recover_log
+from spot_log.format.records import RunHeader
+from spot_log.write.run_writer import RunWriter
 from spot_model.errors import SpotRlError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
 from spot_model.io.velocity_sequence import load_sequence
@@ -67,11 +69,14 @@ def test_a_pipe_into_which_nobody_writes_is_refused_and_not_waited_for(tmp_path:
             load_sequence(odd)
 
 
-def test_leftovers_that_are_no_files_are_passed_by(tmp_path: Path) -> None:
+def test_leftovers_that_are_no_files_are_passed_by(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    some_log = tmp_path_factory.mktemp("logs") / "some.mcap"
+    RunWriter(some_log, RunHeader("some", 1)).close({}, "completed")
     os.mkfifo(tmp_path / "a.mcap.active")
     (tmp_path / "b.mcap.active").mkdir()
     (tmp_path / "c.mcap.active").symlink_to(tmp_path / "nowhere")
     (tmp_path / "d.mcap.active").write_bytes(b"noise")
+    (tmp_path / "e.mcap.active").symlink_to(some_log)
     before = sorted(path.name for path in tmp_path.iterdir())
     assert recover_leftovers(tmp_path) == []
     assert sorted(path.name for path in tmp_path.iterdir()) == before

@@ -272,9 +272,56 @@ def test_inherited_real_time_settings_are_shed(monkeypatch):
     monkeypatch.setattr(os, "sched_setscheduler", lambda _pid, policy, _param: asked.update(policy=policy))
     monkeypatch.setattr(os, "sched_setaffinity", lambda _pid, cpus: asked.update(cpus=list(cpus)))
     monkeypatch.setattr(signal, "signal", lambda number, action: asked.update({number: action}))
-    monkeypatch.setattr(signal, "pthread_sigmask", lambda how, mask: asked.update(mask=(how, list(mask))))
     logger_child.shed_inherited_settings()
     assert asked["policy"] == os.SCHED_OTHER
     assert asked["cpus"] == list(range(os.cpu_count()))
     assert asked[signal.SIGINT] == asked[signal.SIGTERM] == signal.SIG_IGN
-    assert asked["mask"] == (signal.SIG_SETMASK, [])
+
+
+def test_a_folder_that_is_moved_takes_the_log_along(synthetic_run, tmp_path):
+    folder, elsewhere = tmp_path / "logs", tmp_path / "elsewhere"
+    folder.mkdir()
+    sink = LoggerProcess.start(folder / "run.mcap", synthetic_run().header)
+    synthetic_run(duration_s=0.3).feed(sink)
+    folder.rename(elsewhere)
+    folder.mkdir()  # by somebody who wants the name
+    sink.close("completed")
+    health = sink.health()
+    assert health.path == str(elsewhere / "run.mcap")
+    assert health.problem == f"the log's folder was moved while it was being written; the log is in {elsewhere}"
+    assert not any(health.unwritten.values())
+    assert read_run(elsewhere / "run.mcap").outcome == "completed"
+
+
+def test_what_takes_the_place_of_a_log_does_not_become_the_log(synthetic_run, tmp_path, sink):
+    synthetic_run(duration_s=0.3).feed(sink)
+    active, target = active_path(sink.path), tmp_path / "target"
+    target.write_text("theirs")
+    wait_until(lambda: active.stat().st_size > 1000, "something is written")
+    active.rename(tmp_path / "aside")
+    active.symlink_to(target)
+    sink.close("completed")
+    health = sink.health()
+    assert (health.path, health.problem) == (str(sink.path), "")
+    assert not any(health.unwritten.values())
+    assert not sink.path.is_symlink()
+    assert read_run(sink.path).outcome == "completed"
+    assert (active.is_symlink(), target.read_text()) == (True, "theirs")
+
+
+def test_a_log_without_a_name_is_lost_as_a_whole(synthetic_run, sink):
+    fed = synthetic_run(duration_s=0.3).feed(sink)
+    wait_until(lambda: active_path(sink.path).stat().st_size > 10_000, "it is written")
+    active_path(sink.path).unlink()
+    sink.close("completed")
+    health = sink.health()
+    assert health.path == ""
+    assert "its file was deleted, or its disk unmounted" in health.problem
+    assert {topic: n for topic, n in health.unwritten.items() if n} == {topic: n for topic, n in fed.items() if n}
+
+
+def test_a_log_whose_process_was_killed_is_where_it_was(synthetic_run, sink):
+    synthetic_run(duration_s=0.3).feed(sink)
+    os.kill(sink.process_id, signal.SIGKILL)
+    sink.close("completed")
+    assert sink.health().path == str(active_path(sink.path))

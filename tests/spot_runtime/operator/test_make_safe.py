@@ -24,7 +24,7 @@ from spot_log.write.sink import NullSink
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import CertificateError, HalError, MotionError
+from spot_runtime.hal.errors import CertificateError, HalError, LeaseHeldError, MotionError
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
@@ -181,14 +181,14 @@ def test_whoever_took_the_robot_meanwhile_keeps_it(robot: Robot) -> None:
     assert not robot.note.exists()
 
 
-def test_whoever_had_it_meanwhile_and_gave_it_back_has_left_it_so(robot: Robot) -> None:
+def test_a_robot_that_nobody_has_any_more_sits_and_loses_power(robot: Robot) -> None:
     robot.leave_standing()
     robot.inject("lease_expired")
     other = robot.session()
     other.acquire_lease()
     other.close()
-    assert "was left to its holder" in robot.make_safe_by_note()
-    assert robot.is_powered()
+    assert "sat down" in robot.make_safe_by_note()
+    assert not robot.is_powered()
     assert not robot.status().lease_owner
 
 
@@ -204,6 +204,7 @@ def test_a_robot_without_power_is_safe_and_its_lease_free(robot: Robot) -> None:
 def test_a_note_of_another_start_of_the_robot_is_nobodys(robot: Robot) -> None:
     note = robot.leave_standing()
     HeldNote.write(robot.note, replace(note, epoch="another epoch")).let_go()
+    robot.inject("lease_stolen", owner="tablet")
     assert "was left to its holder" in robot.make_safe_by_note()
     assert robot.is_powered()
 
@@ -285,6 +286,50 @@ def test_a_lease_under_which_power_off_failed_is_not_given_back(robot: Robot, mo
     assert not robot.is_powered()
 
 
+@pytest.mark.parametrize("seconds", [0.0, 1.0])
+def test_a_lease_that_somebody_took_for_a_moment_is_taken_up_to_power_off(robot: Robot, seconds: float) -> None:
+    hal = robot.hal()
+    hal.connect()
+    hal.stand()
+    thief = robot.session()
+    client = thief.calls.client(LeaseClient)
+    lease = client.take()
+    robot.step(0.02)
+    if not seconds:
+        client.return_lease(lease)
+    with pytest.raises(LeaseHeldError):  # the job that keeps it notices
+        hal._pause(0.5)
+    if seconds:
+        original, waited = hal._pace.pause, [0.0]
+
+        def pause(duration_s: float) -> None:
+            original(duration_s)
+            waited[0] += duration_s
+            if waited[0] >= seconds and not waited[0] - duration_s >= seconds:
+                client.return_lease(lease)
+
+        hal._pace.pause = pause  # type: ignore[method-assign]
+    hal.power_off()
+    assert not robot.is_powered()
+    hal.close()
+    thief.close()
+    assert not robot.note.exists()
+    assert not robot.status().lease_owner
+
+
+def test_a_lease_that_somebody_keeps_is_theirs_and_they_are_named(robot: Robot) -> None:
+    hal = robot.hal()
+    hal.connect()
+    hal.stand()
+    robot.inject("lease_stolen", owner="tablet-7")
+    with pytest.raises(LeaseHeldError, match=r"held by tablet-7.*whoever has it is answerable"):
+        hal.power_off()
+    hal.close()
+    assert robot.is_powered()
+    assert robot.note.exists()  # for the guardian, which looks once more
+    assert robot.status().lease_owner == "tablet-7"
+
+
 def test_motors_that_are_just_getting_power_are_powered_off_too(robot: Robot) -> None:
     hal = robot.hal()
     hal.connect()
@@ -312,6 +357,30 @@ def test_a_note_that_does_not_fit_on_the_disk_is_no_note(robot: Robot, monkeypat
     with pytest.raises(LeaseNoteError, match=r"cannot be written: Disk quota exceeded; make room"):
         HeldNote.write(robot.note, LeaseNote("a", "body", "e", 1, ""))
     assert HeldNote.find(robot.note) is None
+
+
+def test_a_note_can_be_read_by_its_owner_alone_whatever_was_there(robot: Robot) -> None:
+    robot.note.write_text("an old one")
+    robot.note.chmod(0o666)
+    with robot.note.open() as reader:  # who had it open sees nothing of the new one
+        before = os.umask(0o777)
+        try:
+            HeldNote.write(robot.note, LeaseNote("a", "body", "e", 1, "token")).let_go()
+        finally:
+            os.umask(before)
+        assert reader.read() == "an old one"
+    assert robot.note.stat().st_mode & 0o777 == 0o600
+    found = HeldNote.find(robot.note)
+    assert found is not None
+    assert found[1] == LeaseNote("a", "body", "e", 1, "token")
+    with pytest.raises(NoteHeldError):
+        HeldNote.write(robot.note, LeaseNote("a", "body", "e", 2, "token"))
+    found[0].remove()
+    assert not list(robot.note.parent.glob(".lease*"))
+    robot.note.symlink_to(robot.folder / "elsewhere")
+    with pytest.raises(LeaseNoteError, match="cannot be opened"):
+        HeldNote.write(robot.note, LeaseNote("a", "body", "e", 1, "token"))
+    assert not (robot.folder / "elsewhere").exists()
 
 
 def test_the_command_by_its_own_name(robot: Robot) -> None:
