@@ -16,7 +16,7 @@ def leave_out_current_folder() -> None:
 def main() -> None:
     """Run ``spot-rl`` with the process's own arguments."""
     try:
-        from spot_model.io.inherited import set_right
+        from spot_model.inherited import set_right
 
         set_right()
         if sys.flags.optimize > 1:

@@ -18,7 +18,7 @@ from fake_robot.start.certificates import write_private
 from fake_robot.start.options import FakeOptions
 from fake_robot.start.state_folder import DEFAULT_USERNAME
 from spot_model.errors import BadInputError
-from spot_model.io.inherited import environment_as_inherited
+from spot_model.inherited import environment_as_inherited
 from spot_model.io.signals import answered, run_in_foreground
 
 if TYPE_CHECKING:

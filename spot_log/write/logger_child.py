@@ -117,8 +117,7 @@ class LoggerChild:
         try:
             self._writer.flush()
         except OSError as error:
-            self._lose(Counter(buffered), f"the log cannot be written: {error}")
-        self._look_at_place()
+            self._lose(Counter(buffered), f"the log cannot be written: {error.strerror or error}")
         self._tell()
 
     def _lose(self, counts: Counter[str], problem: str) -> None:
@@ -139,23 +138,24 @@ class LoggerChild:
             self._writer.close(dropped, outcome)
         except OSError as error:
             self._writer.abandon()
-            self._lose(Counter(buffered), f"the log could not be closed: {error}")
+            self._lose(Counter(buffered), f"the log could not be closed: {error.strerror or error}")
             if self._writer.place is None:
                 self._unwritten.update(self._writer.written)
-        self._look_at_place()
         self._tell(is_closed=True)
 
-    def _look_at_place(self) -> None:
+    def _move(self) -> str:
+        """That the log is not where it was begun; empty where it is, or is nowhere."""
         place = self._writer.place
-        if place is not None and place.parent != self._writer.path.parent and not self._problem:
-            self._problem = f"the log's folder was moved while it was being written; the log is in {place.parent}"
+        if place is None or place.parent == self._writer.path.parent:
+            return ""
+        return f"the log's folder was moved while it was being written; the log is in {place.parent}"
 
     def _tell(self, *, is_ready: bool = False, is_closed: bool = False) -> None:
         status = {
             "ready": is_ready,
             "closed": is_closed,
             "unwritten": dict(self._unwritten + self._overflowed),
-            "problem": self._problem,
+            "problem": self._problem or self._move(),
             "path": str(self._writer.place or ""),
         }
         send_status(self._connection, status)

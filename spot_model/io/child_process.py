@@ -21,9 +21,8 @@ from typing import IO, Final
 
 from typing_extensions import Self
 
-from spot_model.io import launch
-
 END_TIMEOUT_S = 5.0
+LAUNCH: Final = Path(__file__).absolute().parents[1] / "launch.py"
 HEARD: Final = subprocess.PIPE
 """For :attr:`ChildProcess.output` to read."""
 UNHEARD: Final = subprocess.DEVNULL
@@ -94,7 +93,7 @@ def ends(descriptor: int, within_s: float | None) -> bool:
 
 def module_command(module: str, *arguments: str) -> list[str]:
     """The words that run a module of this installation as a program, as ``python -m`` would from any other folder."""
-    return [sys.executable, str(Path(launch.__file__).absolute()), module, *arguments]
+    return [sys.executable, str(LAUNCH), module, *arguments]
 
 
 def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:

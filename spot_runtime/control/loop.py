@@ -28,7 +28,7 @@ from spot_runtime.control.snapshot import Snapshot
 from spot_runtime.control.step import after_failure, check_step, control_step, stopped
 from spot_runtime.control.warm_up import WarmReceiver
 from spot_runtime.hal.base import Hal, JointControl
-from spot_runtime.host.cpu_wait import CpuWait
+from spot_runtime.host.pauses import Pause, Pauses
 from spot_runtime.host.realtime import let_others_run
 from spot_runtime.sources.base import CommandSource, Wanted
 from spot_runtime.stops import Ending, Stop
@@ -61,7 +61,7 @@ class ControlLoop:
         *,
         on_event: Callable[[EventRecord], None] = lambda _: None,
         wall_s: Callable[[], float] = time.perf_counter,
-        cpu_wait: CpuWait | None = None,
+        pauses: Pauses | None = None,
     ) -> None:
         """Prepare; the robot stands under the vendor's control.
 
@@ -73,9 +73,9 @@ class ControlLoop:
             sink: The log.
             on_event: Also told of every event; must not block.
             wall_s: Measures how long computing takes.
-            cpu_wait: Tells whether this computer is why states are old; None where robot time waits for it.
+            pauses: Tells whether this process is why states are old; None where robot time waits for it.
         """
-        self._cpu_wait = cpu_wait
+        self._pauses = pauses
         self._hal, self._sink, self._on_event, self._wall_s = hal, sink, on_event, wall_s
         contract, pose_rad = policy.contract, policy.default_position_rad[policy.canonical_from_policy]
         self._plan = Plan(
@@ -172,8 +172,8 @@ class ControlLoop:
         if step.usable:
             self.memory = check_step(step)
         self.stats.departures(self._hal.departures())
-        if now.log is not None and self._cpu_wait is not None:
-            self._cpu_wait.mark()
+        if now.log is not None and self._pauses is not None:
+            self._pauses.mark()
         if step.newest is not None:
             self._receiver.arrivals.add(step.newest)
 
@@ -216,16 +216,20 @@ class ControlLoop:
         host_ns, robot_ns = hal.host_now_ns(), hal.robot_now_ns()
         log = self._sink.health() if robot_ns >= watch.next_log_check_ns else None
         newest = states[-1] if states else watch.newest
-        waited_s, control, problems = self._cpu_wait_s(newest, robot_ns), hal.joint_control, hal.problems()
+        pause, control, problems = self._pause(newest, robot_ns), hal.joint_control, hal.problems()
         clock_age_s = 0.0 if log is None else hal.clock_age_s
-        return Snapshot(host_ns, robot_ns, states, control, problems, hal.slow_state, clock_age_s, log, waited_s)
+        return Snapshot(host_ns, robot_ns, states, control, problems, hal.slow_state, clock_age_s, log, pause)
 
-    def _cpu_wait_s(self, newest: RobotState | None, robot_ns: int) -> float | None:
-        """Asked for once: where a state is so old that the run ends."""
-        if self._cpu_wait is None or newest is None or self.mode is Mode.READY or self.memory.ending is not None:
+    def _pause(self, newest: RobotState | None, robot_ns: int) -> Pause | None:
+        """This process's own, of late; where a state is so old that the run ends, also that there was none."""
+        pauses = self._pauses
+        if pauses is None:
             return None
+        pauses.look()
+        if newest is None or self.mode is Mode.READY or self.memory.ending is not None:
+            return pauses.recent
         is_stale = (robot_ns - newest.robot_stamp_ns) / NS_PER_S >= self._plan.limits.state_age_damp_s
-        return self._cpu_wait.since_mark_s() if is_stale else None
+        return pauses.waits() if is_stale else pauses.recent
 
     def _now(self) -> Snapshot:
         return Snapshot(self._hal.host_now_ns(), self._hal.robot_now_ns(), joint_control=self._hal.joint_control)

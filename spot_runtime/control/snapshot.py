@@ -9,6 +9,7 @@ from spot_log.write.sink import SinkHealth
 from spot_model.robot.state import RobotState, SlowState
 from spot_runtime.control.modes import Mode
 from spot_runtime.hal.base import JointControl
+from spot_runtime.host.pauses import Pause
 from spot_runtime.stops import Stop
 
 
@@ -27,8 +28,8 @@ class Snapshot(NamedTuple):
     """Time since the clocks were compared; 0 between two looks at the log."""
     log: SinkHealth | None = None
     """How the log is doing; None between two looks at it."""
-    cpu_wait_s: float | None = None
-    """Longest time that a thread of this process has waited for a processor of late; None unless states are stale."""
+    pause: Pause | None = None
+    """In which this process itself did not look; None where it did, unless states are stale."""
 
 
 class Phase(NamedTuple):

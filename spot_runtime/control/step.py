@@ -19,6 +19,7 @@ from spot_model.robot.state import Array, JointCommand, RobotState
 from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
+from spot_runtime.control.own_doing import with_own_doing
 from spot_runtime.control.safety import watchdogs
 from spot_runtime.control.safety.commands import check_command, limit_setpoint
 from spot_runtime.control.safety.signals.check import Situation, asked, check_signals
@@ -57,7 +58,10 @@ def control_step(memory: Memory, now: Snapshot, plan: Plan) -> Step:
     loads = loads.after(usable) if phase.mode is Mode.READY else loads
     # Whole tuples are made by position: on the hot path that takes a third of what replacing fields takes.
     memory = Memory(phase, handover, schedule, loads, ending, watch, drive, told, key, sent_ns, signals)
-    memory, acts = _end_and_move(memory, (*found, *stops, *later_stops), now, limits, notes)
+    all_stops = (*found, *stops, *later_stops)
+    if all_stops and now.pause is not None:
+        all_stops = tuple(with_own_doing(stop, now.pause) for stop in all_stops)
+    memory, acts = _end_and_move(memory, all_stops, now, limits, notes)
     result, inference_s = None, 0.0
     if is_tick and newest is not None and memory.phase.mode.runs_policy:
         memory, result, inference_s = _run_policy(memory, newest, now, plan, notes)

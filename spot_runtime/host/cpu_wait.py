@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 from spot_model.robot.stamps import NS_PER_S
-from spot_runtime.config import RealTimeConfig
 
 TASKS: Final = Path("/proc/self/task")
 
@@ -38,8 +37,3 @@ class CpuWait:
                 with contextlib.suppress(OSError, IndexError, ValueError):  # a thread that has just ended
                     waited_ns[thread.name] = int((thread / "schedstat").read_bytes().split()[1])
         return waited_ns
-
-
-def cpu_wait(config: RealTimeConfig) -> CpuWait | None:
-    """The watch, if it is wanted."""
-    return CpuWait() if config.watch_processor else None

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
@@ -25,11 +24,9 @@ from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.rescue.guardian import start_guardian
 from spot_runtime.rescue.heartbeat import Heartbeat, Hold
-from spot_runtime.rescue.keeper import GuardianKeeper, longest_silence_s
+from spot_runtime.rescue.keeper import LOOK_PERIOD_S, GuardianKeeper, longest_silence_s
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_folder, note_path
 from spot_runtime.stops import Stop, StopReason
-
-GUARD_PERIOD_S: Final = 1.0
 
 
 class NotingHal(BosdynHal):
@@ -90,9 +87,7 @@ class NotingHal(BosdynHal):
         keeper.begin()
         self._guardian = keeper
         # By this computer's clock, which is a guardian's, also where robot time has another pace.
-        self._jobs.add(
-            "guardian", GUARD_PERIOD_S, lambda: keeper.look(time.monotonic()), now_s=self._pace.chore_now_s()
-        )
+        self._jobs.add("guardian", LOOK_PERIOD_S, lambda: keeper.look(time.monotonic()), now_s=self._pace.chore_now_s())
 
     def _pause(self, duration_s: float) -> None:
         self._heartbeat.beat()

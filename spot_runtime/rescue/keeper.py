@@ -20,8 +20,10 @@ WATCHES_WITHIN_S: Final = 20.0
 LOOK_S: Final = 0.02
 UNGUARDED_S: Final = 10.0
 """A robot with power that nobody has guarded for so long sits down. A guardian begins to watch within half a second."""
-HANGS_S: Final = 3.0
-"""A guardian that watched, and has not looked for so long, is killed. It looks five times a second."""
+HANGS_S: Final = 2.0
+"""A guardian that watched, and was not seen to look for so long, is killed. It looks five times a second."""
+LOOK_PERIOD_S: Final = 1.0
+"""Of :meth:`GuardianKeeper.look`."""
 LASTS_S: Final = 60.0
 MOST_ENDS: Final = 5
 """So many guardians may end in a row, none of which lasted."""
@@ -54,7 +56,7 @@ class GuardianKeeper:
         self._guardian: ChildProcess | None = None
         self._began_s, self._looks, self._ends, self._has_given_up = 0.0, 0, 0, False
         self._missed_s: float | None = None
-        """When nobody was first seen to watch; None while somebody does."""
+        """When one was last seen to watch; None while one is."""
 
     def begin(self) -> None:
         """Start the first one, and wait until it watches. Raises HalError."""
@@ -72,25 +74,29 @@ class GuardianKeeper:
         raise _refusal(f"it did not begin within {WATCHES_WITHIN_S:g} s")
 
     def look(self, now_s: float) -> None:
-        """Replace one that has ended; call it about once a second. Where that does not help, give up."""
+        """Replace one that has ended or hangs, or give up; call it each :data:`LOOK_PERIOD_S`."""
         guardian, looks = self._guardian, self._heartbeat.looks
         is_there = guardian is not None and guardian.exit_code is None
         if is_there and looks not in (0, self._looks):
             self._looks, self._missed_s = looks, None
             self._ends = 0 if now_s - self._began_s > LASTS_S else self._ends
             return
-        self._missed_s = now_s if self._missed_s is None else self._missed_s
+        # Not since the last look, which is long ago where this process itself was stopped.
+        self._missed_s = now_s - LOOK_PERIOD_S if self._missed_s is None else self._missed_s
         unguarded_s = now_s - self._missed_s
-        if not is_there:
-            self._replace(now_s)
-        elif guardian is not None and unguarded_s > HANGS_S and looks:
+        if guardian is None:
+            self._replace(now_s, "no guardian")
+        elif not is_there:
+            self._replace(now_s, f"the guardian has ended ({guardian.end_in_words})")
+        elif unguarded_s > HANGS_S and looks:
             guardian.kill()
+            guardian.wait(LOOK_S)  # reaps it; one that a disk holds runs no more all the same
+            self._replace(now_s, f"the guardian hung: it had not looked for {unguarded_s:.1f} s and was killed")
         if not self._has_given_up and (unguarded_s > UNGUARDED_S or self._ends > MOST_ENDS):
             self._has_given_up = True
             self._give_up(f"{self._ends} ended in a row, and nobody has watched for {unguarded_s:.0f} s")
 
-    def _replace(self, now_s: float) -> None:
-        words = "no guardian" if self._guardian is None else f"the guardian has ended ({self._guardian.end_in_words})"
+    def _replace(self, now_s: float, words: str) -> None:
         self._ends += self._guardian is not None
         self._began_s, self._looks, self._heartbeat.looks = now_s, 0, 0
         try:

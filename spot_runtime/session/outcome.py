@@ -45,8 +45,12 @@ class Outcome:
         return Outcome("power_off_failed", error.exit_code, f"{self.sentence}; then {words}", is_fault=True)
 
     def after_loss_of_log(self, problem: str) -> Outcome:
-        """The outcome of a run that has left no log; what went wrong before stays."""
-        return self.after_stop(Stop(StopReason.LOG_FAILED, problem))
+        """The outcome of a run that has left no log; what went wrong before stays, and so does an e-stop."""
+        lost = Stop(StopReason.LOG_FAILED, problem)
+        words = f"{self.sentence}; then {lost.sentence()}"
+        if self.is_fault or self.exit_code == StopReason.OPERATOR_ESTOP.exit_code:
+            return replace(self, sentence=words)
+        return Outcome(lost.reason.label, lost.reason.exit_code, words, is_fault=True)
 
     def _after(self, later: Outcome) -> Outcome:
         is_fall = self.sentence and later.label == StopReason.TILT.label

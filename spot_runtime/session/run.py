@@ -29,7 +29,7 @@ from spot_runtime.control.memory import NOTHING_ASKED
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
-from spot_runtime.host.cpu_wait import cpu_wait
+from spot_runtime.host.pauses import pauses
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
@@ -214,7 +214,7 @@ class _Attempt:
     def _control(self, hal: Hal) -> ControlEnd:
         policy, source, config = self._request.policy, self._request.source, self._request.config
         loop = ControlLoop(
-            hal, policy, source, config, self._sink, on_event=self._tell, cpu_wait=cpu_wait(config.real_time)
+            hal, policy, source, config, self._sink, on_event=self._tell, pauses=pauses(config.real_time)
         )
         self._loop, self._stats = loop, loop.stats
         self._console.show(lambda: self._show(_progress(loop)))

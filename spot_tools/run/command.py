@@ -61,7 +61,7 @@ def run(
     credentials_file: CredentialsFile = None,
     log_dir: Annotated[Path | None, typer.Option("--log-dir", "--out", help="Folder of the log.")] = None,
     label: Annotated[list[str] | None, typer.Option(help="Label of the log, KEY=VALUE; repeatable.")] = None,
-    repeat: Annotated[int, typer.Option(min=0, help="Number of this repetition, for the log.")] = 0,
+    repeat: Annotated[int, typer.Option(min=0, max=999_999, help="Number of this repetition, for the log.")] = 0,
     lock_step: LockStepAddress = None,
     summary_json: Annotated[Path | None, typer.Option(help="Also write the summary here, as JSON.")] = None,
 ) -> None:

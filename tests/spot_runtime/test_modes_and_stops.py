@@ -206,6 +206,7 @@ TABLE = {
     "command_refused": (EXPIRE, 41, False),
     "activation_failed": (EXPIRE, 42, False),
     "clock_jumped": (DAMP, 43, False),
+    "process_paused": (DAMP, 16, False),
     "lease_lost": (EXPIRE, 44, False),
     "estopped": (EXPIRE, 45, False),
     "motors_off": (EXPIRE, 46, False),

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +20,13 @@ from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.notes import Notes
+from spot_runtime.control.own_doing import with_own_doing
 from spot_runtime.control.safety.command_loss import WINDOW_KEYS, LossMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory, lost_ticks, screen
 from spot_runtime.control.safety.watchdogs import look as watch
 from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.host.cpu_wait import CpuWait
+from spot_runtime.host.pauses import Pause, Pauses
 from spot_runtime.stops import Stop, StopReason
 
 MS = 1_000_000
@@ -70,13 +76,12 @@ class Dogs:
         self._keep(notes)
         return stops[0] if stops else None
 
-    def look(self, phase: Phase, now_ns: int, cpu_wait_s: float | None = None) -> list[Stop]:
+    def look(self, phase: Phase, now_ns: int) -> list[Stop]:
         notes, robot = self._notes(now_ns), self.robot
         log = self.sink.health() if now_ns >= self.memory.next_log_check_ns else None
         now = Snapshot(
             now_ns, now_ns, (), robot.joint_control, robot.problems(), robot.slow_state, robot.clock_age_s, log
         )
-        now = now._replace(cpu_wait_s=cpu_wait_s)
         self.memory, stops = watch(self.memory, now, phase, self.config, notes)
         self._keep(notes)
         return list(stops)
@@ -111,7 +116,8 @@ def look(
 ) -> list[Stop]:
     dogs.robot.now_ns = now_ns
     since_ns = now_ns if mode_since_ns is None else mode_since_ns
-    return dogs.look(Phase(mode, since_ns, now_ns if control_since_ns is None else control_since_ns), now_ns)
+    control_since_ns = now_ns if control_since_ns is None else control_since_ns
+    return dogs.look(Phase(mode, since_ns, control_since_ns=control_since_ns), now_ns)
 
 
 def test_a_time_sync_that_fails_for_long_is_told_of_once(dogs: Dogs, sink: SickSink, robot: Any) -> None:
@@ -208,24 +214,81 @@ def test_ages_count_in_every_mode_but_ready(dogs: Dogs, make_state: MakeState) -
         assert [s.reason for s in stops] == ([] if mode is Mode.READY else [StopReason.STATE_STALE])
 
 
+BUSY = "this computer is too busy; a thread of this program had to wait"
+OWN = "this program did not look for 48.0 ms, though it had a processor: it, or what this computer runs on, was busy"
+LINK = "the robot or the link was late; this program looked in time, and none of its threads waited more than"
+
+
 @pytest.mark.parametrize(
-    ("cpu_wait_s", "words"),
+    ("pause", "reason", "words"),
     [
-        (None, ""),
-        (0.0, "the robot or the link was late; no thread of this program waited more than 0.0 ms"),
-        (0.0249, "the robot or the link was late; no thread of this program waited more than 24.9 ms"),
-        (0.025, "this computer is too busy; a thread of this program had to wait 25.0 ms"),
-        (0.3, "this computer is too busy; a thread of this program had to wait 300.0 ms"),
+        (Pause(0.0), StopReason.STATE_STALE, ""),
+        (Pause(0.0, 0.0, 0.0), StopReason.STATE_STALE, f"{LINK} 0.0 ms"),
+        (Pause(0.0, 0.0, 0.0249), StopReason.STATE_STALE, f"{LINK} 24.9 ms"),
+        (Pause(0.0, 0.0, 0.025), StopReason.STATE_STALE, f"{BUSY} 25.0 ms"),
+        (Pause(0.3, 0.0, 0.3), StopReason.STATE_STALE, f"{BUSY} 300.0 ms"),
+        (Pause(0.048, 0.04, 0.001), StopReason.STATE_STALE, OWN),
+        (Pause(0.048, 0.001, 0.001), StopReason.PROCESS_PAUSED, "for 0.048 s"),
+        (Pause(3.0, 0.001, None), StopReason.PROCESS_PAUSED, "for 3 s"),
+        (Pause(3.0, 0.001, 0.0, ago_s=1.0), StopReason.PROCESS_PAUSED, "for 3 s"),
+        (Pause(0.048, 0.001, 0.0, ago_s=1.0), StopReason.STATE_STALE, f"{LINK} 0.0 ms"),
     ],
 )
 def test_a_stale_state_tells_whose_doing_it_is(
-    dogs: Dogs, make_state: MakeState, cpu_wait_s: float | None, words: str
+    dogs: Dogs, make_state: MakeState, pause: Pause, reason: StopReason, words: str
 ) -> None:
     dogs.screen([make_state(START_NS)], START_NS)
-    (stop,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS), START_NS + 50 * MS, cpu_wait_s)
-    assert stop.reason is StopReason.STATE_STALE
+    (found,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS), START_NS + 50 * MS)
+    stop = with_own_doing(found, pause)
+    assert (stop.reason, stop.values) == (reason, found.values)
     assert stop.detail.startswith(words)
     assert bool(stop.detail) == bool(words)
+    assert ("link" in stop.sentence()) == (reason is StopReason.STATE_STALE)
+
+
+def test_what_a_robot_does_about_a_process_that_was_silent_tells_of_the_silence() -> None:
+    refused = Stop(StopReason.COMMAND_REFUSED, "STATUS_EXPIRED")
+    told = with_own_doing(refused, Pause(1.0, 0.01, 0.0, ago_s=0.4))
+    assert (told.reason, told.detail) == (
+        StopReason.COMMAND_REFUSED,
+        "STATUS_EXPIRED; 0.4 s before, this process did not run for 1 s",
+    )
+    assert with_own_doing(Stop(StopReason.TILT), Pause(1.0)).detail == "0.0 s before, this process did not run for 1 s"
+    for pause in (Pause(0.0), Pause(1.0, 0.9, 0.0), Pause(1.0, 0.0, 0.9)):
+        assert with_own_doing(refused, pause) is refused
+
+
+def test_a_loop_that_did_not_look_has_paused_and_is_told_so_for_a_while(tmp_path: Path) -> None:
+    now_s, used_s = [100.0], [5.0]
+    watch = Pauses(CpuWait(tmp_path), lambda: now_s[0], lambda: used_s[0])
+
+    def look(after_s: float, using_s: float = 0.0) -> float:
+        now_s[0] += after_s
+        used_s[0] += using_s
+        return watch.look()
+
+    assert (look(0.019), watch.recent, watch.waits()) == (0.0, None, Pause(0.0, 0.0, None))
+    assert look(0.5, 0.01) == pytest.approx(0.5)
+    assert watch.recent is not None
+    assert watch.recent[:2] == pytest.approx((0.5, 0.01))
+    assert look(0.03) == pytest.approx(0.03)
+    assert watch.waits().duration_s == pytest.approx(0.5), "the longest counts"
+    for _ in range(500):
+        look(0.005)
+    assert watch.recent is None
+
+
+def test_a_process_that_was_stopped_says_so() -> None:
+    code = "import sys, time; from spot_runtime.host.pauses import Pauses\nwatch = Pauses()\nprint(flush=True)"
+    code += "\nwhile not watch.recent or not watch.recent.is_standstill: watch.look(); time.sleep(0.002)"
+    code += "\nprint(watch.recent)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGCONT)
+        assert "Pause(duration_s=" in process.stdout.readline()
 
 
 def test_the_wait_for_a_processor_is_that_of_the_thread_that_waited_longest(tmp_path: Path) -> None:

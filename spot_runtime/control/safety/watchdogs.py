@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
@@ -22,9 +21,6 @@ from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
 LOG_CHECK_PERIOD_NS: Final = NS_PER_S // 2
-
-OWN_SHARE: Final = 0.5
-"""Of the age of a state, which is mostly this computer's doing if a thread waited as long for a processor."""
 
 _ANSWERS: Final = {
     Mode.READY: (StopReason.STATE_LOST, "before joint control"),
@@ -115,21 +111,9 @@ def _ages(memory: WatchMemory, now: Snapshot, phase: Phase, limits: SafetyLimits
         values = {"age_s": age_s, "bound_s": bound_s}
         notes.once(EventName.STATE_OLD, f"the newest state is {age_s * 1e3:.1f} ms old", values)
     stop = check_age(memory.states, robot_ns, limits)
-    if stop is not None and stop.reason is StopReason.STATE_STALE:
-        stop = replace(stop, detail=why_old(stop.values["age_s"], now.cpu_wait_s))
     if stop is None and phase.mode.runs_policy:
         stop = check_echo(memory.states, phase.control_since_ns, limits)
     return _some(stop)
-
-
-def why_old(age_s: float, cpu_wait_s: float | None) -> str:
-    """Whether this computer or what lies before it is why a state is so old; empty where that is not known."""
-    if cpu_wait_s is None:
-        return ""
-    waited = f"{cpu_wait_s * 1e3:.1f} ms for a processor"
-    if cpu_wait_s >= OWN_SHARE * age_s:
-        return f"this computer is too busy; a thread of this program had to wait {waited}"
-    return f"the robot or the link was late; no thread of this program waited more than {waited}"
 
 
 def _look_at_clock(clock_age_s: float, config: RunConfig, notes: Notes) -> None:

@@ -19,6 +19,7 @@ from typing import Final
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
 from spot_model.policy.policy import Policy
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_model.version import software_revision
 from spot_protos import operator_pb2, run_link_pb2
@@ -27,7 +28,7 @@ from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
-from spot_runtime.host.cpu_wait import cpu_wait
+from spot_runtime.host.pauses import pauses
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.run.background_tasks import BackgroundTask
@@ -44,6 +45,9 @@ from spot_runtime.session.signals import StopSignals
 from spot_runtime.stops import Reaction, Stop, StopReason
 
 STANDBY_WAIT_S: Final = 0.02
+STANDBY_PAUSE_S: Final = 0.2
+"""Between two looks; far less than the silence of the robot that ends the arming."""
+
 LOCK_STEP_PAUSE_S: Final = 0.002
 """In lock-step robot time would otherwise race while a person thinks."""
 
@@ -188,9 +192,12 @@ class OperatedRun:
         """Until a start is asked for (None), or the end."""
         self.stop, self.start_asked = None, None
         newest_ns, battery = hal.host_now_ns(), BatteryMemory()
+        watch = pauses(self.config.real_time, shortest_s=STANDBY_PAUSE_S)
         while self._waits():
             states = hal.receive(0, STANDBY_WAIT_S)
-            newest_ns = states[-1].host_stamp_ns if states else newest_ns
+            # While this process does not run, nobody can say that the robot is silent.
+            paused_ns = 0 if watch is None else round(watch.look() * NS_PER_S)
+            newest_ns = states[-1].host_stamp_ns if states else newest_ns + paused_ns
             self._look(signals)
             battery, wrong = check_standing(hal, states[-1:], newest_ns, battery, self.config.safety)
             if wrong is not None:
@@ -208,9 +215,9 @@ class OperatedRun:
     def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         self.keeps_standing = False
         self.source.let_go()
-        watch = cpu_wait(self.config.real_time)
+        watch = pauses(self.config.real_time)
         loop = ControlLoop(
-            hal, self.policy, self.source, self.config, self._sink, on_event=self.link.event, cpu_wait=watch
+            hal, self.policy, self.source, self.config, self._sink, on_event=self.link.event, pauses=watch
         )
         freeze_garbage_collection(self.config.real_time)
         self.loop, self._status_ticks = loop, -1

@@ -101,6 +101,7 @@ def test_a_lock_that_cannot_be_opened(tmp_path: Path) -> None:
         (("--log-dir", "/dev/null"), 1, "the folder /dev/null for logs cannot be made"),
         (("--config", "/dev/zero"), 2, "more bytes than are allowed"),
         (("--policy", "/dev/zero"), 3, "more bytes than are allowed"),
+        (("--repeat", "9" * 30), 2, "equal to 999999"),
     ],
 )
 def test_odd_names_on_the_command_line(words: tuple[str, ...], code: int, said: str, tmp_path: Path) -> None:

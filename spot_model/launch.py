@@ -17,8 +17,8 @@ def main() -> None:
     from pathlib import Path
 
     if find_spec("spot_model") is None:  # sources that are not installed
-        sys.path.append(str(Path(__file__).absolute().parents[2]))
-    from spot_model.io.inherited import answer_signals, set_right
+        sys.path.append(str(Path(__file__).absolute().parents[1]))
+    from spot_model.inherited import answer_signals, set_right
 
     set_right()
     answer_signals()
