@@ -14,7 +14,7 @@ import sys
 from typing import NoReturn
 
 from spot_model.errors import SpotRlError
-from spot_model.io.signals import answered
+from spot_model.io.signals import STOP_SIGNALS, answered
 from spot_protos import operator_pb2
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.stops import StopReason
@@ -59,7 +59,7 @@ def main() -> None:
         raise BrokenOffError(f"{signal.Signals(number).name} came before the robot was touched; arm again")
 
     try:
-        with answered(break_off, signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        with answered(break_off, *STOP_SIGNALS):
             link.begin()
             code = drive(link)
     except SpotRlError as error:
