@@ -25,6 +25,8 @@ class ObservationField:
     """Sign of each number when left and right are exchanged; None for joint values, which also change legs."""
     noise: str | None
     """Key of the training config's ``task.noise`` that holds its standard deviation; None where no sensor is read."""
+    reads: tuple[str, ...]
+    """Fields of :class:`~spot_model.robot.state.Measured` that it is made of."""
     source: str
 
     @property
@@ -33,20 +35,39 @@ class ObservationField:
         return self.mirror is None
 
 
+_ATTITUDE = "odom_from_body_wxyz"
 _POLAR, _AXIAL = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
 
 OBSERVATION: Final = (
     ObservationField(
-        "linear_vel_of_body_in_body_m_s", 3, "m/s", _POLAR, "linear_vel_m_s", "state estimator's odometry"
+        "linear_vel_of_body_in_body_m_s",
+        3,
+        "m/s",
+        _POLAR,
+        "linear_vel_m_s",
+        ("linear_vel_of_body_in_odom_m_s", _ATTITUDE),
+        "state estimator's odometry",
     ),
     ObservationField(
-        "angular_vel_of_body_in_body_rad_s", 3, "rad/s", _AXIAL, "angular_vel_rad_s", "state estimator's odometry"
+        "angular_vel_of_body_in_body_rad_s",
+        3,
+        "rad/s",
+        _AXIAL,
+        "angular_vel_rad_s",
+        ("angular_vel_of_body_in_odom_rad_s", _ATTITUDE),
+        "state estimator's odometry",
     ),
-    ObservationField("projected_gravity_in_body", 3, "1", _POLAR, "gravity", "third row of the attitude's matrix"),
-    ObservationField("velocity_command", 3, "m/s, m/s, rad/s", (1.0, -1.0, -1.0), None, "the operator"),
-    ObservationField("joint_position_offset_rad", 12, "rad", None, "joint_position_rad", "encoders - default pose"),
-    ObservationField("joint_velocity_rad_s", 12, "rad/s", None, "joint_velocity_rad_s", "encoders"),
-    ObservationField("last_action", 12, "1", None, None, "the network's previous output"),
+    ObservationField(
+        "projected_gravity_in_body", 3, "1", _POLAR, "gravity", (_ATTITUDE,), "third row of the attitude's matrix"
+    ),
+    ObservationField("velocity_command", 3, "m/s, m/s, rad/s", (1.0, -1.0, -1.0), None, (), "the operator"),
+    ObservationField(
+        "joint_position_offset_rad", 12, "rad", None, "joint_position_rad", ("position_rad",), "encoders - default pose"
+    ),
+    ObservationField(
+        "joint_velocity_rad_s", 12, "rad/s", None, "joint_velocity_rad_s", ("velocity_rad_s",), "encoders"
+    ),
+    ObservationField("last_action", 12, "1", None, None, (), "the network's previous output"),
 )
 """The observation, field by field. Source: the paper's observation equation."""
 

@@ -22,6 +22,7 @@ SMALL: dict[str, tuple[str, ...]] = {
 
 WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/start_up.py": ("2",),
+    "benchmarks/conformance_errors.py": ("body_velocity_negated",),
     "benchmarks/claims/loop.py": ("--seconds 2 --plain",),
     "benchmarks/claims/fakes.py": ("--seconds 0.2 --most 2",),
     "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 2 --kind faultless --out clean --workers 2",),

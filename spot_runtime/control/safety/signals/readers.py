@@ -6,21 +6,22 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import Final, NamedTuple
 
+from spot_model.policy.observation import OBSERVATION
 from spot_runtime.control.modes import Mode
 from spot_runtime.stops import Stop
 
 
 class Signal(Enum):
-    """What a robot reports of itself. The values are the words for it in the documentation."""
+    """What a robot reports of itself. The values are the names of the state's fields."""
 
-    POSITION = "joint position"
-    VELOCITY = "joint velocity"
-    ATTITUDE = "attitude"
-    BODY_VELOCITY = "body velocity"
-    TURN_RATE = "turn rate of the body"
-    LOAD = "load"
-    CONTACTS = "contacts"
-    INERTIAL_UNIT = "packets of the inertial unit"
+    POSITION = "position_rad"
+    VELOCITY = "velocity_rad_s"
+    ATTITUDE = "odom_from_body_wxyz"
+    BODY_VELOCITY = "linear_vel_of_body_in_odom_m_s"
+    TURN_RATE = "angular_vel_of_body_in_odom_rad_s"
+    LOAD = "load_nm"
+    CONTACTS = "foot_contact"
+    INERTIAL_UNIT = "imu"
 
 
 class Doubt(NamedTuple):
@@ -38,15 +39,7 @@ READ_BY_CORE: Final = frozenset({Signal.POSITION, Signal.VELOCITY, Signal.ATTITU
 READ_BY_HAND_OVER: Final = frozenset({Signal.LOAD})
 """The mean load becomes the feed-forward torque with which joint control begins."""
 
-READ_FOR_OBSERVATION: Final = {
-    "linear_vel_of_body_in_body_m_s": frozenset({Signal.BODY_VELOCITY, Signal.ATTITUDE}),
-    "angular_vel_of_body_in_body_rad_s": frozenset({Signal.TURN_RATE, Signal.ATTITUDE}),
-    "projected_gravity_in_body": frozenset({Signal.ATTITUDE}),
-    "velocity_command": frozenset[Signal](),
-    "joint_position_offset_rad": frozenset({Signal.POSITION}),
-    "joint_velocity_rad_s": frozenset({Signal.VELOCITY}),
-    "last_action": frozenset[Signal](),
-}
+READ_FOR_OBSERVATION: Final = {field.name: frozenset(map(Signal, field.reads)) for field in OBSERVATION}
 """What each field of a policy's observation is made of."""
 
 
