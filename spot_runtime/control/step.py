@@ -16,6 +16,7 @@ from spot_model.policy.policy import TickResult
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState
+from spot_runtime.control.load_average import LoadAverage
 from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
@@ -55,7 +56,8 @@ def control_step(memory: Memory, now: Snapshot, plan: Plan) -> Step:
         if lost and phase.mode.sends:
             watch, too_many = watchdogs.lost_ticks(watch, lost, newest.robot_stamp_ns, limits, notes)
             later_stops += too_many
-    loads = loads.after(usable) if phase.mode is Mode.READY else loads
+    if phase.mode is Mode.READY:  # what the joints carry while the body moves is not what carries it
+        loads = LoadAverage.over(handover.settle_s) if signals.restless_windows else loads.after(usable)
     # Whole tuples are made by position: on the hot path that takes a third of what replacing fields takes.
     memory = Memory(phase, handover, schedule, loads, ending, watch, drive, told, key, sent_ns, signals)
     all_stops = (*found, *stops, *later_stops)

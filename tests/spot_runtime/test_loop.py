@@ -86,6 +86,33 @@ def test_the_first_set_point_is_the_measured_pose_held_softly_with_the_measured_
     np.testing.assert_allclose(robot.sent[-1].gains.kp_nm_per_rad, 0.1 * Gains.stand().kp_nm_per_rad)
 
 
+@pytest.mark.parametrize(("swings_s", "outcome"), [(0.7, None), (1.5, StopReason.SIGNALS_CONTRADICT)])
+def test_a_body_that_still_swings_is_taken_over_once_it_rests_and_refused_if_it_does_not(
+    robot: Any, zero_policy: Policy, swings_s: float, outcome: StopReason | None
+) -> None:
+    begin_ns = robot.now_ns
+    still = np.zeros(3)
+
+    def swinging(state: RobotState) -> list[RobotState]:
+        is_over = state.robot_stamp_ns - begin_ns > swings_s * 1e9
+        speed = still if is_over else np.array([0.0, 0.5, 0.0])
+        load = state.load_nm if is_over else 1.3 * state.load_nm
+        return [replace(state, linear_vel_of_body_in_odom_m_s=speed, load_nm=load)]
+
+    robot.mutate = swinging
+    loop, _ = make_loop(robot, zero_policy)
+    while loop.mode is Mode.READY:
+        loop.cycle()
+    if outcome is not None:
+        assert (loop.mode, loop.stop and loop.stop.reason) == (Mode.RELEASED, outcome)
+        assert not robot.sent
+        return
+    assert loop.mode is Mode.ACTIVATING
+    # What the joints carried meanwhile is no part of the feed-forward torque.
+    np.testing.assert_allclose(robot.sent[0].load_nm, STAND_LOAD_NM, rtol=0.05)
+    assert (robot.now_ns - begin_ns) / 1e9 > swings_s + 0.9 * CONFIG.handover.settle_s
+
+
 def test_stiffness_rises_from_the_robots_confirmation_to_the_stands_within_the_time_of_taking_hold(
     robot: Any, zero_policy: Policy
 ) -> None:

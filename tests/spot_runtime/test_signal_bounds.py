@@ -110,7 +110,7 @@ COUNTS = {
         ("turn rate of the body and of its inertial unit", bounds.IMU_WINDOWS),
         ("the inertial unit reports what is no number", bounds.IMU_WINDOWS),
         ("load and set-point of fr_hx", bounds.LOAD_WINDOWS),
-        ("a robot that stands, and its velocities", bounds.REST_WINDOWS),
+        ("a robot that stands, and its velocities", bounds.RESTLESS_WINDOWS),
         ("joints, loads and weight of a robot that stands", bounds.REST_WINDOWS),
         ("position of fr_hx and load, which does not answer what is asked", bounds.LOAD_WINDOWS),
     ],

@@ -162,7 +162,7 @@ def _doubts(memory: SignalMemory) -> Iterator[Doubt]:
     yield from _about_inertial_unit(memory.imu)
     yield from _about_ground(memory.ground)
     yield from _about_loads(memory)
-    if memory.restless_windows >= bounds.REST_WINDOWS:
+    if memory.restless_windows >= bounds.RESTLESS_WINDOWS:
         suspects = {POSITION, VELOCITY, BODY_VELOCITY, TURN_RATE}
         yield _contradiction(suspects, "a robot that stands, and its velocities")
 
