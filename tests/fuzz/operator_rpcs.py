@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from rpcs import calls_in, in_a_row
 from support import Target, folder
@@ -83,25 +84,32 @@ class StubRun:
 
 def operator(data: bytes) -> None:
     """Some requests in a row to one service, what the control process tells in between, and its end."""
-    from google.protobuf.message import DecodeError
-    from google.protobuf.message_factory import GetMessageClass
-
-    from spot_protos import operator_pb2
     from spot_runtime.operator.door.access import Gate
     from spot_runtime.operator.door.callers import Caller, Role
-    from spot_runtime.operator.refusal import Refusal
     from spot_runtime.operator.server import supervisor as module
-    from spot_runtime.operator.server.methods import work_of
     from spot_runtime.operator.server.service import OperatorService
 
-    methods = operator_pb2.DESCRIPTOR.services_by_name["Operator"].methods
     calls = calls_in(data)
     script = [body for _, body in calls]
     supervisor = _supervisor()
     stub = StubRun(supervisor, script)
-    setattr(module, "RunProcess", type("Started", (), {"start": staticmethod(lambda _: stub)}))  # noqa: B010
     service = OperatorService(supervisor, Gate(requests_per_s=1000.0, steering_per_s=1000.0))
     caller = Caller("user 1", "anna", Role.OPERATE)
+    # Only for these calls: a service that another test starts in this process needs a control process that lives.
+    started = patch.object(module.RunProcess, "start", staticmethod(lambda _: stub))
+    with started:
+        _call(supervisor, service, caller, calls)
+
+
+def _call(supervisor: Any, service: Any, caller: Any, calls: Any) -> None:
+    from google.protobuf.message import DecodeError
+    from google.protobuf.message_factory import GetMessageClass
+
+    from spot_protos import operator_pb2
+    from spot_runtime.operator.refusal import Refusal
+    from spot_runtime.operator.server.methods import work_of
+
+    methods = operator_pb2.DESCRIPTOR.services_by_name["Operator"].methods
     for chosen, body in calls:
         number = chosen[0] % (len(methods) + 2)
         if number >= len(methods):
