@@ -116,7 +116,7 @@ def slow(rig: Rig) -> Finding:
 
 
 def removed(rig: Rig) -> Finding:
-    """The folder is deleted: its files are lost, and nothing else suffers."""
+    """The folder is deleted: the run goes on to its end, which says that no log is left."""
     logger = Logger()
 
     def make_sink(path: Path, header: RunHeader) -> LogSink:
@@ -126,7 +126,7 @@ def removed(rig: Rig) -> Finding:
 
     drive = rig.drive(lambda _: logger.remove_folder(), make_sink=make_sink, seconds=2.0)
     finding = Finding(drive.summary.outcome, truth=drive.truth)
-    finding.demand(drive.summary.outcome == "completed", f"ended {drive.summary.sentence}")
+    finding.demand(drive.summary.outcome == "log_failed", f"ended {drive.summary.sentence}")
     problem = logger.started[-1].health().problem
     finding.demand("the log c" in problem, f"nobody says that the log is gone: {problem!r}")
     return went_on(drive, finding)

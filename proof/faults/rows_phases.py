@@ -145,7 +145,7 @@ ROWS = (
     Row(
         "lease revoked while it sits down",
         0.0,
-        outside_control("down", lambda rig: rig.inject("lease_expired"), ("power_off_failed",), at_s=0.1),
+        outside_control("down", lambda rig: rig.inject("lease_expired"), ("completed",), at_s=0.1),
     ),
     Row(
         "behaviour fault while it stands up",
