@@ -550,8 +550,9 @@ def test_the_command_prints_json_and_fails_for_a_broken_rule(
     assert "check the address, the login, and --ca-file" in str(told.exception)
 
 
-def test_the_command_runs_in_a_process_of_its_own(planted: PlantedServer, certificates: Any) -> None:
-    """The fake's own modules, which this process has loaded, are not there."""
+def test_the_command_runs_in_a_process_of_its_own(start: Start, certificates: Any) -> None:
+    """The fake's own modules, which this process has loaded, are not there; nobody else holds the robot's lease."""
+    _, planted = start(BRISK)
     planted.plant(RIGHT)
     done = subprocess.run(
         [*PROGRAM, "--robot", planted.address, "--ca-file", str(certificates.ca_path)],

@@ -265,7 +265,7 @@ def test_what_repeats_itself_at_rest_is_believed_until_the_joints_move(name: str
 def test_joints_that_move_though_the_robot_should_stand() -> None:
     """The same states that are a good walk are no good stand."""
     memory = check.SignalMemory()
-    for state in walking()[:200]:
+    for state in walking()[:500]:
         memory, doubts = check.check_signals(memory, [state], STANDING)
         if doubts:
             break

@@ -122,7 +122,9 @@ def test_a_log_whose_folder_moves_is_whole_in_its_new_place(tmp_path, synthetic_
     (tmp_path / "old").rename(tmp_path / "new")
     feed(sink, synthetic_run, 100, 100)
     sink.close("completed")
-    assert sink.health().problem == ""
+    health = sink.health()
+    assert health.problem.endswith(f"the log is in {tmp_path / 'new'}")
+    assert not any([*health.unwritten.values(), *health.dropped.values()])
     assert len(read_run(tmp_path / "new" / "run.mcap").states) == 200
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.mcap"]
 

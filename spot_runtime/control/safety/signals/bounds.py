@@ -215,8 +215,8 @@ REST_TURN_RATE_RAD_S: Final = 0.6
 """The same push, 0.4 m/s, at the height of the hips."""
 REST_JOINT_SPEED_RAD_S: Final = 1.5
 """The same push, by legs of 0.3 m."""
-RESTLESS_WINDOWS: Final = 50
-"""In a row, 1 s: a body that a push, or standing up, has set swinging rests by then."""
+RESTLESS_WINDOWS: Final = 40
+"""More than at rest, 0.8 s: a body that a push, or standing up, has set swinging rests by then."""
 
 REST_WINDOWS: Final = 10
 """0.2 s of a robot at rest that carries its weight in a way that cannot be."""

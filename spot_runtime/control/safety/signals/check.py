@@ -46,7 +46,7 @@ class SignalMemory(NamedTuple):
     has_loads: bool = False
     """Whether any load ever was other than zero; where none ever is, loads are not reported at all."""
     restless_windows: int = 0
-    """In a row in which a robot that should stand did not."""
+    """In which a robot that should stand did not, less those since in which it did; 0 once it is at rest."""
     wrong_stances: int = 0
     """Windows in a row in which a robot could not stand as its joints and loads say."""
     explanations: tuple[str, ...] = ()
@@ -137,7 +137,7 @@ def _after_window(
         load_windows,
         repeated,
         has_loads,
-        memory.restless_windows + 1 if situation.is_standing and _is_restless(window) else 0,
+        max(0, memory.restless_windows + (1 if _is_restless(window) else -1)) if situation.is_standing else 0,
         memory.wrong_stances + 1 if is_stance_wrong else 0,
         stance.explanations(window) if is_stance_wrong else (),
     )
