@@ -86,7 +86,7 @@ def shrink_line(shrink: Shrink) -> str:
             text(at(tick), y + 24, f"{100 * tick:.0f} %", size=12, anchor="middle", css="soft"),
         ]
     parts.append(text(at(0.0), y + 42, "no change", size=12, anchor="middle", css="soft"))
-    parts.append(text(at(1.0), y + 42, f"as close as {FLOORS[shrink.floor_of]}", size=12, anchor="middle", css="soft"))
+    parts.append(text(width - 2, y + 42, f"as close as {FLOORS[shrink.floor_of]}", size=12, anchor="end", css="soft"))
     told = f"{100 * shrink.s:.0f} % of the gap closes"
     if shrink.s_low is not None and shrink.s_high is not None:
         told += f", 90 % interval {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %"

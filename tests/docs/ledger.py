@@ -141,7 +141,7 @@ NOT_RUN = {
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
     "spot-rl bench ordinary": CORES,
-    "spot-rl bench ordinary --seed 31 --runs 25 --out ordinary.jsonl": CORES,
+    "spot-rl bench ordinary --runs 10 --policy policies/NAME.onnx --out NAME.jsonl": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --stops 11": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --only 100 Hz": "a row of the matrix, which tests/spot_runtime/faults/test_matrix.py tries",

@@ -178,6 +178,7 @@ def test_two_processes_learn_one_network(tmp_path: Path) -> None:
         "runner.run(2, is_fresh=True)\n"
         "data = b''.join(p.detach().numpy().tobytes() for p in runner.alg.actor.parameters())\n"
         "Path(sys.argv[1], f'{runner.gpu_global_rank}.txt').write_text(hashlib.sha256(data).hexdigest())\n"
+        "runner.close()\n"
     )
     command = [sys.executable, "-W", "ignore", "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "OMP_NUM_THREADS": "1"}

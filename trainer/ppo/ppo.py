@@ -116,6 +116,11 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         }
         torch.distributed.init_process_group(backend="gloo", rank=self.gpu_global_rank, world_size=self.gpu_world_size)
 
+    def close(self) -> None:
+        """Leave the other processes, if there are any: a connection that is alive at the interpreter's end aborts it."""
+        if self.is_distributed:
+            torch.distributed.destroy_process_group()
+
 
 def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
     """rsl-rl's config dictionary; a fresh one each time, because rsl-rl writes into it."""

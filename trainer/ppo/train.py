@@ -35,6 +35,7 @@ def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") 
     if networks is not None:
         load_networks(runner, networks, str(source))
     runner.run(config.iterations, is_fresh=True)
+    runner.close()
     return find_checkpoint(folder)
 
 
@@ -60,6 +61,7 @@ def resume(run: Path, *, device: str, iterations: int | None = None) -> Path:
     runner = make_runner(config, path.parent, device)
     restore(runner, content)
     runner.run(left, is_fresh=False)
+    runner.close()
     return find_checkpoint(path.parent)
 
 

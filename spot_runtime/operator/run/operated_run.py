@@ -126,7 +126,7 @@ class OperatedRun:
         self.keeps_standing = False
         if self.loop is not None:
             self.loop.ask_stop(stop)
-        elif self.stop is None:
+        elif self.stop is None or stop.reason.reaction.level > self.stop.reason.reaction.level:
             self.stop = stop
             hal = self._hal
             if stop.reason.reaction is Reaction.ESTOP and hal is not None:
@@ -241,12 +241,12 @@ class OperatedRun:
     def _look(self, signals: StopSignals) -> None:
         """Take what operators and signals want, and see whether anybody is there."""
         now_ns = self._now_ns()
-        for message in self.link.take():
-            self.attendance.seen(now_ns)
-            self._requests.handle(message, now_ns)
         asked = signals.take()
         if asked is not None:
             self.end(asked)
+        for message in self.link.take():
+            self.attendance.seen(now_ns)
+            self._requests.handle(message, now_ns)
         if self.link.is_lost:
             self.end(Stop(StopReason.SERVICE_LOST))
         gone = self.attendance.check(now_ns)

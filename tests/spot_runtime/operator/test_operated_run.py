@@ -228,6 +228,20 @@ def test_the_e_stop_signal_counts_while_the_robot_only_stands_too(
     assert arming.status().motor_power.lower().endswith("off")
 
 
+def test_an_estop_beside_a_stop_is_pressed_while_the_robot_stands_by(
+    arming: Arming, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pressed = count_calls(monkeypatch, "estop")
+
+    def both() -> None:
+        arming.operator.send(stop=operator_pb2.StopRequest())
+        os.kill(os.getpid(), signal.SIGQUIT)
+
+    arming.operator.at(1.0, both)
+    assert arming.drive().outcome == "operator_estop"
+    assert pressed
+
+
 @pytest.mark.parametrize(("fault", "outcome", "stands"), [("low_battery", "battery_low", 1), ("", "operator_stop", 2)])
 def test_an_urgent_end_sits_at_once_and_a_mild_one_stands_first(
     arming: Arming, monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str, stands: int
