@@ -117,7 +117,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         torch.distributed.init_process_group(backend="gloo", rank=self.gpu_global_rank, world_size=self.gpu_world_size)
 
     def close(self) -> None:
-        """Leave the other processes, if there are any: a connection that is alive at the interpreter's end aborts it."""
+        """Leave the other processes, if there are any: a connection alive at the interpreter's end aborts it."""
         if self.is_distributed:
             torch.distributed.destroy_process_group()
 
