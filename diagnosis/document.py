@@ -10,9 +10,10 @@ from pydantic import Field
 
 from spot_model.io.settings import Settings
 
-SCHEMA: Final = "spot-rl/verdict/1"
+SCHEMA: Final = "spot-rl/verdict/2"
 
-Status = Literal["explained", "partly_explained", "unknown_effect", "no_gap", "cannot_tell"]
+Status = Literal["explained", "partly_explained", "unknown_effect", "calibration", "no_gap", "cannot_tell"]
+GapName = Literal["torque", "joint motion", "body motion"]
 
 
 class GapCell(Settings):
@@ -69,15 +70,69 @@ class Split(Settings):
     """Velocity sequence written beside the verdict."""
 
 
-class FoundEffect(Settings):
-    """An effect, or a group of effects that these logs do not distinguish."""
+class GapChange(Settings):
+    """One of the three gaps between robot and simulator, without something and with it."""
+
+    gap: GapName
+    """Which of the three."""
+    unit: str
+    """Unit of the distances."""
+    before: float
+    """Mean distance from the robot without it."""
+    after: float
+    """The same with it."""
+    floor: float
+    """Distance between two runs of the robot; without repeats what formulas and noise leave."""
+    share: float | None
+    """(before - after) / (before - floor), measured on sequences that nothing was fitted to; null where ``before`` does
+    not exceed ``floor``."""
+    low: float | None = None
+    """Lower end of its 90 % interval."""
+    high: float | None = None
+    """Upper end."""
+
+
+class QuantityChange(Settings):
+    """One quantity of simulated runs, without something and with it."""
+
+    quantity: str
+    """Its name."""
+    title: str
+    """The same in words."""
+    unit: str
+    """Its unit."""
+    before: float | None
+    """Without it; null where no run gives it."""
+    after: float | None
+    """With it."""
+    robot: float | None = None
+    """In the robot's own runs of the same commands."""
+    low: float | None = None
+    """Lower end of the 90 % interval of ``after - before``."""
+    high: float | None = None
+    """Upper end."""
+
+
+class Consequences(Settings):
+    """What something does: measured by simulation with it and without it, or by prediction of logged signals."""
+
+    loop: Literal["closed", "open"]
+    """Closed: the policy runs on the simulated robot. Open: logged signals are predicted from each other."""
+    gaps: tuple[GapChange, ...] = ()
+    """How much of each gap it closes."""
+    changes: tuple[QuantityChange, ...] = ()
+    """Speed, tracking, power, torque, lean and falls; empty in open loop."""
+
+
+class Difference(Settings):
+    """An effect, or a group of effects that these logs do not distinguish, which the robot has and the model lacks."""
 
     name: str
     """Name of the effect, as in a model file."""
     title: str = ""
     """The same in words."""
     probability: float = Field(ge=0.0, le=1.0)
-    """That an effect of this group is present and matters."""
+    """That an effect of this group is there."""
     group: tuple[str, ...]
     """Effects that the logs do not distinguish from it, most likely first, itself included."""
     joints: tuple[str, ...]
@@ -88,31 +143,69 @@ class FoundEffect(Settings):
     """The recording that distinguishes them, with the command; null for a group of one."""
     parameters: dict[str, Number]
     """Fitted parameters of the effect, by name."""
+    by_type: dict[str, dict[str, Number]] = Field(default_factory=dict)
+    """The same by joint type (``hx``, ``hy``, ``kn``), where the data part the types; empty where one number serves."""
     rivals: dict[str, float] = Field(default_factory=dict)
     """Probability of each effect in this place, adding up to ``probability`` with the other members."""
     gain_nats: float = 0.0
     """Evidence for it: what it adds to the log-likelihood of data not used for fitting, nats (3: odds of 20 to 1)."""
     nearer_floors: float | None = None
     """How much closer closed loops come to the robot with it, in floors; null if nothing was simulated."""
-    moved_floors: float | None = None
-    """How much it matters: (D − floor)/floor, with D the distance between closed loops with and without it."""
     channels: dict[str, float] = Field(default_factory=dict)
     """The same evidence by channel, in nats."""
+    consequences: Consequences | None = None
+    """What it does; null where nothing could be measured."""
 
 
-class SeenEffect(Settings):
-    """An effect that is probably present but does not matter here: closed loops hardly change with it."""
+class CalibratedNumber(Settings):
+    """One number of this robot beside the nominal model's."""
 
-    name: str
-    """Name of the effect, as in a model file."""
-    title: str = ""
-    """The same in words."""
-    joints: tuple[str, ...]
-    """Where it acts."""
-    parameters: dict[str, Number]
-    """Fitted parameters, by name."""
-    moved_floors: float | None = None
-    """As for a cause; null if nothing was simulated."""
+    effect: str
+    """Name of the effect that holds it, as in a model file."""
+    parameter: str
+    """Name of its parameter."""
+    title: str
+    """Both in words."""
+    where: str
+    """Joint type (``hx``, ``hy``, ``kn``), leg or ``body``."""
+    nominal: float
+    """In the nominal model."""
+    value: float
+    """On this robot."""
+    low: float
+    """Lower end of the 90 % interval."""
+    high: float
+    """Upper end."""
+    unit: str = ""
+    """Its unit; empty for a share."""
+    spread: float = 0.0
+    """Published standard deviation of this number between robots and their models."""
+    stands_out: bool = False
+    """Whether it lies more than two of these from the nominal number, with its whole interval."""
+
+
+class Calibration(Settings):
+    """The robot's own numbers, which every nominal model has a few per cent wrong."""
+
+    numbers: tuple[CalibratedNumber, ...] = ()
+    """Farthest from the nominal model first, in published standard deviations."""
+    consequences: Consequences | None = None
+    """What they do together, without any difference; null where nothing could be measured."""
+
+
+class GapLeft(Settings):
+    """What nothing that was found explains of one gap."""
+
+    gap: GapName
+    """Which of the three."""
+    unit: str
+    """Unit of the distances."""
+    left: float
+    """Distance of the corrected model from the robot."""
+    floor: float
+    """Distance between two runs of the robot; without repeats what formulas and noise leave."""
+    ratio: float | None
+    """left / floor."""
 
 
 class Dependence(Settings):
@@ -182,21 +275,6 @@ class Placebo(Settings):
     """Share of the gap that it closes."""
 
 
-class OtherGap(Settings):
-    """A gap of another signal, before and after."""
-
-    name: str
-    """The signal."""
-    unit: str
-    """Unit of the figures."""
-    before: float
-    """Distance from the robot without the effects."""
-    after: float
-    """The same with them."""
-    floor: float
-    """Distance between real runs."""
-
-
 class Shrink(Settings):
     """How much of the gap closes with the effects added, in closed loop, on sequences to which no size was fitted."""
 
@@ -220,8 +298,6 @@ class Shrink(Settings):
     """Sequences, each run by a model with numbers fitted to the others; empty: by the model that was fitted to all."""
     placebo: Placebo | None
     """The same with ordinary errors only, for comparison."""
-    beside: tuple[OtherGap, ...] = ()
-    """Gaps of single signals."""
 
 
 class Stretch(Settings):
@@ -242,20 +318,28 @@ class Stretch(Settings):
 class Verdict(Settings):
     """All that a diagnosis says."""
 
-    schema_name: Literal["spot-rl/verdict/1"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/verdict/2"] = Field(default=SCHEMA, alias="schema")
     status: Status
     """The answer, in one word; see [how it is decided](../diagnosis.md#how-it-works)."""
     where: tuple[GapCell, ...]
     """Where the gap is largest, largest first."""
-    effects: tuple[FoundEffect, ...]
-    """The causes, most important first."""
-    seen: tuple[SeenEffect, ...] = ()
-    """Effects that the logs show, but that hardly change the motion."""
+    headline: str = ""
+    """The largest consequence and what to do next, in a sentence."""
+    warnings: tuple[str, ...] = ()
+    """What has to be known before anything is done with the corrected model, a sentence each."""
+    differences: tuple[Difference, ...]
+    """Effects that the logs show, those with most evidence first; whether they matter is said by their consequences."""
+    calibration: Calibration = Calibration()
+    """The robot's own numbers beside the nominal ones."""
+    consequences: Consequences | None = None
+    """What the corrected model changes as a whole: differences and calibration."""
+    remainder: tuple[GapLeft, ...] = ()
+    """What the corrected model leaves of each gap."""
     distances: dict[str, float] = Field(default_factory=dict)
-    """Distance between closed-loop runs and the robot's, in floors: of the nominal model, of the one with ordinary
-    errors only, and of each set of effects that was tried; empty if nothing was simulated."""
+    """Distance between closed-loop runs and the robot's, in floors: of the nominal model, of the calibrated one, and of
+    each set of effects that was tried; empty if nothing was simulated."""
     probability_none: float = Field(ge=0.0, le=1.0)
-    """Probability that there is no cause: only ordinary errors."""
+    """Probability that nothing is there beside the robot's own calibration."""
     probability_unknown: float = Field(ge=0.0, le=1.0)
     """Probability of an effect that the library lacks."""
     unknown: UnknownEffect | None
