@@ -186,16 +186,6 @@ Logistic regression over 129 effects that residuals of 150 robots showed, of whi
 """
 THERE_BY_RESIDUALS: Final = (-3.5, 1.28)
 """The same without closed loops."""
-LEAST_MOVED: Final = 1.0
-"""An effect matters if runs with it and without it lie apart by one floor more than runs of one robot do."""
-MOVED: Final = (0.31, 0.94, 0.36)
-"""log(1 + moved) of a robot from that of the model: offset, slope, standard deviation. From the same robots, 64 effects
-that were there; (D − floor)/floor of the robot with and without the fault."""
-
-# ---- without closed loops
-
-OPEN_LOOP_MATTERS: Final = 2.0
-"""An effect matters to a prediction if without it some signal is off by so many times what formulas leave there."""
 USUAL_LEFT: Final[Mapping[str, float]] = {
     Channel.SET_POINT_TO_LOAD: 9.0,
     Channel.BASE_WRENCH: 7.0,
@@ -211,10 +201,5 @@ USUAL_LEFT: Final[Mapping[str, float]] = {
 }
 """Nats that trees still predict, by channel, of what is left where nothing is wrong. Not calibrated."""
 
-# ---- words
-
-UNKNOWN_IS_LIKELY: Final = 0.5
-CLOSES_SOME: Final = 0.25
-"""Effects that close this share of the gap explain a part of it, whatever else is unknown."""
-PARTLY: Final = 0.3
-"""With this probability of an unknown effect beside those found, they are called a part of the explanation."""
+NAMED: Final = 0.5
+"""What is more probable than not is named."""

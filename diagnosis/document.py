@@ -266,15 +266,6 @@ class UnknownEffect(Settings):
     """A short formula for it, where there is one; ``unknown_effect.py`` beside the verdict holds it as an effect."""
 
 
-class Placebo(Settings):
-    """The gap closed without any cause: the nominal model with only ordinary errors added."""
-
-    name: str
-    """What was added instead of the effects."""
-    s: float
-    """Share of the gap that it closes."""
-
-
 class Shrink(Settings):
     """How much of the gap closes with the effects added, in closed loop, on sequences to which no size was fitted."""
 
@@ -296,8 +287,6 @@ class Shrink(Settings):
     """Upper end."""
     held_out: tuple[str, ...]
     """Sequences, each run by a model with numbers fitted to the others; empty: by the model that was fitted to all."""
-    placebo: Placebo | None
-    """The same with ordinary errors only, for comparison."""
 
 
 class Stretch(Settings):

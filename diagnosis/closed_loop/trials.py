@@ -237,21 +237,19 @@ def _fitted_models(
         return None, str(error)
 
 
-def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: np.random.Generator) -> Shrink | None:
+def measure_shrink(bench: Bench, trials: Trials, stated: str, rng: np.random.Generator) -> Shrink | None:
     """How much of the gap the stated model closes; where trials are crossed, on sequences that its numbers never saw.
 
     Args:
         bench: Real logs.
         trials: Runs of the models.
         stated: Name of the model that is delivered.
-        wrong: Name of the one that it has to beat: ordinary errors alone.
         rng: Draws resamples.
     """
     compared = trials.compared
     if not compared or stated not in trials.runs:
         return None
     after = shrinkage(compared, NOMINAL, stated, rng, bench.around(stated).doubt)
-    placebo = shrinkage(compared, NOMINAL, wrong, rng) if wrong in trials.runs and wrong != stated else None
     return Shrink(
         d0=after.d0,
         d1=after.d1,
@@ -261,8 +259,6 @@ def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: n
         s_low=after.low,
         s_high=after.high,
         held_out=tuple(c.sequence for c in compared) if trials.is_crossed else (),
-        placebo=Placebo(name=wrong, s=placebo.s) if placebo is not None and placebo.s is not None else None,
-        beside=tuple(_beside(bench.runs, trials.runs[NOMINAL], trials.runs[stated])),
     )
 
 

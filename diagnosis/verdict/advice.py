@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import ChannelOff, Views
 from diagnosis.channels.stack import Stack
-from diagnosis.document import FoundEffect, Split, UnknownEffect
+from diagnosis.document import Difference, Split, UnknownEffect
 from diagnosis.library.experiments import Experiment
 from spot_model.robot.facts import JOINT_NAMES
 
@@ -33,13 +33,13 @@ def advice(
     logs: Stack,
     views: Views,
     off: Sequence[ChannelOff],
-    effects: Sequence[FoundEffect],
+    differences: Sequence[Difference],
     unknown: UnknownEffect | None,
 ) -> tuple[str, ...]:
     """Sentences, the most useful first."""
     out = [
         f"To tell {', '.join(effect.group)} apart: {effect.split.text} {effect.split.by_hand}".strip()
-        for effect in effects
+        for effect in differences
         if effect.split is not None
     ]
     counts = [sum(r.sequence == s.sequence for r in logs.recordings) for s in logs.recordings]

@@ -1,4 +1,4 @@
-"""The verdict's document from what was decided."""
+"""The verdict's document from what was decided and measured."""
 
 from __future__ import annotations
 
@@ -7,65 +7,47 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.channels.channel import Channel
+from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.gap_map import GapMap
-from diagnosis.closed_loop.trials import NOMINAL
-from diagnosis.decision_constants import CLOSES_SOME, PARTLY, UNKNOWN_IS_LIKELY
-from diagnosis.document import FoundEffect, SeenEffect, Shrink, Status, Stretch, Verdict
-from diagnosis.library.registry import LIBRARY
+from diagnosis.decision_constants import NAMED, RUNS_APART
+from diagnosis.document import Calibration, Difference, Shrink, Status, Stretch, Verdict
+from diagnosis.selection.cannot_show import cannot_show
 from diagnosis.selection.fitted import numbers
-from diagnosis.selection.scoring import Scorer
+from diagnosis.selection.scoring import Scorer, null_of
 from diagnosis.selection.unexplained import describe
 from diagnosis.verdict.advice import advice, split
+from diagnosis.verdict.calibration import by_type, calibrated_numbers
 from diagnosis.verdict.causes import Causes
 from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.open_loop import load_error_share, open_loop_cells
+from diagnosis.verdict.measured import Measured
+from diagnosis.verdict.open_loop import open_loop_cells
 from spot_log.read.run import Run
+from spot_model.io.model_file import RobotModel
 
 N_WHERE = 60
 """Cells that the verdict lists; the report has them all."""
 CARRIES = 1.75
 """A second whose residual is this many times the usual carries much of the gap."""
-PLAIN_SHARE = 0.3
-"""A load's error of this share of the load, root mean square, is plain to see."""
-PLAIN = (
-    "loads differ from the servo law by {share:.0f} % of their size at half of the joints, in no way that repeats: "
-    "these logs cannot tell why; record longer ones, each command sequence several times"
-)
-WIDENS = (
-    "closed loops with the stated effects are farther from the robot ({after:.1f} floors) than without ({before:.1f}); "
-    "do not train on this model"
-)
-CLOSES_MOST = 0.5
-"""What explains a gap closes this share of it at least."""
-CLOSES_LITTLE = "the stated effects close {share:.0f} % of the gap{where}; something else makes the rest"
-WIDER = 0.5
-"""Floors by which closed loops must be farther off with a model than without, to say so."""
+FORCES = frozenset({Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION})
 
 
-def status_of(causes: Causes) -> Status:
+def status_of(causes: Causes, measured: Measured) -> Status:
     """The verdict in a word."""
-    found, belief = causes.found, causes.belief
-    has_forces = found.views.keys() & {Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION}
-    if not has_forces and not causes.distances:
+    found, is_unknown = causes.found, causes.belief.unknown > NAMED
+    if not found.views.keys() & FORCES and not causes.distances:
         return "cannot_tell"
-    if belief.unknown > UNKNOWN_IS_LIKELY and _closed(causes) < CLOSES_SOME:
+    if found.selection.best is not None:
+        return "partly_explained" if is_unknown else "explained"
+    if is_unknown:
         return "unknown_effect"
-    if found.selection.best is None:
-        # Without a gap there is nothing to explain; with one, nothing explains it.
-        return "no_gap" if belief.none >= belief.unknown else "unknown_effect"
-    return "partly_explained" if belief.unknown > PARTLY else "explained"
-
-
-def _closed(causes: Causes) -> float:
-    """Share of the gap that the stated causes close; without any, or without closed loops, none."""
-    before, after = causes.distances.get(NOMINAL, 0.0), causes.left
-    if causes.found.selection.best is None or after is None or before <= 1.0:
-        return 0.0
-    return (before - after) / (before - 1.0)
+    gaps = measured.whole.gaps
+    return "no_gap" if gaps and all(g.before <= RUNS_APART * g.floor for g in gaps) else "calibration"
 
 
 def assemble(
     causes: Causes,
+    nominal: RobotModel,
+    measured: Measured,
     map_: GapMap | None,
     shrink: Shrink | None,
     notes: Sequence[str],
@@ -76,63 +58,54 @@ def assemble(
 
     Args:
         causes: What was decided.
+        nominal: The simulator's model.
+        measured: What differences and calibration do.
         map_: Of closed loops; without it the map is that of open-loop prediction.
-        shrink: Of the stated model.
+        shrink: Of the corrected model.
         notes: Sentences for the reader.
         runs: The logs.
         nominal_name: As it was asked for.
     """
-    found, belief = causes.found, causes.belief
-    status, told = _sanity(status_of(causes), found, shrink)
-    effects = tuple(_effects(causes)) if status not in ("no_gap", "cannot_tell") else ()
+    found, belief, board = causes.found, causes.belief, causes.found.board
+    status = status_of(causes, measured)
+    differences = tuple(_differences(causes, measured))
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
-        unknown = describe(found.board, found.stack, found.left_over(), found.remainder())
+        unknown = describe(board, found.stack, found.left_over(), found.remainder())
     off = {str(c.name): f"off: {c.reason}" for c in found.off}
     cells = map_.cells if map_ is not None else open_loop_cells(found)
     # Channels that cannot tell say nothing for or against either.
     none, unknown_too = (0.5, 0.5) if status == "cannot_tell" else (belief.none, belief.unknown)
+    best = found.selection.best or null_of(board)
     return Verdict(
         status=status,
+        warnings=tuple(worse_gaps(measured.whole)),
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
-        effects=effects,
-        seen=tuple(_seen(causes)),
+        differences=differences,
+        calibration=Calibration(
+            numbers=calibrated_numbers(board, best, nominal), consequences=measured.calibration
+        ),
+        consequences=measured.whole,
+        remainder=measured.left,
         distances=dict(causes.distances),
         probability_none=none,
         probability_unknown=unknown_too,
         unknown=unknown,
         channels={**{str(name): "used" for name in found.views}, **off},
-        invisible=tuple(sorted(n for n, e in LIBRARY.items() if not e.show(found.board.views))),
-        shrink=shrink if effects else None,
-        log_advice=advice(found.stack, found.views, found.off, effects, unknown),
+        invisible=cannot_show(board),
+        shrink=shrink,
+        log_advice=advice(found.stack, found.views, found.off, differences, unknown),
         timeline=tuple(_timeline(found)),
         logs=tuple(str(run.path) for run in runs),
         nominal=nominal_name,
-        notes=tuple(dict.fromkeys([*([told] if told else []), *notes])),
+        notes=tuple(dict.fromkeys(notes)),
     )
 
 
-def _sanity(status: Status, found: Explained, shrink: Shrink | None) -> tuple[Status, str]:
-    """Plain errors of the loads are no "no gap"; what widens the gap, or closes little of it, does not explain it."""
-    share = load_error_share(found.views)
-    if status == "no_gap" and share > PLAIN_SHARE:
-        return "cannot_tell", PLAIN.format(share=100.0 * share)
-    if status == "explained" and shrink is not None and shrink.floor > 0.0:
-        before, after = shrink.d0 / shrink.floor, shrink.d1 / shrink.floor
-        if after > before + WIDER:
-            return "partly_explained", WIDENS.format(before=before, after=after)
-        if shrink.s is not None and shrink.s < CLOSES_MOST:
-            return "partly_explained", CLOSES_LITTLE.format(
-                share=100.0 * max(shrink.s, 0.0),
-                where=" on sequences to which their sizes were not fitted" if shrink.held_out else "",
-            )
-    return status, ""
-
-
-def _effects(causes: Causes) -> list[FoundEffect]:
+def _differences(causes: Causes, measured: Measured) -> list[Difference]:
     found, belief = causes.found, causes.belief
     best, board = found.selection.best, found.board
-    out: list[FoundEffect] = []
+    out: list[Difference] = []
     if best is None:
         return out
     for i, (term, gain) in enumerate(zip(best.terms, found.selection.gains, strict=True)):
@@ -141,12 +114,14 @@ def _effects(causes: Causes) -> list[FoundEffect]:
         scored = scorer.scored(term.effect, term.shape, term.place)
         baseline = scorer.now.by_block if others else np.zeros(len(board.blocks))
         by_channel = {c: round(float((scored.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()}
-        group = belief.group(term.effect.name) or {term.effect.name: 1.0}
-        names = (term.effect.name, *(n for n in group if n != term.effect.name))
-        probability = float(np.clip(belief.effects.get(term.effect.name, 0.0), 0.0, 1.0))
+        name = term.effect.name
+        group = belief.group(name) or {name: 1.0}
+        names = (name, *(n for n in group if n != name))
+        probability = float(np.clip(belief.there[name], 0.0, 1.0))
+        nearer = belief.nearer.get(name)
         out.append(
-            FoundEffect(
-                name=term.effect.name,
+            Difference(
+                name=name,
                 title=term.effect.title,
                 probability=probability,
                 group=names,
@@ -154,38 +129,15 @@ def _effects(causes: Causes) -> list[FoundEffect]:
                 split_by=term.effect.split_by.text if len(names) > 1 else "",
                 split=split(term.effect.split_by) if len(names) > 1 else None,
                 parameters=numbers(scorer, scored),
+                by_type=by_type(scorer, scored),
                 rivals={n: probability * w for n, w in group.items()},
                 gain_nats=float(gain),
-                nearer_floors=finite(belief.nearer.get(term.effect.name)),
-                moved_floors=finite(causes.moved.get(term.effect.name)),
+                nearer_floors=nearer if nearer is not None and np.isfinite(nearer) else None,
                 channels={c: v for c, v in by_channel.items() if abs(v) >= 1.0},
+                consequences=measured.each.get(name),
             )
         )
     return sorted(out, key=lambda e: -e.gain_nats)
-
-
-def finite(floors: float | None) -> float | None:
-    """None also where the set without the effect was not simulated: its distance is infinite then."""
-    return floors if floors is not None and np.isfinite(floors) else None
-
-
-def _seen(causes: Causes) -> list[SeenEffect]:
-    board = causes.found.board
-    out = []
-    for seen in causes.seen:
-        others = tuple(t for t in seen.scored.terms if t is not seen.term)
-        scorer = Scorer(board, others)
-        scored = scorer.scored(seen.term.effect, seen.term.shape, seen.term.place)
-        out.append(
-            SeenEffect(
-                name=seen.term.effect.name,
-                title=seen.term.effect.title,
-                joints=board.robot.named(board.robot.joints_of(seen.term.effect, seen.term.place)),
-                parameters=numbers(scorer, scored),
-                moved_floors=finite(seen.moved),
-            )
-        )
-    return out
 
 
 def _timeline(found: Explained) -> list[Stretch]:

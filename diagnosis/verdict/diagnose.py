@@ -25,7 +25,8 @@ from diagnosis.selection.nuisance_model import by_joint, model_of
 from diagnosis.selection.one_thread import one_thread
 from diagnosis.selection.scoring import null_of
 from diagnosis.verdict.assemble import assemble
-from diagnosis.verdict.causes import ERRORS, Causes, decide, with_environment
+from diagnosis.verdict.causes import Causes, decide, with_environment
+from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation
 from diagnosis.verdict.explain import Say, explain
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from spot_log.read.run import Run
@@ -93,36 +94,38 @@ def diagnose(
         say("simulating the models through the same commands")
     with one_thread():
         causes = decide(found, nominal, bench, library, rng, lambda share: tell(0.7 * share))
-    best = causes.found.selection.best or null_of(causes.found.board)
-    corrected = by_joint(model_of(nominal, causes.found.board, best), facts.JOINT_NAMES) if is_spot else nominal
+    board = causes.found.board
+    best = causes.found.selection.best or null_of(board)
+    corrected = by_joint(model_of(nominal, board, best), facts.JOINT_NAMES) if is_spot else nominal
     notes = [n for view in found.views.values() for n in view.notes]
     map_: GapMap | None = None
     shrink: Shrink | None = None
     simulated: dict[str, tuple[Run, ...]] = {}
     around = Surroundings()
+    measured = measured_by_prediction(board, best)
     if bench is None:
         notes.append(WITHOUT_RUNS)
     else:
         bench = with_environment(bench, causes.found, nominal)
-        models = {ERRORS: null_of(found.board), causes.stated: best}
-        trials = run_trials(bench, nominal, found.board, models, {}, rng, lambda share: tell(0.7 + 0.3 * share))
+        models, like = compared_models(best, causes.stated)
+        trials = run_trials(bench, nominal, board, models, like, rng, lambda share: tell(0.7 + 0.3 * share))
         around = bench.around(causes.stated).overall
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
         views, _ = build_views(logs, nominal)
-        legs = found.board.robot.leg_of_joint
         map_ = gap_map(
             Side(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD)),
             Side(logs, views.get(Channel.SET_POINT_TO_LOAD)),
-            legs,
+            board.robot.leg_of_joint,
             rng,
         )
-        shrink = measure_shrink(bench, trials, causes.stated, ERRORS, rng)
+        shrink = measure_shrink(bench, trials, causes.stated, rng)
+        measured = measured_by_simulation(bench, trials, best, causes.stated, rng) or measured
         simulated = {"nominal": tuple(trials.runs[NOMINAL]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
         notes += [*causes.notes, *trials.notes, *_about(bench, trials.is_crossed), *([map_.note] if map_.note else [])]
-    verdict = assemble(causes, map_, shrink, notes, runs, nominal_name)
+    verdict = assemble(causes, nominal, measured, map_, shrink, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
-    if with_synthesis and verdict.effects and policy is not None and is_spot:
+    if with_synthesis and verdict.differences and policy is not None and is_spot:
         from diagnosis.verdict.synthesis import synthesis_check
 
         say("synthesis check")

@@ -1,29 +1,26 @@
-"""Probabilities: of no gap, of each effect, of something else; from residuals and closed loops together.
+"""Probabilities, from residuals and closed loops together: of each difference, and of something the library lacks.
 
 That an effect of the best set is there, has the odds
 
     log p / (1 − p) = a + b · log(nats) + c · floors,
 
 nats being the evidence that residuals lose without it, and floors by how much closed loops lie farther from the robot
-then; no more than the whole set's, asked in the same way. Formulas are never exact, so nats count by their logarithm;
-a, b and c are fitted to simulated robots whose faults are known (``benchmarks/calibrate_diagnosis.py``). No run tells
-more than log((1 − ε)/ε), ε being the share of odd runs: one short run never proves a cause. Rivals share an effect's
-probability by evidence and distance.
+then; no more than the whole set's, asked in the same way. Formulas are never exact, so odds grow with the logarithm of
+the evidence; a, b and c are fitted to simulated robots whose faults are known (``benchmarks/calibrate_diagnosis.py``).
+No run tells more than log((1 − ε)/ε), ε being the share of odd runs: one short run never proves a difference. Rivals
+share an effect's probability by evidence and distance.
 
-An effect that is there is a cause if it matters: runs of the best model with it and without it, all else alike, lie
-apart by more than a floor beyond their own scatter. By how much a robot's do follows from how much a model's do, by a
-regression on the same simulated robots. It matters, too, if there is a gap that it closes and that nothing unknown
-explains.
+Whether an effect matters is no part of this: its consequences are measured.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, ndtr, softmax
+from scipy.special import expit, softmax
 
 from diagnosis.decision_constants import (
     FORMULA_ERROR,
@@ -31,9 +28,7 @@ from diagnosis.decision_constants import (
     GAP_SPREAD,
     GROUP_ODDS,
     LARGEST_ERRORS,
-    LEAST_MOVED,
     LEFT_SHARE,
-    MOVED,
     ODD_RUN,
     ORDINARY_LEFT_NM,
     RUNS_APART,
@@ -44,15 +39,13 @@ from diagnosis.decision_constants import (
     USUAL_LEFT,
 )
 
-NONE = ()
-
 
 @dataclass(frozen=True)
 class Hypothesis:
     """A set of effects."""
 
     effects: tuple[str, ...]
-    """Names; empty for ordinary errors alone."""
+    """Names; empty for the robot's calibration alone."""
     nats: float
     """Evidence of the residuals against none, less the price of its numbers."""
     distance: float | None = None
@@ -61,22 +54,21 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Belief:
-    """What is thought of all hypotheses together."""
+    """Probabilities of the effects that were found, of their rivals, and of something else."""
 
     best: tuple[str, ...]
-    """Effects of the set that was found, whether or not they matter."""
+    """Effects of the set that was found."""
     none: float
-    """That the robot differs from the nominal model by ordinary errors alone."""
+    """That nothing is there beside the robot's own calibration."""
     unknown: float
-    """That something matters that no effect of the library is."""
+    """That something is there that no effect of the library is."""
     there: Mapping[str, float]
     """By effect of the best set: that it, or a rival in its place, is there; each by itself."""
-    effects: Mapping[str, float]
-    """That it is there and matters. Without closed loops the same as ``there``."""
     weights: Mapping[tuple[str, ...], float] = field(default_factory=dict)
     """Of each hypothesis, adding up to 1."""
     nearer: Mapping[str, float] = field(default_factory=dict)
-    """By how many floors closed loops come nearer to the robot's with an effect of the best set than without it."""
+    """By how many floors closed loops come nearer to the robot's with an effect of the best set than without it; empty
+    where nothing was simulated."""
 
     def group(self, effect: str) -> dict[str, float]:
         """Effects that could stand in an effect's place in the best set, with their odds; adds up to 1."""
@@ -113,7 +105,6 @@ def believe(
     gains: Mapping[str, float],
     n_runs: int,
     beyond_nats: float,
-    moved: Mapping[str, float],
     ordinary: float,
     alike: Mapping[str, float] | None = None,
 ) -> Belief:
@@ -125,43 +116,27 @@ def believe(
         gains: By effect of the best set, nats that the evidence loses without it, refitted.
         n_runs: Logs.
         beyond_nats: What signals still predict of the residuals that the best set leaves, beyond the usual.
-        moved: By effect of the best set, (D − floor)/floor between runs with it and without it.
         ordinary: Distance in floors that is ordinary for this robot, as :func:`ordinary_gap` has it.
         alike: By effect of the best set, the probability that its own signals leave more than ordinary with it: what is
             there is only like it then.
     """
     by_set = {frozenset(h.effects): h for h in hypotheses}
     nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
-    is_simulated = all(h.distance is not None for h in hypotheses)
     odds = shares([log_odds(h, stated) for h in hypotheses], n_runs)
     weights = {h.effects: float(w) for h, w in zip(hypotheses, odds, strict=True)}
-    nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
-    so_far = Belief(best, 0.0, 0.0, {}, {}, weights, nearer if is_simulated else {})
-    # Effects can make up for each other, and all of them together lead away from the robot.
-    at_all = 1.0
-    if is_simulated and best:
-        at_all = is_there(stated.nats, float(nothing.distance or 0.0) - float(stated.distance or 0.0), n_runs)
+    nearer: dict[str, float] = {}
+    at_all, explained = 1.0, 0.0
+    if stated.distance is not None and nothing.distance is not None:
+        nearer = {n: _distance(by_set, frozenset(best) - {n}) - stated.distance for n in best}
+        explained = nothing.distance - stated.distance
+        # Effects can make up for each other, and all of them together lead away from the robot.
+        at_all = is_there(stated.nats, explained, n_runs) if best else 1.0
     there = {
-        n: min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs))
-        * (1.0 - (alike or {}).get(n, 0.0))
-        for n in best
+        n: min(at_all, is_there(gains[n], nearer.get(n), n_runs)) * (1.0 - (alike or {}).get(n, 0.0)) for n in best
     }
-    if not is_simulated or nothing.distance is None:
-        unknown = beyond_nats / (beyond_nats + sum(USUAL_LEFT.values()))
-        effects = {n: p * (1.0 - unknown) for n, p in there.items()}
-        none = min((1.0 - either_of(there.values())) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))
-        return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
-    explained = max(nothing.distance - float(stated.distance or 0.0), 0.0)
-    unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary)
-    gap = is_gap(nothing.distance, ordinary)
-    closed = closed_by(nothing.distance, explained, nearer, ordinary)
-    effects = {
-        n: p * either_of((matters(moved.get(n, 0.0)), gap * (1.0 - unknown) * closed[n])) for n, p in there.items()
-    }
-    known = either_of(effects.values())
-    none = min((1.0 - gap) * (1.0 - known), float(expit(most_log_odds(n_runs))))
-    # A gap has a cause: where no effect of the library is one, it is unknown.
-    return replace(so_far, none=none, unknown=1.0 - none - known * (1.0 - unknown), there=there, effects=effects)
+    unknown = is_unknown(stated.distance, max(explained, 0.0), beyond_nats, ordinary)
+    none = min((1.0 - either_of(there.values())) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))
+    return Belief(best, none, unknown, there, weights, nearer)
 
 
 def ordinary_gap(scatter_nm: float, errors: float, odd: float = 0.0, model_scatter: float = 1.0) -> float:
@@ -183,42 +158,25 @@ def runs_apart(model_scatter: float) -> float:
     return float(RUNS_APART * np.sqrt((1.0 + (model_scatter if np.isfinite(model_scatter) else 1.0) ** 2) / 2.0))
 
 
-def closed_by(distance: float, explained: float, nearer: Mapping[str, float], ordinary: float) -> dict[str, float]:
-    """By effect, the share of the gap that it closes; what closes a gap that is there, and leaves none, matters.
-
-    Args:
-        distance: Of closed loops with ordinary errors alone, in floors.
-        explained: By how much the best set's are nearer.
-        nearer: By effect, how much nearer they are with it than without it; infinite where that was not run.
-        ordinary: Distance in floors that is ordinary for this robot.
-    """
-    whole = min(explained / (distance - ordinary), 1.0) if distance > ordinary else 0.0
-    each = {n: float(np.clip(floors, 0.0, explained)) for n, floors in nearer.items()}
-    total = sum(each.values())
-    return {n: whole * floors / total if total > 0.0 else 0.0 for n, floors in each.items()}
-
-
 def either_of(probabilities: Iterable[float]) -> float:
     """Probability of one or another of some that are independent."""
     return 1.0 - float(np.prod([1.0 - p for p in probabilities]))
 
 
-def is_gap(distance: float, ordinary: float) -> float:
-    """Probability that a distance is more than a robot without a fault keeps from its model; even at what 95 % keep."""
-    return float(expit(GAP_SLOPE * np.log(max(distance, 1e-3) / ordinary)))
-
-
-def is_unknown(left: float, explained: float, beyond_nats: float, ordinary: float) -> float:
-    """Probability that something matters that no effect of the library is.
+def is_unknown(left: float | None, explained: float, beyond_nats: float, ordinary: float) -> float:
+    """Probability of something that no effect of the library is: by the distance that is left, and by the residuals.
 
     Args:
-        left: Distance of the best set's closed loops, in floors.
-        explained: By how much that is less than with ordinary errors alone; formulas leave a share of it.
+        left: Distance of the best set's closed loops, in floors; None where nothing was simulated.
+        explained: By how much that is less than without any effect; formulas leave a share of it.
         beyond_nats: What signals still predict of the residuals, beyond the usual.
         ordinary: Distance in floors that is ordinary for this robot.
     """
-    gap = np.log(max(left, 1e-3) / (ordinary + LEFT_SHARE * explained))
-    return float(expit(np.dot(UNKNOWN, (1.0, gap, np.log1p(beyond_nats)))))
+    if left is None:
+        return beyond_nats / (beyond_nats + sum(USUAL_LEFT.values()))
+    gap = float(np.log(max(left, 1e-3) / (ordinary + LEFT_SHARE * explained)))
+    by_residuals = float(expit(np.dot(UNKNOWN, (1.0, gap, np.log1p(beyond_nats)))))
+    return either_of((by_residuals, float(expit(GAP_SLOPE * gap))))
 
 
 def log_odds(rival: Hypothesis, stated: Hypothesis) -> float:
@@ -254,19 +212,6 @@ def is_there(nats: float, nearer: float | None, n_runs: int) -> float:
 def most_log_odds(n_runs: int) -> float:
     """What so many runs can tell at most, for or against."""
     return max(n_runs, 1) * float(np.log((1.0 - ODD_RUN) / ODD_RUN))
-
-
-def matters(moved: float) -> float:
-    """Probability that runs of the robot with and without an effect lie apart by more than :data:`LEAST_MOVED`.
-
-    Args:
-        moved: By how much runs of the model do; NaN where they could not be compared, as if a robot falls.
-    """
-    if not np.isfinite(moved):
-        return 1.0
-    offset, slope, spread = MOVED
-    robots = offset + slope * np.log1p(max(moved, -0.5))
-    return float(ndtr((robots - np.log1p(LEAST_MOVED)) / spread))
 
 
 def _distance(by_set: Mapping[frozenset[str], Hypothesis], key: frozenset[str]) -> float:

@@ -39,6 +39,6 @@ def synthesis_check(
     found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in terms}
     passed = all(
         any(m in found and 2 * len(set(found[m]) & set(e.joints)) >= len(e.joints) for m in e.group)
-        for e in verdict.effects
+        for e in verdict.differences
     )
-    return {"passed": bool(passed and verdict.effects), "found": {k: list(v) for k, v in found.items()}}
+    return {"passed": bool(passed and verdict.differences), "found": {k: list(v) for k, v in found.items()}}
