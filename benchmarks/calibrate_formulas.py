@@ -41,9 +41,7 @@ def left_by_channel(seed: int, number: int) -> Mapping[str, tuple[float, float]]
     case = draw(seed, number, source, POLICIES)
     file = POLICIES / f"{case.policy}.onnx"
     reality = source.make(case.requests, case.reality_seed)
-    plan = RecordingPlan(
-        file, case.sequences, case.repeats, case.recording_seed, frozenset(case.missing), case.detail
-    )
+    plan = RecordingPlan(file, case.sequences, case.repeats, case.recording_seed, frozenset(case.missing), case.detail)
     with TemporaryDirectory() as folder:
         try:
             make_runs(reality, plan, Path(folder)).write(Path(folder))

@@ -12,7 +12,7 @@ from diagnosis.channels.channel_view import Array
 from diagnosis.closed_loop.engine import Engine, Tell
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
 from diagnosis.closed_loop.shrink import Compared, Features, compare, features_by_sequence, shrinkage
-from diagnosis.document import OtherGap, Placebo, Shrink
+from diagnosis.document import OtherGap, Shrink
 from diagnosis.read.policy_ticks import Script, policy_ticks, scripts_of
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import model_of

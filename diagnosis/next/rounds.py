@@ -140,8 +140,8 @@ def _why(plan: Design) -> str:
 
 def _ending(found: Found, story: Story, limits: Limits) -> str:
     cause, odds = found.top
-    # Ordinary errors alone are no answer where the verdict sees a gap: of that they explain nothing.
-    if odds >= SURE and (cause != in_words(()) or found.status == "no_gap"):
+    # The calibration alone is no answer where the verdict sees something unknown.
+    if odds >= SURE and (cause != in_words(()) or found.status in ("no_gap", "calibration")):
         return f"{cause} has a probability of {odds:.2f}"
     if len(story.failed) >= MOST_FAILURES:
         return f"{len(story.failed)} experiments did not run to their end; see to the robot"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from diagnosis.document import load_verdict
 from diagnosis.library.extra_effect import chosen_library
 from diagnosis.next.choose.candidates import Motion, given
 from diagnosis.next.choose.design import Design, Proposal, design
-from diagnosis.next.choose.robots import all_beliefs
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
 from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
@@ -24,11 +22,10 @@ from diagnosis.next.predict.outcome import HELD_S
 from diagnosis.next.predict.prediction import digest_of, load_prediction, predict, with_log
 from diagnosis.next.robot_run import Ran, run_on_robot, start_here
 from diagnosis.next.rounds import Lab, Limits, ask_robot
-from diagnosis.next.story import SURE, Found, Story, read_story
+from diagnosis.next.story import Found, Story, read_story
 from diagnosis.progress import Progress
 from diagnosis.read.log_files import find_policy, find_policy_file, read_all
 from diagnosis.report.output import NAMES
-from diagnosis.report.words import headline
 from diagnosis.session import Request, run_session
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_log import read_run
@@ -245,6 +242,4 @@ def found_in(folder: Path) -> Found:
         raise BadInputError(
             f"{folder}: a diagnosis of another release, or damaged; diagnose again:\n{explain(error)}"
         ) from error
-    moves = prod(posterior.matters.get(effect, 1.0) for effect in next(iter(all_beliefs(posterior))))
-    told = f" (that it moves the gap: {100.0 * moves:.0f} %)" if moves < SURE else ""
-    return Found(folder, posterior, verdict.status, headline(verdict) + told)
+    return Found(folder, posterior, verdict.status, verdict.headline)

@@ -82,9 +82,7 @@ def assemble(
         warnings=tuple(worse_gaps(measured.whole)),
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
         differences=differences,
-        calibration=Calibration(
-            numbers=calibrated_numbers(board, best, nominal), consequences=measured.calibration
-        ),
+        calibration=Calibration(numbers=calibrated_numbers(board, best, nominal), consequences=measured.calibration),
         consequences=measured.whole,
         remainder=measured.left,
         distances=dict(causes.distances),

@@ -191,9 +191,7 @@ def _kept(found: Explained, first: Explained, compared: _Compared, library: Mapp
     errors, odd = size_of_errors(found.board, best.pulls), is_odd(excess(found.board, best))
     ordinary = ordinary_gap(tried.scatter_nm, errors, odd, tried.model_scatter)
     alike = only_alike(found.board, best)
-    belief = believe(
-        tuple(compared.hypotheses.values()), found.effects, gains, found.n_runs, beyond, ordinary, alike
-    )
+    belief = believe(tuple(compared.hypotheses.values()), found.effects, gains, found.n_runs, beyond, ordinary, alike)
     kept = best
     for term in best.terms:
         if belief.there[term.effect.name] <= NAMED:

@@ -26,8 +26,8 @@ from diagnosis.selection.one_thread import one_thread
 from diagnosis.selection.scoring import null_of
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.causes import Causes, decide, with_environment
-from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation
 from diagnosis.verdict.explain import Say, explain
+from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel

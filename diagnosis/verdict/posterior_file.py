@@ -58,10 +58,8 @@ class Possibility(_Part):
 class Posterior(_Part):
     """All sets that were compared; weights add up to 1."""
 
-    schema_name: Literal["spot-rl/posterior/1"] = Field(default="spot-rl/posterior/1", alias="schema")
+    schema_name: Literal["spot-rl/posterior/2"] = Field(default="spot-rl/posterior/2", alias="schema")
     possibilities: tuple[Possibility, ...] = Field(min_length=1)
-    matters: dict[str, float] = Field(default_factory=dict)
-    """By effect, the probability that it moves the gap if it is there; 1 for those that are not named."""
     unknown: float = Field(default=0.0, ge=0.0, le=1.0)
     """Probability of something that no effect of the library is."""
 
@@ -114,8 +112,7 @@ def posterior_of(causes: Causes, nominal: RobotModel, around: Surroundings) -> P
         far = causes.distances.get(name)
         weight = odds[name] / total
         found.append(Possibility(weight=weight, distance_floors=far, model=base.to_data(), terms=terms))
-    certain = {n: min(1.0, p / max(belief.there[n], 1e-9)) for n, p in belief.effects.items() if belief.nearer}
-    return Posterior(possibilities=tuple(found), matters=certain, unknown=belief.unknown)
+    return Posterior(possibilities=tuple(found), unknown=belief.unknown)
 
 
 def is_right(belief: Belief, effects: frozenset[str]) -> float:

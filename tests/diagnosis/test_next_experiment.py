@@ -566,11 +566,6 @@ def test_many_unlikely_rivals_together_are_not_forgotten(tmp_path: Path) -> None
     assert found.odds["others"] == pytest.approx(0.27)
 
 
-def test_an_effect_that_moves_nothing_is_no_cause() -> None:
-    own = posterior(torque_gain=0.6, viscous_friction=0.4).model_copy(update={"matters": {"viscous_friction": 0.1}})
-    assert beliefs(own) == {("torque_gain",): pytest.approx(0.6), (): pytest.approx(0.4)}
-
-
 def test_a_run_that_leaves_no_log_is_told(tmp_path: Path) -> None:
     ran = run_on_robot(["run"], tmp_path, lambda _: False)
     assert (ran.log, ran.outcome) == (None, "it left no log")

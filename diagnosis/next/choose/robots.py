@@ -30,13 +30,11 @@ N_WIDE: Final = 50
 LIKELY: Final = 0.01
 """Causes below this weight are left out."""
 MOST_CAUSES: Final = 4
-MATTERS: Final = 0.5
-"""An effect that moves the gap with a smaller probability is no cause, as in a verdict."""
 SETTLED: Final = frozenset({"velocity_estimate", "imu_tilt", "velocity_filter", "command_jitter"})
 """Ordinary errors that robots of the posterior keep as the logs gave them: varying them costs more than it tells."""
 
 Cause = tuple[str, ...]
-"""Names of the effects that move the gap, in alphabetical order; none for ordinary errors alone."""
+"""Names of effects, in alphabetical order; none for the robot's calibration alone."""
 
 
 @dataclass(frozen=True)
@@ -53,16 +51,16 @@ class Robots:
     """Robots of any of the causes, with wide errors, for safety alone."""
 
 
-def cause_of(possibility: Possibility, posterior: Posterior) -> Cause:
-    """The cause that a possibility is: its effects that move the gap. What moves nothing decides nothing."""
-    return tuple(sorted({t.effect for t in possibility.terms if posterior.matters.get(t.effect, 1.0) > MATTERS}))
+def cause_of(possibility: Possibility) -> Cause:
+    """The effects of a possibility."""
+    return tuple(sorted({t.effect for t in possibility.terms}))
 
 
 def all_beliefs(posterior: Posterior) -> dict[Cause, float]:
     """Probability of each cause, the likeliest first."""
     found: dict[Cause, float] = {}
     for possibility in posterior.possibilities:
-        cause = cause_of(possibility, posterior)
+        cause = cause_of(possibility)
         found[cause] = found.get(cause, 0.0) + possibility.weight
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
@@ -100,7 +98,7 @@ def drawn_robots(
     odds = beliefs(posterior)
     models, index = [], []
     for number, cause in enumerate(odds):
-        own = tuple(p for p in posterior.possibilities if cause_of(p, posterior) == cause)
+        own = tuple(p for p in posterior.possibilities if cause_of(p) == cause)
         for _ in range(each):
             model = Posterior(possibilities=own).draw(library, rng)
             models.append(with_ordinary_errors(compact(model), rng, LEFT, without=SETTLED))
