@@ -12,7 +12,7 @@ from diagnosis.channels.channel_view import Array
 from diagnosis.closed_loop.engine import Engine, Tell
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
 from diagnosis.closed_loop.shrink import Compared, Features, compare, features_by_sequence, shrinkage
-from diagnosis.document import OtherGap, Shrink
+from diagnosis.document import Shrink
 from diagnosis.read.policy_ticks import Script, policy_ticks, scripts_of
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import model_of
@@ -283,66 +283,3 @@ def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> t
         single = ", ".join(c.sequence for c in compared if c.real.shape[0] < 2)
         notes.append(f"one run alone of {single} is whole: there is no floor, and it does not count for the shrink")
     return repeated or compared, notes
-
-
-def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -> list[OtherGap]:
-    """Gaps of measured torque, joint and body speed: mean Wasserstein distance over the signal's components.
-
-    A run that ended before the policy's first tick has none of them.
-    """
-    out = []
-    runs = [run for run in runs if len(policy_ticks(run))]
-    for name, unit, pick in (
-        ("load", "N·m", _load),
-        ("joint velocity", "rad/s", _joint_velocity),
-        ("body velocity", "m/s", _velocity),
-    ):
-        pairs = list(_matched(runs, before, after))
-        gaps = [(_w1(pick(a), pick(b)), _w1(pick(a), pick(c))) for a, b, c in pairs]
-        same = [
-            _w1(pick(a), pick(b))
-            for i, a in enumerate(runs)
-            for b in runs[:i]
-            if a.header.command_sequence == b.header.command_sequence
-        ]
-        if gaps and np.isfinite(gaps).all():
-            b, a = np.mean(gaps, axis=0)
-            out.append(
-                OtherGap(
-                    name=name, unit=unit, before=float(b), after=float(a), floor=float(np.mean(same)) if same else 0.0
-                )
-            )
-    return out
-
-
-def _matched(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -> list[tuple[Run, Run, Run]]:
-    def key(run: Run) -> tuple[str, int]:
-        return (run.header.command_sequence or "unnamed", run.header.repeat)
-
-    first, second = {key(r): r for r in before}, {key(r): r for r in after}
-    return [(r, first[key(r)], second[key(r)]) for r in runs if key(r) in first and key(r) in second]
-
-
-def _load(run: Run) -> np.ndarray:
-    return np.asarray(run.states.load_nm[_active(run)])
-
-
-def _joint_velocity(run: Run) -> np.ndarray:
-    return np.asarray(run.states.velocity_rad_s[_active(run)])
-
-
-def _velocity(run: Run) -> np.ndarray:
-    return np.asarray(
-        observed(run.ticks.observation[policy_ticks(run)], "linear_vel_of_body_in_body_m_s"), dtype=np.float64
-    )
-
-
-def _active(run: Run) -> np.ndarray:
-    rows = policy_ticks(run)
-    stamps = run.ticks.robot_stamp_ns[rows]
-    return np.asarray((run.states.robot_stamp_ns >= stamps[0]) & (run.states.robot_stamp_ns <= stamps[-1]))
-
-
-def _w1(a: np.ndarray, b: np.ndarray) -> float:
-    grid = (np.arange(200) + 0.5) / 200
-    return float(np.mean(np.abs(np.quantile(a, grid, axis=0) - np.quantile(b, grid, axis=0))))
