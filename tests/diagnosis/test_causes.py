@@ -24,7 +24,7 @@ def test_a_set_that_cannot_be_simulated_is_judged_by_the_residuals_alone(monkeyp
     assert found.effects == ("coulomb_friction",)
 
     def tried(*_: Any) -> causes.Tried:
-        return causes.Tried({"nominal": 3.0, causes.ERRORS: 2.9}, {}, ("coulomb_friction cannot be simulated: bounds",))
+        return causes.Tried({"nominal": 3.0, causes.CALIBRATED: 2.9}, ("coulomb_friction cannot be simulated: bounds",))
 
     monkeypatch.setattr(causes, "try_out", tried)
     bench: Any = object()
