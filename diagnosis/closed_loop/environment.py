@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from diagnosis.closed_loop.engine import Engine, Rollout, Tell
 from diagnosis.closed_loop.merged_models import merged
-from diagnosis.closed_loop.shrink import Features, compare, features_by_sequence
+from diagnosis.closed_loop.shrink import Features, compare, simulated_features
 from diagnosis.closed_loop.surroundings import Surroundings
 from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
@@ -97,14 +97,13 @@ class _Tried:
 
     def add(self, some: Sequence[Surroundings], runs: Sequence[Run]) -> None:
         """Score runs of :meth:`scripts_for`."""
-        found = features_by_sequence(runs, self._policy)
-        costs = np.full((len(some), len(self.names)), np.inf)
+        found = simulated_features(runs, self._policy)
+        costs = np.empty((len(some), len(self.names)))
         for column, name in enumerate(self.names):
-            parts = {str(k): f for k in range(len(some)) if (f := found.get(f"{k}:{name}"))}
-            if parts:
-                for k, distances in compare(name, self._real[name], parts).models.items():
-                    costs[int(k), column] = float(np.mean(distances))
-        self._costs.update(zip(some, np.where(np.isfinite(costs), costs, np.inf), strict=True))
+            parts = {str(k): found[f"{k}:{name}"] for k in range(len(some))}
+            for k, distances in compare(name, self._real[name], parts).models.items():
+                costs[int(k), column] = float(np.mean(distances))
+        self._costs.update(zip(some, costs, strict=True))
 
     def scripts_for(self, some: Sequence[Surroundings]) -> list[tuple[Script, Surroundings]]:
         """One run of each sequence in each of them."""
@@ -146,9 +145,7 @@ class _Tried:
             chosen = self._costs[self.best_without(name)][column]
             moved = [self._costs[self.best_without(name, other)][column] - chosen for other in others]
             squares.append((len(others) - 1) / len(others) * float(np.sum(np.square(moved))))
-        found = float(np.sqrt(np.mean(squares))) if squares else 0.0
-        # Surroundings in which every run falls have no distance.
-        return found if np.isfinite(found) else 0.0
+        return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
     def centres(self) -> list[tuple[Surroundings, tuple[str, ...]]]:
         """Where to look more closely: the best of all, with the sequences that it is chosen without, none.

@@ -17,7 +17,7 @@ from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 
-from .report_case import POLICY, scripts
+from .standing_starts import POLICY, scripts
 
 
 @pytest.fixture(scope="module")
