@@ -267,6 +267,10 @@ def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> t
         notes += _falls_of(sequence, bench.runs)
         own = {name: part[sequence] for name, part in parts.items()}
         compared.append(compare(sequence, real[sequence], own, steady=NOMINAL))
+    for sequence in sorted({r.header.command_sequence or "unnamed" for r in bench.runs} - set(bench.sequences)):
+        notes += _falls_of(sequence, bench.runs) and [
+            f"sequence {sequence}: every run fell within a second; none is simulated"
+        ]
     repeated = [c for c in compared if c.real.shape[0] > 1]
     if repeated and len(repeated) < len(compared):
         # Without a floor of its own, a sequence's distances have another unit.
