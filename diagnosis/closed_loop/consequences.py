@@ -86,22 +86,20 @@ def consequences(bench: Bench, trials: Trials, before: str, after: str, rng: np.
     doubt = bench.around(after).doubt if before == NOMINAL else 0.0
     real, first, second = _by_sequence(bench.runs), _by_sequence(trials.runs[before]), _by_sequence(trials.runs[after])
     gaps = []
-    for gap in GAPS:
-        compared = _compared(gap, real, {before: first, after: second}, after)
-        if compared:
-            found = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
-            gaps.append(
-                GapChange(
-                    gap=gap.name,
-                    unit=gap.unit,
-                    before=found.d0,
-                    after=found.d1,
-                    floor=found.floor,
-                    share=found.s,
-                    low=found.low,
-                    high=found.high,
-                )
+    for gap, compared in _compared(real, {before: first, after: second}, after):
+        found = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
+        gaps.append(
+            GapChange(
+                gap=gap.name,
+                unit=gap.unit,
+                before=found.d0,
+                after=found.d1,
+                floor=found.floor,
+                share=found.s,
+                low=found.low,
+                high=found.high,
             )
+        )
     length_s = {s.sequence: len(s.velocity_command) * s.tick_period_s for s in bench.scripts}
     return Consequences(loop="closed", gaps=tuple(gaps), changes=_changes(real, first, second, length_s, rng))
 
@@ -110,12 +108,10 @@ def remainder(bench: Bench, trials: Trials, after: str) -> tuple[GapLeft, ...]:
     """What a model leaves of each gap."""
     real, made = _by_sequence(bench.runs), _by_sequence(trials.runs[after])
     out = []
-    for gap in GAPS:
-        compared = _compared(gap, real, {after: made}, after)
-        if compared:
-            left, floor = mean_distance(compared, after), mean_floor(compared)
-            ratio = left / floor if floor > 0.0 else None
-            out.append(GapLeft(gap=gap.name, unit=gap.unit, left=left, floor=floor, ratio=ratio))
+    for gap, compared in _compared(real, {after: made}, after):
+        left, floor = mean_distance(compared, after), mean_floor(compared)
+        ratio = left / floor if floor > 0.0 else None
+        out.append(GapLeft(gap=gap.name, unit=gap.unit, left=left, floor=floor, ratio=ratio))
     return tuple(out)
 
 
@@ -145,46 +141,50 @@ def _by_sequence(runs: Sequence[Run]) -> Runs:
     return out
 
 
-def _compared(gap: Gap, real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[Compared]:
-    """Distances of one gap by sequence, in its unit; none where a log lacks the signal.
+def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[Compared]]]:
+    """Distances by gap, in its unit, and by sequence; without gaps whose signal a log lacks.
 
     Args:
-        gap: Which.
         real: The robot's runs.
         models: Simulated runs by model.
         stand_in: Model whose scatter is the floor of a robot that did not repeat itself.
     """
-    out = []
+    by_gap: dict[Gap, list[Compared]] = {gap: [] for gap in GAPS}
     for sequence in next(iter(models.values())):
-        own = _cuts(gap, [run for run in real[sequence] if len(policy_ticks(run)) >= MIN_TICKS])
-        made = {name: _cuts(gap, runs[sequence], MIN_TICKS) for name, runs in models.items()}
-        pairs = pair_distances(own, own, _w1)
-        apart = {name: pair_distances(cuts, own, _w1) for name, cuts in made.items()}
-        if not all(np.isfinite(d).all() for d in (pairs, *apart.values())):
-            return []
-        floor = 1.0
+        own = _cuts([run for run in real[sequence] if len(policy_ticks(run)) >= MIN_TICKS])
+        made = {name: _cuts(runs[sequence], MIN_TICKS) for name, runs in models.items()}
+        pairs = pair_distances(own, own, _apart)
+        apart = {name: pair_distances(cuts, own, _apart) for name, cuts in made.items()}
+        floor = np.ones(len(GAPS))
         if len(pairs) < 2:
-            scatter = pair_distances(made[stand_in], made[stand_in], _w1)
-            floor = float(scatter.sum() / max(1, len(scatter) * (len(scatter) - 1)))
-        out.append(Compared(sequence, pairs, apart, floor=floor))
-    return [c for c in out if len(c.real) > 1] or out
+            scatter = pair_distances(made[stand_in], made[stand_in], _apart)
+            floor = scatter.sum(axis=(0, 1)) / max(1, len(scatter) * (len(scatter) - 1))
+        for k, gap in enumerate(GAPS):
+            of_models = {name: distances[..., k] for name, distances in apart.items()}
+            by_gap[gap].append(Compared(sequence, pairs[..., k], of_models, floor=float(floor[k])))
+    out = []
+    for gap, found in by_gap.items():
+        if all(np.isfinite(d).all() for c in found for d in (c.real, *c.models.values())):
+            out.append((gap, [c for c in found if len(c.real) > 1] or found))
+    return out
 
 
-def _cuts(gap: Gap, runs: Sequence[Run], at_least: int = 0) -> Cuts[Array]:
-    """Quantiles of a signal's components, shape (Q, k), of each run up to each tick."""
+def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts[list[Array]]:
+    """Of each run up to each tick the quantiles of each gap's components, shape (Q, k)."""
     ticks_ns = [run.ticks.robot_stamp_ns[policy_ticks(run, at_least)] for run in runs]
+    signals = [[gap.pick(run) for gap in GAPS] for run in runs]
 
-    def digest(i: int, n: int) -> Array:
-        stamps_ns = runs[i].states.robot_stamp_ns
-        first, last = np.searchsorted(stamps_ns, [ticks_ns[i][0], ticks_ns[i][n - 1] + 1])
-        values = np.sort(gap.pick(runs[i])[first:last], axis=0)
-        return np.asarray(values[(QUANTILES * len(values)).astype(np.intp)])
+    def digest(i: int, n: int) -> list[Array]:
+        first, last = np.searchsorted(runs[i].states.robot_stamp_ns, [ticks_ns[i][0], ticks_ns[i][n - 1] + 1])
+        rows = (QUANTILES * (last - first)).astype(np.intp)
+        return [np.asarray(np.sort(signal[first:last], axis=0)[rows]) for signal in signals[i]]
 
     return Cuts([len(t) for t in ticks_ns], digest)
 
 
-def _w1(first: Array, second: Array) -> float:
-    return float(np.mean(np.abs(first - second)))
+def _apart(first: list[Array], second: list[Array]) -> list[float]:
+    """Wasserstein distance of each gap, mean over its components."""
+    return [float(np.mean(np.abs(a - b))) for a, b in zip(first, second, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ HEIGHT_M: Final = SafetyLimits().body_height_m
 AFTER_NS: Final = 100_000_000
 """The state that makes the runtime take the policy away may come this long after the policy's last tick: five ticks. A
 robot that sits down, or is damped for another reason, sinks more slowly."""
+SAMPLED_NS: Final = 15_000_000
+"""A body that has collapsed stays down for longer: it is looked for in states so far apart."""
 
 Array = NDArray[np.float64]
 
@@ -42,9 +44,16 @@ def fall_row(
     gravity = np.asarray(projected_gravity(odom_from_body_wxyz[first:last]))
     with np.errstate(invalid="ignore"):
         is_down = gravity[:, 2] > -np.cos(TILT_RAD)
-        if joint_names == facts.JOINT_NAMES:
-            feet = np.asarray(foot_position_in_body_m(position_rad[first:last]))
-            height_m = (feet @ gravity[:, :, None])[..., 0].max(axis=1) + facts.FOOT_RADIUS_M
-            is_down |= height_m < HEIGHT_M
+        if joint_names == facts.JOINT_NAMES and last > first:
+            position = position_rad[first:last]
+            every = max(1, SAMPLED_NS * (last - first) // int(stamp_ns[last - 1] - stamp_ns[first] + 1))
+            if (_height_m(position[::every], gravity[::every]) < HEIGHT_M).any():
+                is_down |= _height_m(position, gravity) < HEIGHT_M
     rows = np.flatnonzero(is_down)
     return int(first + rows[0]) if len(rows) else n
+
+
+def _height_m(position_rad: Array, gravity_in_body: Array) -> Array:
+    """Of the body over its lowest sole, shape (n,)."""
+    feet = np.asarray(foot_position_in_body_m(position_rad))
+    return np.asarray((feet @ gravity_in_body[:, :, None])[..., 0].max(axis=1) + facts.FOOT_RADIUS_M)
