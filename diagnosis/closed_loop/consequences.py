@@ -228,6 +228,8 @@ def _changes(
         low, high = None, None
         if without is not None and with_it is not None and len(known):
             low, high = interval(with_it - without, known, [n for _, n in sizes])
+            if q is FALLS:
+                low, high = max(low, -without), min(high, 1.0 - without)
         out.append(
             QuantityChange(
                 quantity=q.name,

@@ -85,6 +85,20 @@ def test_a_log_whose_clock_runs_backwards_is_left_out(tmp_path: Path, monkeypatc
     assert "does not rise after state 199" in warnings[0]
 
 
+def test_a_run_that_is_in_two_files_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where its last seconds were kept apart."""
+    whole, last = _log(tmp_path, "whole.mcap"), _log(tmp_path, "last.mcap")
+
+    def read(file: Path) -> Run:
+        run = read_run(file)
+        return replace(run, states=run.states.rows(slice(200, None))) if file == last else run
+
+    monkeypatch.setattr("diagnosis.read.log_files.read_run", read)
+    runs, warnings = read_all([last, whole])
+    assert [run.path.name for run in runs] == ["whole.mcap"]
+    assert warnings == (f"{last}: left out: its states are in {whole}, which is longer",)
+
+
 def test_nothing_left_is_one_error_with_every_reason(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").write_bytes(b"")
     folder = tmp_path / "none"
