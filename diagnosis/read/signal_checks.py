@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from diagnosis.read.falls import fall_row
+from diagnosis.read.policy_ticks import fall_stamp_ns
 from diagnosis.read.recording import MIN_STATES, Array, Flags
 from diagnosis.read.robot_file import RobotDescription
 from spot_log.read.run import Run
@@ -121,11 +122,16 @@ def _without_stretches(run: Run, robot: RobotDescription) -> tuple[Run, list[str
             f"{time_s[a]:.1f} to {time_s[b - 1]:.1f} s" for a, b in zip(edges[::2], edges[1::2], strict=True)
         )
         notes.append(f"{run.path.name}: {when} set aside: {bad.text}")
-    if not notes or (~cut).sum() < MIN_STATES:
+    keep = ~cut | ~_upright(run, cut[:, None])
+    if not notes or keep.sum() < MIN_STATES:
         return run, []
-    stamps_ns = run.ticks.robot_stamp_ns
+    stamps_ns, fall_ns = run.ticks.robot_stamp_ns, fall_stamp_ns(run)
     after = np.clip(np.searchsorted(run.states.robot_stamp_ns, stamps_ns), 0, len(cut) - 1)
-    return replace(run, states=run.states.rows(~cut), ticks=run.ticks.rows(~cut[after])), notes
+    kept_ticks = ~cut[after]
+    if fall_ns is not None:
+        # Without the last tick before it nobody would know that the robot fell under the policy.
+        kept_ticks[max(0, int(np.searchsorted(stamps_ns, fall_ns)) - 1)] = True
+    return replace(run, states=run.states.rows(keep), ticks=run.ticks.rows(kept_ticks)), notes
 
 
 def _upright(run: Run, bad: Flags) -> Flags:

@@ -141,15 +141,18 @@ def test_a_run_is_used_up_to_its_fall(falling: list[Run]) -> None:
     assert fallen.first * 0.003 == pytest.approx(lasted.time_s - 0.3, abs=0.02)
 
 
-def test_a_joint_beyond_its_stop_where_the_robot_falls_changes_nothing(plain: list[Run], falling: list[Run]) -> None:
+@pytest.mark.parametrize(("before_s", "n_notes"), [(0.06, 0), (0.6, 1)])
+def test_a_joint_beyond_its_stop_where_the_robot_falls_hides_no_fall(
+    plain: list[Run], falling: list[Run], before_s: float, n_notes: int
+) -> None:
     run = falling[0]
     lasted = time_to_fall(run)
     assert lasted is not None
     position = run.states.position_rad.copy()
-    position[round(lasted.time_s / 0.003) - 20 :, 2] = -4.0
+    position[round((lasted.time_s - before_s) / 0.003) :, 2] = -4.0
     broken = replace(run, states=replace(run.states, position_rad=position))
     kept, notes = plausible([*plain, broken], SPOT)
-    assert notes == ()
+    assert len(notes) == n_notes
     assert time_to_fall(kept[-1]) == pytest.approx(lasted, abs=0.1)
     assert len(prepared(kept, SPOT)[0]) == len(plain) + 1
 
