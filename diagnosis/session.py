@@ -15,7 +15,7 @@ from diagnosis.progress import Progress
 from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT, load_robot
-from diagnosis.read.signal_checks import check_plausible
+from diagnosis.read.signal_checks import plausible
 from diagnosis.report.output import write_all
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.io.model_file import RobotModel
@@ -50,8 +50,9 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
     robot = load_robot(request.robot) if request.robot is not None else SPOT
     progress("reading logs")
     runs, warnings = read_all(request.logs, progress.at)
-    check_plausible(runs, robot)
+    runs, set_aside = plausible(runs, robot)
     runs, notes = prepared(runs, robot)
+    warnings = (*warnings, *set_aside)
     policy = find_policy(request.policy, runs)
     if policy is not None:
         runs, at_other_gains = apart_by_gains(runs, policy)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from diagnosis.closed_loop.engine import Engine, Rollout, Tell
 from diagnosis.closed_loop.merged_models import merged
-from diagnosis.closed_loop.shrink import Features, compare, features_by_sequence
-from diagnosis.closed_loop.surroundings import Surroundings
+from diagnosis.closed_loop.shrink import Features, compare, simulated_features
+from diagnosis.closed_loop.surroundings import HARDEST_S, Surroundings
 from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
@@ -28,8 +28,9 @@ from spot_model.policy.policy import Policy
 OWN: Final = Surroundings()
 """The simulator's."""
 STEP: Final = 1.3
-TIME_CONSTANTS_S: Final = tuple(OWN.contact_time_constant_s * STEP**k for k in (-4, -2, 0, 2))
-"""From 7 ms, as hard as the physics step can follow, to 34 ms: a foot sinks by a centimetre under Spot's weight."""
+TIME_CONSTANTS_S: Final = tuple(OWN.contact_time_constant_s * STEP**k for k in (-2, 0, 2))
+"""From 12 ms to 34 ms, at which a foot sinks by a centimetre under Spot's weight; nothing is tried below
+:data:`HARDEST_S`."""
 FINER: Final = (STEP**-0.5, STEP**0.5)
 DAMPING_RATIOS: Final = (0.8, 1.25)
 ODOMETRY_S: Final = 0.05
@@ -97,14 +98,13 @@ class _Tried:
 
     def add(self, some: Sequence[Surroundings], runs: Sequence[Run]) -> None:
         """Score runs of :meth:`scripts_for`."""
-        found = features_by_sequence(runs, self._policy)
-        costs = np.full((len(some), len(self.names)), np.inf)
+        found = simulated_features(runs, self._policy)
+        costs = np.empty((len(some), len(self.names)))
         for column, name in enumerate(self.names):
-            parts = {str(k): f for k in range(len(some)) if (f := found.get(f"{k}:{name}"))}
-            if parts:
-                for k, distances in compare(name, self._real[name], parts).models.items():
-                    costs[int(k), column] = float(np.mean(distances))
-        self._costs.update(zip(some, np.where(np.isfinite(costs), costs, np.inf), strict=True))
+            parts = {str(k): found[f"{k}:{name}"] for k in range(len(some))}
+            for k, distances in compare(name, self._real[name], parts).models.items():
+                costs[int(k), column] = float(np.mean(distances))
+        self._costs.update(zip(some, costs, strict=True))
 
     def scripts_for(self, some: Sequence[Surroundings]) -> list[tuple[Script, Surroundings]]:
         """One run of each sequence in each of them."""
@@ -146,9 +146,7 @@ class _Tried:
             chosen = self._costs[self.best_without(name)][column]
             moved = [self._costs[self.best_without(name, other)][column] - chosen for other in others]
             squares.append((len(others) - 1) / len(others) * float(np.sum(np.square(moved))))
-        found = float(np.sqrt(np.mean(squares))) if squares else 0.0
-        # Surroundings in which every run falls have no distance.
-        return found if np.isfinite(found) else 0.0
+        return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
     def centres(self) -> list[tuple[Surroundings, tuple[str, ...]]]:
         """Where to look more closely: the best of all, with the sequences that it is chosen without, none.
@@ -216,9 +214,7 @@ def best_surroundings(
 
 
 def _nearer(centre: Surroundings) -> list[Surroundings]:
-    times_s = [centre.contact_time_constant_s / STEP, centre.contact_time_constant_s * STEP]
-    # The hardest ground is as hard as the physics step can follow.
-    return [replace(centre, contact_time_constant_s=t) for t in times_s if t > TIME_CONSTANTS_S[0] / STEP**0.5]
+    return _with_times(centre, (1.0 / STEP, STEP))
 
 
 def _estimators(centre: Surroundings) -> list[Surroundings]:
@@ -226,8 +222,12 @@ def _estimators(centre: Surroundings) -> list[Surroundings]:
 
 
 def _finer(centre: Surroundings) -> list[Surroundings]:
-    ground = [replace(centre, contact_time_constant_s=centre.contact_time_constant_s * f) for f in FINER]
-    return [*ground, *(replace(centre, contact_damping_ratio=d) for d in DAMPING_RATIOS)]
+    return [*_with_times(centre, FINER), *(replace(centre, contact_damping_ratio=d) for d in DAMPING_RATIOS)]
+
+
+def _with_times(centre: Surroundings, factors: Sequence[float]) -> list[Surroundings]:
+    times_s = {max(HARDEST_S, centre.contact_time_constant_s * f) for f in factors}
+    return [replace(centre, contact_time_constant_s=t) for t in sorted(times_s)]
 
 
 def _try(

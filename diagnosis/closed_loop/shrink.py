@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,28 +12,27 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from diagnosis.channels.channel_view import Array
-from diagnosis.read.policy_ticks import features
+from diagnosis.read.policy_ticks import MIN_TICKS, features
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy
-from trainer.sysid.distance.measures import SequenceReference
+from trainer.sysid.distance.measures import RunDigest, SequenceReference, digest, distance
 
 N_RESAMPLES: Final = 1000
 LEVEL: Final = 0.90
 MIN_GAP: Final = 0.05
 """A gap that exceeds its floor by less than this share of the floor has nothing to shrink."""
 
-MIN_TICKS: Final = 50
-"""A run of less than a second is no sample of a gait."""
 WHOLE: Final = 0.9
-"""A run of less than this share of the longest one fell, or was cut, and is not compared with whole ones."""
+"""Of two runs, one of less than this share of the other one fell, or was cut: they are compared up to its end."""
 
 Features = Sequence[NDArray[np.float32]]
 """Of the runs of one sequence, each of shape (n, 36)."""
+Digest = TypeVar("Digest")
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One command sequence: pair distances, in units of the floor's two parts."""
+    """One command sequence: pair distances, in one unit."""
 
     sequence: str
     real: Array
@@ -41,7 +40,46 @@ class Compared:
     models: Mapping[str, Array]
     """From runs of each model to real runs, shape (S, R); row i of all models starts alike."""
     scale: Array = field(default_factory=lambda: np.ones(2))
-    """What a distance of each of the two parts was divided by, shape (2,)."""
+    """What a distance of each of the measure's two parts was divided by, shape (2,)."""
+    floor: float = 1.0
+    """Where the robot did not repeat itself, what stands in for the distance between two of its runs."""
+
+
+class Cuts(Generic[Digest]):
+    """The runs of one side of one sequence, each as what a distance needs of its first ticks.
+
+    Args:
+        lengths: Ticks of each run.
+        digest: Of run i up to tick n.
+    """
+
+    def __init__(self, lengths: Sequence[int], digest: Callable[[int, int], Digest]) -> None:
+        self.lengths = lengths
+        self._digest = digest
+        self._made: dict[tuple[int, int], Digest] = {}
+
+    def to(self, run: int, n_ticks: int) -> Digest:
+        """Of a run up to a tick, computed once."""
+        key = (run, n_ticks)
+        if key not in self._made:
+            self._made[key] = self._digest(run, n_ticks)
+        return self._made[key]
+
+
+def pair_distances(first: Cuts[Digest], second: Cuts[Digest], distance: Callable[[Digest, Digest], Any]) -> Array:
+    """From each run of one side to each of the other, up to the end of the shorter where that fell or was cut.
+
+    Returns:
+        Shape (F, S), with more axes where ``distance`` has some.
+    """
+
+    def one(i: int, j: int) -> Any:
+        n, m = first.lengths[i], second.lengths[j]
+        if min(n, m) < WHOLE * max(n, m):
+            n = m = min(n, m)
+        return distance(first.to(i, n), second.to(j, m))
+
+    return np.array([[one(i, j) for j in range(len(second.lengths))] for i in range(len(first.lengths))])
 
 
 @dataclass(frozen=True)
@@ -56,18 +94,31 @@ class Shrinkage:
     high: float | None
 
 
-def features_by_sequence(runs: Sequence[Run], policy: Policy) -> dict[str, list[NDArray[np.float32]]]:
-    """Features of the runs that are whole, by sequence; of a sequence without a whole one, of those there are."""
+def features_by_sequence(
+    runs: Sequence[Run], policy: Policy, at_least: int = 0
+) -> dict[str, list[NDArray[np.float32]]]:
+    """Features of the runs by sequence, each up to its fall; runs of less than :data:`MIN_TICKS` are left out.
+
+    Args:
+        runs: Logs, or simulated runs.
+        policy: That ran.
+        at_least: So many ticks are kept even of a robot that falls sooner, and no run is left out.
+    """
     found: dict[str, list[NDArray[np.float32]]] = {}
     for run in runs:
-        own = features(run, policy)
-        if len(own) >= MIN_TICKS:
+        own = features(run, policy, at_least)
+        if len(own) >= MIN_TICKS or at_least:
             found.setdefault(run.header.command_sequence or "unnamed", []).append(own)
-    return {name: [f for f in own if len(f) >= WHOLE * max(len(g) for g in own)] for name, own in found.items()}
+    return found
+
+
+def simulated_features(runs: Sequence[Run], policy: Policy) -> dict[str, list[NDArray[np.float32]]]:
+    """Of all simulated runs, in their order: one that falls at once is compared with its fall, a second long."""
+    return features_by_sequence(runs, policy, MIN_TICKS)
 
 
 def compare(sequence: str, real: Features, models: Mapping[str, Features], seed: int = 0, steady: str = "") -> Compared:
-    """Distances of one sequence.
+    """Distances of one sequence, in floors.
 
     Args:
         sequence: Its name.
@@ -78,22 +129,25 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], seed:
             that stumble give no larger floor than this one.
     """
     reference = SequenceReference.build(sequence, list(real), seed)
-    scale = reference.scale
-    if len(real) == 1:
+
+    def cuts(runs: Features) -> Cuts[RunDigest]:
+        return Cuts([len(f) for f in runs], lambda i, n: digest(runs[i][:n], reference.fourier))
+
+    own = cuts(real)
+    pairs = pair_distances(own, own, distance)
+    if len(real) > 1:
+        scale = pairs.sum(axis=(0, 1)) / (len(real) * (len(real) - 1))
+    else:
         # The robot did not repeat itself: what its models scatter by stands in for what it scatters by.
-        own = {n: SequenceReference.build(sequence, list(r), seed).scale for n, r in models.items() if len(r) > 1}
-        scale = np.median(list(own.values()), axis=0) if own else scale
-        scale = np.minimum(scale, own.get(steady, scale))
+        others = {n: SequenceReference.build(sequence, list(r), seed).scale for n, r in models.items() if len(r) > 1}
+        scale = np.median(list(others.values()), axis=0) if others else reference.scale
+        scale = np.minimum(scale, others.get(steady, scale))
 
     def one_number(distances: Array) -> Array:
         return np.asarray(np.mean(distances / scale, axis=-1))
 
-    return Compared(
-        sequence,
-        one_number(reference.pair_distances),
-        {name: one_number(np.array([reference.distances(f) for f in runs])) for name, runs in models.items()},
-        scale,
-    )
+    apart = {name: one_number(pair_distances(cuts(runs), own, distance)) for name, runs in models.items()}
+    return Compared(sequence, one_number(pairs), apart, scale)
 
 
 def shrinkage(
@@ -110,46 +164,70 @@ def shrinkage(
 
     Args:
         compared: By sequence.
-        before: Name of the nominal model.
-        after: Name of the corrected one.
+        before: Name of the model without something.
+        after: Name of the model with it.
         rng: Draws the resamples.
         doubt: Standard error of the distance after that no resample holds: other surroundings might have been chosen.
     """
-    d0 = float(np.mean([c.models[before].mean() for c in compared]))
-    d1 = float(np.mean([c.models[after].mean() for c in compared]))
-    floor = float(np.mean([_floor(c.real) for c in compared]))
+    d0, d1, floor = mean_distance(compared, before), mean_distance(compared, after), mean_floor(compared)
     if d0 - floor <= MIN_GAP * max(floor, 1e-9):
         return Shrinkage(d0, d1, floor, None, None, None)
+    sizes = [(c.real.shape[0], c.models[before].shape[0]) for c in compared]
     draws = []
-    for _ in range(N_RESAMPLES):
-        chosen = rng.integers(len(compared), size=len(compared))
+    for drawn in resamples(sizes, rng):
         sums = np.zeros(3)
-        for i in chosen:
-            c = compared[i]
-            n_real = c.real.shape[0]
-            real = rng.integers(n_real, size=n_real)
-            n_sim = c.models[before].shape[0]
-            simulated = rng.integers(n_sim, size=n_sim)
-            n_after = c.models[after].shape[0]
-            other = simulated if n_after == n_sim else rng.integers(n_after, size=n_after)
-            d_before, d_after = c.models[before][np.ix_(simulated, real)], c.models[after][np.ix_(other, real)]
-            sums += d_before.mean(), d_after.mean(), _floor(c.real, real)
+        for i, real, simulated in drawn:
+            c, at = compared[i], np.ix_(simulated, real)
+            sums += c.models[before][at].mean(), c.models[after][at].mean(), _floor(c, real)
         if sums[0] - sums[2] > 1e-9:
             draws.append((sums[0] - sums[1]) / (sums[0] - sums[2]))
     s = (d0 - d1) / (d0 - floor)
     if not draws:
         return Shrinkage(d0, d1, floor, s, None, None)
+    return Shrinkage(d0, d1, floor, s, *interval(s, draws, [min(size) for size in sizes], doubt / (d0 - floor)))
+
+
+def mean_distance(compared: Sequence[Compared], model: str) -> float:
+    """Of a model's runs from the robot's."""
+    return float(np.mean([c.models[model].mean() for c in compared]))
+
+
+def mean_floor(compared: Sequence[Compared]) -> float:
+    """Of the robot's runs from each other, or what stands in for it."""
+    return float(np.mean([_floor(c) for c in compared]))
+
+
+def resamples(
+    sizes: Sequence[tuple[int, int]], rng: np.random.Generator
+) -> Iterator[list[tuple[int, NDArray[np.intp], NDArray[np.intp]]]]:
+    """:data:`N_RESAMPLES` times sequences, and of each its real and its simulated runs, drawn with replacement.
+
+    Args:
+        sizes: Real and simulated runs of each sequence.
+        rng: Draws.
+    """
+    for _ in range(N_RESAMPLES):
+        chosen = rng.integers(len(sizes), size=len(sizes))
+        yield [(int(i), *(rng.integers(n, size=n) for n in sizes[i])) for i in chosen]
+
+
+def interval(value: float, draws: Sequence[float], counts: Sequence[int], doubt: float = 0.0) -> tuple[float, float]:
+    """The 90 % interval of a value from its :func:`resamples`.
+
+    Args:
+        value: The estimate.
+        draws: The same of each resample.
+        counts: Runs of each sequence.
+        doubt: Standard error of the value that no resample holds.
+    """
     tail = 50.0 * (1.0 - LEVEL)
+    z = float(normal.ppf(1.0 - tail / 100.0))
     low, high = np.percentile(draws, [tail, 100.0 - tail])
     # Three sequences have ten resamples that differ: percentiles fall between them, the standard deviation does not.
-    edges = np.percentile(draws, [1.0, 99.0])
-    reach = float(normal.ppf(1.0 - tail / 100.0) * np.std(np.clip(draws, *edges)))
-    wider = _few([min(c.real.shape[0], c.models[before].shape[0]) for c in compared])
-    below, above = max(s - float(low), reach), max(float(high) - s, reach)
-    around = float(normal.ppf(1.0 - tail / 100.0) * doubt / (d0 - floor))
-    return Shrinkage(
-        d0, d1, floor, s, s - float(np.hypot(wider * below, around)), s + float(np.hypot(wider * above, around))
-    )
+    reach = z * float(np.std(np.clip(draws, *np.percentile(draws, [1.0, 99.0]))))
+    wider = _few(counts)
+    below, above = max(value - float(low), reach), max(float(high) - value, reach)
+    return value - float(np.hypot(wider * below, z * doubt)), value + float(np.hypot(wider * above, z * doubt))
 
 
 def _few(counts: Sequence[int]) -> float:
@@ -169,13 +247,13 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _floor(pairs: Array, chosen: NDArray[np.intp] | None = None) -> float:
-    """Mean distance of two different real runs; without repeats the unit, which simulated runs gave."""
-    n = len(pairs)
+def _floor(c: Compared, chosen: NDArray[np.intp] | None = None) -> float:
+    """Mean distance of two different real runs; without repeats what stands in for it."""
+    n = len(c.real)
     if n < 2:
-        return 1.0
+        return c.floor
     index = np.arange(n) if chosen is None else chosen
     different = index[:, None] != index[None, :]
     if not different.any():
-        return float(pairs.sum() / (n * (n - 1)))
-    return float(pairs[np.ix_(index, index)][different].mean())
+        return float(c.real.sum() / (n * (n - 1)))
+    return float(c.real[np.ix_(index, index)][different].mean())

@@ -11,17 +11,25 @@ import numpy as np
 from diagnosis.channels.channel_view import Array
 from diagnosis.closed_loop.engine import Engine, Tell
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
-from diagnosis.closed_loop.shrink import Compared, Features, compare, features_by_sequence, shrinkage
+from diagnosis.closed_loop.run_numbers import time_to_fall
+from diagnosis.closed_loop.shrink import (
+    Compared,
+    Features,
+    compare,
+    features_by_sequence,
+    shrinkage,
+    simulated_features,
+)
 from diagnosis.document import Shrink
-from diagnosis.read.policy_ticks import Script, policy_ticks, scripts_of
+from diagnosis.read.policy_ticks import Script, scripts_of
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Scored
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
-from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
+from spot_model.text import counted
 from trainer.sysid.distance.measures import SequenceReference
 
 
@@ -153,25 +161,13 @@ class Trials:
 
     def scatter_of(self, name: str, policy: Policy) -> float:
         """What a model's own runs scatter by, in the robot's floors; NaN if unknown."""
-        own = features_by_sequence(self.runs[name], policy)
+        own = simulated_features(self.runs[name], policy)
         ratios = [
             float(np.mean(SequenceReference.build(c.sequence, list(own[c.sequence])).scale / c.scale))
             for c in self.compared
             if c.real.shape[0] > 1 and len(own.get(c.sequence, ())) > 1
         ]
         return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
-
-    def moved(self, name: str, other: str, policy: Policy) -> float:
-        """How far one model's runs lie from another's, beyond their scatter, in the robot's floors; NaN if unknown."""
-        first, second = (features_by_sequence(self.runs[key], policy) for key in (name, other))
-        ratios = []
-        for c in self.compared:
-            own, others = first.get(c.sequence, []), second.get(c.sequence, [])
-            if len(own) > 1 and others:
-                reference = SequenceReference.build(c.sequence, list(own))
-                apart = np.mean([reference.distances(f) for f in others], axis=(0, 1))
-                ratios.append(float(np.mean((apart - reference.scale) / c.scale)))
-        return float(np.mean(ratios)) if ratios else float("nan")
 
 
 def typical(distances: Sequence[Array]) -> float:
@@ -263,23 +259,30 @@ def measure_shrink(bench: Bench, trials: Trials, stated: str, rng: np.random.Gen
 
 
 def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:
-    """Distances by sequence, and what could not be compared."""
+    """Distances by sequence, each of a run up to its fall, and what has to be known of them."""
     real = bench.real()
-    parts = {name: features_by_sequence(group, bench.policy) for name, group in models.items()}
+    parts = {name: simulated_features(group, bench.policy) for name, group in models.items()}
     compared, notes = [], []
     for sequence in bench.sequences:
-        fallen = [name for name, part in parts.items() if not part.get(sequence)]
-        if fallen:
-            notes.append(f"sequence {sequence}: {', '.join(fallen)} fell at once and is not compared")
-            continue
-        short = sum((r.header.command_sequence or "unnamed") == sequence for r in bench.runs) - len(real[sequence])
-        if short:
-            notes.append(f"sequence {sequence}: {short} real runs that fell or were cut short are not compared")
+        notes += _falls_of(sequence, bench.runs)
         own = {name: part[sequence] for name, part in parts.items()}
         compared.append(compare(sequence, real[sequence], own, steady=NOMINAL))
+    for sequence in sorted({r.header.command_sequence or "unnamed" for r in bench.runs} - set(bench.sequences)):
+        notes += _falls_of(sequence, bench.runs) and [
+            f"sequence {sequence}: every run fell within a second; none is simulated"
+        ]
     repeated = [c for c in compared if c.real.shape[0] > 1]
     if repeated and len(repeated) < len(compared):
         # Without a floor of its own, a sequence's distances have another unit.
         single = ", ".join(c.sequence for c in compared if c.real.shape[0] < 2)
-        notes.append(f"one run alone of {single} is whole: there is no floor, and it does not count for the shrink")
+        notes.append(f"there is one run alone of {single}: there is no floor, and it does not count for the shrink")
     return repeated or compared, notes
+
+
+def _falls_of(sequence: str, runs: Sequence[Run]) -> list[str]:
+    mine = [run for run in runs if (run.header.command_sequence or "unnamed") == sequence]
+    falls_s = [lasted.time_s for run in mine if (lasted := time_to_fall(run)) is not None and lasted.has_fallen]
+    if not falls_s:
+        return []
+    told = f"{len(falls_s)} of {counted(len(mine), 'run')} of the robot fell, the first after {min(falls_s):.1f} s"
+    return [f"sequence {sequence}: {told}; motion is compared up to the fall"]

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 from rich.console import Console
 
+from diagnosis.closed_loop.run_numbers import HELD_S
 from diagnosis.document import load_verdict
 from diagnosis.library.extra_effect import chosen_library
 from diagnosis.next.choose.candidates import Motion, given
@@ -18,7 +19,6 @@ from diagnosis.next.files import free_folder, ranking_lines, run_words, save_mot
 from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.check import check_log, check_prediction
-from diagnosis.next.predict.outcome import HELD_S
 from diagnosis.next.predict.prediction import digest_of, load_prediction, predict, with_log
 from diagnosis.next.robot_run import Ran, run_on_robot, start_here
 from diagnosis.next.rounds import Lab, Limits, ask_robot

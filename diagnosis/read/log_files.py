@@ -8,6 +8,8 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from diagnosis.read.policy_ticks import policy_ticks
 from diagnosis.read.recording import record
 from spot_log import Run, read_run
@@ -38,6 +40,7 @@ def read_all(
             continue
         warnings += [f"{file.name}: {text}" for text in run.damage]
         runs.append(run)
+    runs = _each_once(runs, warnings)
     if not runs:
         told = "\n".join(f"  {w}" for w in warnings)
         raise BadInputError(f"no log can be diagnosed:\n{told}\ngive logs of 'spot-rl collect' or 'spot-rl run'")
@@ -48,6 +51,31 @@ def read_all(
         warnings += [f"{name}: left out: the robot got no command in it" for name in idle]
         runs = [run for run, is_it in zip(runs, is_commanded, strict=True) if is_it]
     return tuple(runs), tuple(warnings)
+
+
+def _each_once(runs: Sequence[Run], warnings: list[str]) -> list[Run]:
+    """Of several files of one run, such as its log and the record of its last seconds, the longest."""
+    kept: list[Run] = []
+    for run in sorted(runs, key=lambda run: -len(run.states)):
+        whole = next((other for other in kept if _holds(other, run)), None)
+        if whole is None:
+            kept.append(run)
+        else:
+            warnings.append(f"{run.path}: left out: its states are in {whole.path}, which is longer")
+    return [run for run in runs if any(run is one for one in kept)]
+
+
+def _holds(whole: Run, part: Run) -> bool:
+    """Whether a log has the first state of a shorter one, by name of the run, stamp and joints."""
+    a, b = whole.states, part.states
+    row = int(np.searchsorted(a.robot_stamp_ns, b.robot_stamp_ns[0]))
+    return (
+        whole.header.run_id == part.header.run_id
+        and len(b) < len(a)
+        and row < len(a)
+        and a.robot_stamp_ns[row] == b.robot_stamp_ns[0]
+        and np.array_equal(a.position_rad[row], b.position_rad[0], equal_nan=True)
+    )
 
 
 def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Policy | None:

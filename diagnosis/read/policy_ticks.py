@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.read.falls import fall_row
 from diagnosis.read.recording import ACTIVE
 from spot_log.read.run import Run, TickTable
 from spot_model.plant.start import StartState
-from spot_model.policy.observation import is_fallen, observed
+from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from trainer.sysid.distance.features import features_of_observations
 
-MIN_TICKS = 50
+MIN_TICKS: Final = 50
+"""A run of less than a second is no sample of a gait."""
 
 
 @dataclass(frozen=True)
@@ -32,26 +35,52 @@ class Script:
     """As the program meant it: one that counts states runs the policy at every sixth, and a gait shows it."""
 
 
-def policy_ticks(run: Run) -> NDArray[np.intp]:
-    """Ticks in which the policy followed the command, before any fall; of a log without modes all that ran a policy."""
-    return _followed(run.ticks)
+def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
+    """Ticks in which the policy followed the command, before any fall; of a log without modes all that ran a policy.
+
+    Args:
+        run: A log, or a simulated run.
+        at_least: So many are kept even of a robot that falls sooner.
+    """
+    rows = _followed(run.ticks)
+    fall_ns = fall_stamp_ns(run)
+    if fall_ns is None:
+        return rows
+    return rows[: max(at_least, int(np.searchsorted(run.ticks.robot_stamp_ns[rows], fall_ns)))]
+
+
+def fall_stamp_ns(run: Run) -> int | None:
+    """Robot stamp of the first state in which the robot has fallen under the policy; None where it never did."""
+    s, ticks_ns = run.states, run.ticks.robot_stamp_ns[_followed(run.ticks)]
+    row = fall_row(run.header.joint_names, s.position_rad, s.odom_from_body_wxyz, s.robot_stamp_ns, ticks_ns)
+    return int(s.robot_stamp_ns[row]) if row < len(s) else None
 
 
 def _followed(t: TickTable) -> NDArray[np.intp]:
     if len(t) == 0:
         return np.zeros(0, dtype=np.intp)
     sound = np.isfinite(t.observation).all(axis=1) & np.isfinite(t.action).all(axis=1)
-    rows = np.flatnonzero(sound & (t.mode == ACTIVE)) if (t.mode == ACTIVE).any() else np.flatnonzero(sound)
-    if len(rows):
-        fallen = np.flatnonzero(is_fallen(t.observation[rows]))
-        rows = rows[: fallen[0]] if len(fallen) else rows
-    return rows
+    is_active = sound & (t.mode == ACTIVE)
+    return np.flatnonzero(is_active if is_active.any() else sound)
 
 
 def scripts_of(runs: Sequence[Run]) -> list[Script]:
-    """Those of all runs that are long enough, with the tick period that most of them have."""
+    """Those of all runs that are long enough, with the tick period that most of them have.
+
+    A run that fell is told what the longest run of its sequence was told from there on: a simulated robot may last.
+    """
     period_s = tick_period_s(runs)
-    return [script for run in runs if (script := script_of(run, period_s)) is not None]
+    made = [(script, fall_stamp_ns(run)) for run in runs if (script := script_of(run, period_s)) is not None]
+    longest: dict[str, NDArray[np.float64]] = {}
+    for script, _ in made:
+        if len(script.velocity_command) > len(longest.get(script.sequence, ())):
+            longest[script.sequence] = script.velocity_command
+    out = []
+    for script, fall_ns in made:
+        own, whole = script.velocity_command, longest[script.sequence]
+        told = own if fall_ns is None else np.concatenate([own, whole[len(own) :]])
+        out.append(replace(script, velocity_command=told))
+    return out
 
 
 def tick_period_s(runs: Sequence[Run]) -> float:
@@ -106,12 +135,7 @@ def _replayed(ticks: TickTable, rows: NDArray[np.intp], period_ns: int) -> NDArr
     return np.asarray(ticks.velocity_command[rows][at])
 
 
-def features(run: Run, policy: Policy) -> NDArray[np.float32]:
-    """The measures' 36 features of the policy's ticks, shape (n, 36)."""
-    return features_of_ticks(run.ticks, policy)
-
-
-def features_of_ticks(ticks: TickTable, policy: Policy) -> NDArray[np.float32]:
-    """The same of a table of ticks alone."""
-    rows = _followed(ticks)
-    return features_of_observations(ticks.observation[rows], ticks.action[rows], policy)
+def features(run: Run, policy: Policy, at_least: int = 0) -> NDArray[np.float32]:
+    """The measures' 36 features of :func:`policy_ticks`, shape (n, 36)."""
+    rows = policy_ticks(run, at_least)
+    return features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy)

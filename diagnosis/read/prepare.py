@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Final
 
 import mujoco
@@ -13,7 +13,7 @@ from diagnosis.read.pairing import rows_apart, servo_law
 from diagnosis.read.recording import Array
 from diagnosis.read.robot_file import RobotDescription
 from diagnosis.read.smoothing import rate, smooth, too_coarse
-from spot_log.read.run import CommandTable, ImuTable, Run, StateTable
+from spot_log.read.run import CommandTable, Run
 from spot_model.errors import BadInputError
 
 MIN_AGREEMENT: Final = 0.6
@@ -59,14 +59,7 @@ def _without_gaps(run: Run, notes: list[str]) -> Run:
     if not bad.any():
         return run
     notes.append(f"log {run.path.name}: {int(bad.sum())} states with a signal that is not a number are left out")
-    keep = np.flatnonzero(~bad)
-    columns = {f.name: getattr(states, f.name)[keep] for f in fields(StateTable) if f.name != "imu"}
-    place = np.full(len(states), -1, dtype=np.int64)
-    place[keep] = np.arange(len(keep))
-    stays = place[states.imu.state_index] >= 0
-    imu = {f.name: getattr(states.imu, f.name)[stays] for f in fields(ImuTable)}
-    imu["state_index"] = place[imu["state_index"]]
-    return replace(run, states=StateTable(imu=ImuTable(**imu), **columns))
+    return replace(run, states=states.rows(~bad))
 
 
 def _with_gains(commands: CommandTable, robot: RobotDescription) -> CommandTable:

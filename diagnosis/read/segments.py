@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, uniform_filter1d
 
-from diagnosis.read.recording import NEVER_NS, Recording
+from diagnosis.read.falls import fall_row
+from diagnosis.read.recording import ACTIVE, NEVER_NS, Recording
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import projected_gravity
@@ -136,12 +137,15 @@ def _standing(recording: Recording) -> Flags:
 
 
 def _fallen(recording: Recording) -> Flags:
-    """From 0.3 s before the first time that the body leans too far, to the end."""
+    """From 0.3 s before the robot falls, under a policy or lying on its side, to the end."""
     flags = np.zeros(len(recording), dtype=np.bool_)
     if recording.has("odom_from_body_wxyz"):
-        leans = np.flatnonzero(projected_gravity(recording.odom_from_body_wxyz)[:, 2] > FALLEN_GRAVITY_Z)
-        if len(leans):
-            flags[max(0, leans[0] - round(0.3 / recording.period_s)) :] = True
+        r, ticks = recording, recording.ticks
+        ticks_ns = ticks.robot_stamp_ns[ticks.mode == ACTIVE]
+        row = fall_row(r.joint_names, r.position_rad, r.odom_from_body_wxyz, r.stamp_ns, ticks_ns)
+        leans = np.flatnonzero(projected_gravity(r.odom_from_body_wxyz)[:, 2] > FALLEN_GRAVITY_Z)
+        row = min([row, *leans[:1]])
+        flags[max(0, row - round(0.3 / r.period_s)) if row < len(r) else row :] = True
     return flags
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
-from diagnosis.read.recording import Array
+from diagnosis.read.falls import fall_row
+from diagnosis.read.policy_ticks import fall_stamp_ns
+from diagnosis.read.recording import MIN_STATES, Array, Flags
 from diagnosis.read.robot_file import RobotDescription
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
@@ -27,32 +31,61 @@ MAX_LOAD_NM: Final = 1000.0
 TORQUE_MARGIN: Final = 3.0
 MAX_BAD_SHARE: Final = 0.02
 """Rows that are not numbers, at most; fewer are left out."""
+OVERLOAD_SHARE: Final = 0.01
+"""Of a log's states: shocks last milliseconds."""
+MAX_STRETCHES: Final = 3
+"""A wrong unit or a broken cell shows again and again; what a log has at so many places is an event."""
+MAX_STRETCH_SHARE: Final = 0.5
+"""Of a log's states; of more the rest is no log any more."""
+AROUND_S: Final = 0.3
+"""Either side of what cannot be right is set aside with it."""
+BEFORE_FALL_S: Final = 0.3
+"""From so long before a fall on no state is used: a body that nothing holds sinks by half its height in that time."""
 ADDRESS: Final = re.compile(r"|[\w.-]+:\d+|\d+(\.\d+){3}|[\w-]+(\.[\w-]+)+|unix:.*|ipv[46]:.*")
 """No name, or a host's, or an IP number, with or without a port; a socket, or what a fake robot hands to a program."""
 MENDED: Final = "check unit, scale and source_joint_names in the mapping, and import the recording again"
 
 
-def check_plausible(runs: Sequence[Run], robot: RobotDescription) -> None:
-    """Refuse logs whose signals cannot be right.
+def plausible(runs: Sequence[Run], robot: RobotDescription) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """Set aside what cannot be right in single logs, or in stretches of them.
+
+    Returns:
+        What is left, and what was set aside and why, a sentence each.
 
     Raises:
-        BadInputError: The message names log, joint, value, what is allowed and what to do.
+        BadInputError: More than half of the logs have the same fault, so that it is systematic, or no log is left. The
+            message names log, joint, value, what is allowed and what to do.
     """
+    kept, notes, faults = [], [], []
     for run in runs:
-        _joints(run, robot)
-        _numbers(run)
-        _positions(run, robot)
-        _velocities(run)
-        _loads(run, robot)
-    _one_robot(runs)
+        whole, told = _without_stretches(run, robot)
+        fault = next((_Fault(run, name, text) for name, check in CHECKS.items() if (text := check(whole, robot))), None)
+        if fault is None:
+            kept.append(whole)
+            notes += told
+        else:
+            faults.append(fault)
+            notes.append(f"{run.path.name}: set aside: {fault.text}")
+    systematic = [f for f in faults if 2 * sum(g.check == f.check for g in faults) > len(runs)]
+    for fault in (*systematic, *([] if kept else faults)):
+        raise BadInputError(f"log {fault.run.path}: {fault.text}")
+    _one_robot(kept)
+    return tuple(kept), tuple(notes)
 
 
-def _joints(run: Run, robot: RobotDescription) -> None:
-    if run.header.joint_names != robot.joint_names:
-        raise BadInputError(
-            f"log {run.path} has joints {', '.join(run.header.joint_names)}; robot {robot.name} has "
-            f"{', '.join(robot.joint_names)}; describe the robot of these logs with --robot FILE.yaml"
-        )
+class _Fault(NamedTuple):
+    run: Run
+    check: str
+    text: str
+
+
+def _joints(run: Run, robot: RobotDescription) -> str:
+    if run.header.joint_names == robot.joint_names:
+        return ""
+    return (
+        f"it has joints {', '.join(run.header.joint_names)}; robot {robot.name} has {', '.join(robot.joint_names)}; "
+        "describe the robot of these logs with --robot FILE.yaml"
+    )
 
 
 def _one_robot(runs: Sequence[Run]) -> None:
@@ -63,44 +96,132 @@ def _one_robot(runs: Sequence[Run]) -> None:
         raise BadInputError(f"logs of {len(names)} robots: {told}; diagnose logs of one robot at a time")
 
 
-def _numbers(run: Run) -> None:
-    for name in ("position_rad", "velocity_rad_s", "load_nm"):
-        values = getattr(run.states, name)
-        bad = ~np.isfinite(values)
-        if bad.all() or not bad.any():
+class _Bad(NamedTuple):
+    """States with a value that cannot be right."""
+
+    rows: Flags
+    text: str
+    allowed: str
+
+
+def _without_stretches(run: Run, robot: RobotDescription) -> tuple[Run, list[str]]:
+    """The log without the few stretches in which a signal cannot be right; the same where it is wrong all along."""
+    if run.header.joint_names != robot.joint_names:
+        return run, []
+    notes, period_s = [], run.duration_s / max(1, len(run.states) - 1)
+    reach = max(1, round(AROUND_S / max(period_s, 1e-6)))
+    cut = np.zeros(len(run.states), dtype=np.bool_)
+    time_s = (run.states.robot_stamp_ns - run.states.robot_stamp_ns[:1]) * 1e-9
+    for bad in (found for find in FINDS if (found := find(run, robot)) is not None):
+        near = maximum_filter1d(bad.rows.astype(np.int8), 2 * reach + 1) > 0
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
+        if len(edges) > 2 * MAX_STRETCHES or near.mean() > MAX_STRETCH_SHARE:
             continue
-        share = bad.mean(axis=0)
-        joint = int(np.argmax(share))
-        if share[joint] > MAX_BAD_SHARE:
-            row = int(np.flatnonzero(bad[:, joint])[0])
-            raise BadInputError(
-                f"log {run.path}: {name} of {run.header.joint_names[joint]} is not a number in "
-                f"{100 * share[joint]:.0f} % of the states, first in row {row}; allowed: {100 * MAX_BAD_SHARE:.0f} %; "
-                "leave the signal out of the mapping, or mend the recording"
-            )
-
-
-def _positions(run: Run, robot: RobotDescription) -> None:
-    if robot.limits_rad is None:
-        return
-    low, high = robot.limits_rad
-    with np.errstate(invalid="ignore"):
-        out = (run.states.position_rad < low - BEYOND_STOP_RAD) | (run.states.position_rad > high + BEYOND_STOP_RAD)
-    share = out.mean(axis=0)
-    joint = int(np.argmax(share))
-    if share[joint] > BEYOND_SHARE:
-        row = int(np.flatnonzero(out[:, joint])[0])
-        raise BadInputError(
-            f"log {run.path}: position of {run.header.joint_names[joint]} is {run.states.position_rad[row, joint]:.3g} "
-            f"rad in row {row}, beyond its stops in {100 * share[joint]:.0f} % of the states; allowed: "
-            f"{low[joint]:.2f} to {high[joint]:.2f} rad; {MENDED}"
+        cut |= near
+        when = ", ".join(
+            f"{time_s[a]:.1f} to {time_s[b - 1]:.1f} s" for a, b in zip(edges[::2], edges[1::2], strict=True)
         )
+        notes.append(f"{run.path.name}: {when} set aside: {bad.text}")
+    keep = ~cut | ~_upright(run, cut[:, None])
+    if not notes or keep.sum() < MIN_STATES:
+        return run, []
+    stamps_ns, fall_ns = run.ticks.robot_stamp_ns, fall_stamp_ns(run)
+    after = np.clip(np.searchsorted(run.states.robot_stamp_ns, stamps_ns), 0, len(cut) - 1)
+    kept_ticks = ~cut[after]
+    if fall_ns is not None:
+        # Without the last tick before it nobody would know that the robot fell under the policy.
+        kept_ticks[max(0, int(np.searchsorted(stamps_ns, fall_ns)) - 1)] = True
+    return replace(run, states=run.states.rows(keep), ticks=run.ticks.rows(kept_ticks)), notes
 
 
-def _velocities(run: Run) -> None:
-    states = run.states
-    if len(states) < 50 or not np.isfinite(states.velocity_rad_s).any():
-        return
+def _upright(run: Run, bad: Flags) -> Flags:
+    """States before the robot falls: what one that lies there has of joints and loads is not used anyway.
+
+    Args:
+        run: The log.
+        bad: Values that cannot be right, shape (n, J). A body that is low by joints that were wrong before is no fall.
+    """
+    s, ticks_ns = run.states, run.ticks.robot_stamp_ns
+    signals = (s.position_rad, s.odom_from_body_wxyz, s.robot_stamp_ns, ticks_ns)
+    fall_ns = np.append(s.robot_stamp_ns, np.iinfo(np.int64).max)[fall_row(run.header.joint_names, *signals)]
+    row = int(np.searchsorted(s.robot_stamp_ns, fall_ns - round(1e9 * BEFORE_FALL_S)))
+    if row == 0 or bad[:row].any(axis=1).mean() > BEYOND_SHARE:
+        row = fall_row((), *signals)
+    return np.arange(len(s)) < row
+
+
+def _no_number(run: Run, _: RobotDescription) -> _Bad | None:
+    missing = {name: ~np.isfinite(getattr(run.states, name)) for name in ("position_rad", "velocity_rad_s", "load_nm")}
+    missing = {name: bad for name, bad in missing.items() if not bad.all()}
+    for name, bad in missing.items():
+        if (found := _most(bad, MAX_BAD_SHARE)) is not None:
+            joint, share, row = found
+            return _Bad(
+                _any_of([one.any(axis=1) for one in missing.values()]),
+                f"{name} of {run.header.joint_names[joint]} is not a number in {share} of the states, first in row "
+                f"{row}",
+                f"{100 * MAX_BAD_SHARE:.0f} %; leave the signal out of the mapping, or mend the recording",
+            )
+    return None
+
+
+def _beyond_stops(run: Run, robot: RobotDescription) -> _Bad | None:
+    if robot.limits_rad is None:
+        return None
+    low, high = robot.limits_rad
+    position = run.states.position_rad
+    with np.errstate(invalid="ignore"):
+        bad = (position < low - BEYOND_STOP_RAD) | (position > high + BEYOND_STOP_RAD)
+    bad = bad & _upright(run, bad)[:, None]
+    if (found := _most(bad, BEYOND_SHARE)) is None:
+        return None
+    joint, share, row = found
+    return _Bad(
+        _any_of(bad.T),
+        f"position of {run.header.joint_names[joint]} is {position[row, joint]:.3g} rad in row {row}, beyond its stops "
+        f"in {share} of the states",
+        f"{low[joint]:.2f} to {high[joint]:.2f} rad; {MENDED}",
+    )
+
+
+def _overloaded(run: Run, robot: RobotDescription) -> _Bad | None:
+    load, allowed_nm = run.states.load_nm, np.full(len(run.header.joint_names), MAX_LOAD_NM)
+    if robot.torque_limit_nm is not None:
+        allowed_nm = TORQUE_MARGIN * robot.torque_limit_nm
+    with np.errstate(invalid="ignore"):
+        bad = np.abs(load) > allowed_nm
+    bad = bad & _upright(run, bad)[:, None]
+    if (found := _most(bad, OVERLOAD_SHARE)) is None:
+        return None
+    joint, name = found[0], run.header.joint_names[found[0]]
+    largest_nm = float(np.abs(load[bad[:, joint], joint]).max())
+    return _Bad(
+        _any_of(bad.T), f"load of {name} reaches {largest_nm:.3g} N·m", f"{allowed_nm[joint]:.3g} N·m; {MENDED}"
+    )
+
+
+FINDS: Final = (_no_number, _beyond_stops, _overloaded)
+
+
+def _any_of(flags: Flags | Sequence[Flags]) -> Flags:
+    return np.asarray(np.any(flags, axis=0))
+
+
+def _most(bad: Flags, allowed_share: float) -> tuple[int, str, int] | None:
+    """The joint with most bad states, their share in words and the first; None where no joint has more than allowed."""
+    if not len(bad):
+        return None
+    share = bad.mean(axis=0)
+    joint = int(np.argmax(share))
+    if share[joint] <= allowed_share:
+        return None
+    return joint, f"{100 * share[joint]:.0f} %", int(np.flatnonzero(bad[:, joint])[0])
+
+
+def _velocities(run: Run, _: RobotDescription) -> str:
+    states = run.states.rows(_upright(run, np.isnan(run.states.position_rad)))
+    if len(states) < MIN_STATES or not np.isfinite(states.velocity_rad_s).any():
+        return ""
     time_s = (states.robot_stamp_ns - states.robot_stamp_ns[0]) * 1e-9
     slope = np.gradient(np.nan_to_num(states.position_rad), np.maximum.accumulate(time_s), axis=0)
     velocity = np.nan_to_num(states.velocity_rad_s)
@@ -113,41 +234,34 @@ def _velocities(run: Run) -> None:
         own = float(agreement[moving == joint][0])
         best = int(moving[np.argmax(agreement)])
         if own < MIN_AGREEMENT and best != joint and agreement.max() > max(0.9, own + 0.3):
-            raise BadInputError(
-                f"log {run.path}: velocity of {name} follows the position of {run.header.joint_names[best]} "
+            return (
+                f"velocity of {name} follows the position of {run.header.joint_names[best]} "
                 f"(correlation {agreement.max():.2f}, with its own {own:.2f}); allowed: one joint order for all "
                 f"signals; {MENDED}"
             )
         ratio = float(velocity[:, joint].std() / slope[:, joint].std())
         if own > 0.9 and not SLOPES[0] < ratio < SLOPES[1]:
-            raise BadInputError(
-                f"log {run.path}: velocity of {name} is {ratio:.3g} times the slope of its position; allowed: "
+            return (
+                f"velocity of {name} is {ratio:.3g} times the slope of its position; allowed: "
                 f"{SLOPES[0]} to {SLOPES[1]}; {MENDED}"
             )
         if own < -0.9:
-            raise BadInputError(
-                f"log {run.path}: velocity of {name} has the opposite sign of the slope of its position "
+            return (
+                f"velocity of {name} has the opposite sign of the slope of its position "
                 f"(correlation {own:.2f}); allowed: above 0; {MENDED}"
             )
+    return ""
+
+
+def _all_along(find: Callable[[Run, RobotDescription], _Bad | None]) -> Callable[[Run, RobotDescription], str]:
+    return lambda run, robot: "" if (bad := find(run, robot)) is None else f"{bad.text}; allowed: {bad.allowed}"
+
+
+CHECKS: Final = {"joints": _joints, **{f.__name__: _all_along(f) for f in FINDS}, "velocities": _velocities}
+"""What cannot be right in a whole log, each in words; an empty text where all is well."""
 
 
 def _correlations(one: Array, many: Array) -> Array:
     a = one - one.mean()
     b = many - many.mean(axis=0)
     return np.asarray(a @ b / np.maximum(np.linalg.norm(a) * np.linalg.norm(b, axis=0), 1e-12))
-
-
-def _loads(run: Run, robot: RobotDescription) -> None:
-    load = run.states.load_nm
-    if not np.isfinite(load).any():
-        return
-    largest = np.nanpercentile(np.abs(load), 99.0, axis=0)
-    allowed = (
-        np.full(len(largest), MAX_LOAD_NM) if robot.torque_limit_nm is None else TORQUE_MARGIN * robot.torque_limit_nm
-    )
-    joint = int(np.argmax(largest / allowed))
-    if largest[joint] > allowed[joint]:
-        raise BadInputError(
-            f"log {run.path}: load of {run.header.joint_names[joint]} reaches {largest[joint]:.3g} N·m; allowed: "
-            f"{allowed[joint]:.3g} N·m; {MENDED}"
-        )

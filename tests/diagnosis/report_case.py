@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,32 +23,17 @@ from diagnosis.document import (
     UnknownEffect,
     Verdict,
 )
-from diagnosis.read.policy_ticks import Script
 from diagnosis.selection.places import Robot
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.io.model_file import RobotModel
-from spot_model.plant.start import StartState
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 
-POLICY = Path(__file__).parents[2] / "policies" / "baseline.onnx"
+from .standing_starts import POLICY, scripts
+
 REGIMES = ("all", "motoring", "motoring, high speed", "braking", "low speed", "high speed", "stance", "swing")
-
-
-def scripts(n_ticks: int = 110) -> list[Script]:
-    """One standing start of each of two sequences."""
-    start = StartState(
-        position_rad=np.asarray(facts.DEFAULT_POSITION_RAD),
-        velocity_rad_s=np.zeros(12),
-        world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
-        linear_vel_of_body_in_world_m_s=np.zeros(3),
-        angular_vel_of_body_in_world_rad_s=np.zeros(3),
-        last_action=np.zeros(12, dtype=np.float32),
-    )
-    commands = {"a": np.array([0.6, 0.0, 0.0]), "b": np.zeros(3)}
-    return [Script(name, 1, start, np.tile(command, (n_ticks, 1))) for name, command in commands.items()]
 
 
 def runs(model: RobotModel, seed: int) -> list[Run]:

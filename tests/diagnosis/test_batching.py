@@ -21,7 +21,7 @@ from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 
 from .cases import CASES, Case
-from .report_case import POLICY, scripts
+from .standing_starts import POLICY, scripts
 
 SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
 

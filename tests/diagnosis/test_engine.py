@@ -13,7 +13,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 from trainer.shared.ray_cluster import EngineError
 
-from .report_case import POLICY, scripts
+from .standing_starts import POLICY, scripts
 
 MODEL = RobotModel((CoulombFriction(joints=("knees",), level_nm=1.0),))
 

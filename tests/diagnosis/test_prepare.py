@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import yaml
 
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT, RobotDescription, load_robot
-from diagnosis.read.signal_checks import check_plausible
+from diagnosis.read.signal_checks import plausible
 from spot_log import read_run
 from spot_log.importing import Mapping, import_log
 from spot_log.read.run import Run
@@ -59,7 +60,7 @@ def _log(folder: Path, **changes: np.ndarray) -> Run:
 def test_a_sound_log_passes_and_is_left_alone(tmp_path: Path) -> None:
     run = _log(tmp_path)
     robot = _robot(tmp_path, position_low_rad=-2, position_high_rad=[1, 0], torque_limit_nm=5)
-    check_plausible([run], robot)
+    plausible([run], robot)
     (same,), notes = prepared([run], robot)
     assert notes == ()
     np.testing.assert_array_equal(same.states.load_nm, run.states.load_nm)
@@ -74,13 +75,59 @@ def test_a_sound_log_passes_and_is_left_alone(tmp_path: Path) -> None:
         ({"qd": -VELOCITY}, r"velocity of hip has the opposite sign"),
         ({"qd": VELOCITY[:, ::-1]}, r"velocity of hip follows the position of knee .*one joint order"),
         ({"tau": 1e3 * ASKED}, r"load of hip reaches 3e\+03 N·m; allowed: 15 N·m"),
-        ({"tau": np.where(TIME_S[:, None] > 9.0, np.nan, ASKED)}, r"load_nm of hip is not a number in 10 % .*row 1801"),
+        ({"tau": np.where(TIME_S[:, None] > 4.0, np.nan, ASKED)}, r"load_nm of hip is not a number in 60 % .*row 801"),
     ],
 )
 def test_what_cannot_be_right_is_refused_by_name(tmp_path: Path, changes: dict[str, np.ndarray], words: str) -> None:
     robot = _robot(tmp_path, position_low_rad=-2, position_high_rad=[1, 0], torque_limit_nm=5)
     with pytest.raises(BadInputError, match=words):
-        check_plausible([_log(tmp_path, **changes)], robot)
+        plausible([_log(tmp_path, **changes)], robot)
+
+
+BEYOND = np.where(TIME_S[:, None] > 9.5, [0.0, 2.0], POSITION)
+"""The knee ends beyond its stop."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "note", "left"),
+    [
+        ({"q": BEYOND}, r"log.mcap: 9.2 to 10.0 s set aside: position of knee is 2 rad in row 1901", 1841),
+        (
+            {"tau": np.where(np.abs(TIME_S[:, None] - 5.0) < 0.5, np.nan, ASKED)},
+            r"log.mcap: 4.2 to 5.8 s set aside: load_nm of hip is not a number in 10 %",
+            N - 319,
+        ),
+    ],
+)
+def test_a_stretch_that_cannot_be_right_is_set_aside(
+    tmp_path: Path, changes: dict[str, np.ndarray], note: str, left: int
+) -> None:
+    robot = _robot(tmp_path, position_low_rad=-2, position_high_rad=[1, 0], torque_limit_nm=5)
+    sound, bad = _log(tmp_path), _log(tmp_path, **changes)
+    (first, second), notes = plausible([sound, bad], robot)
+    assert first is sound
+    assert len(second.states) == left
+    assert np.isfinite(second.states.load_nm).all()
+    assert [re.match(note, n) is not None for n in notes] == [True]
+
+
+def test_one_log_in_degrees_among_fourteen_right_ones_is_set_aside(tmp_path: Path) -> None:
+    robot = _robot(tmp_path, position_low_rad=-2, position_high_rad=[1, 0])
+    sound, bad = _log(tmp_path), _log(tmp_path, q=np.degrees(POSITION))
+    bad = replace(bad, path=tmp_path / "degrees.mcap")
+    kept, notes = plausible([sound] * 7 + [bad] + [sound] * 7, robot)
+    assert len(kept) == 14
+    assert [n.startswith("degrees.mcap: set aside: position of knee is -40.1 rad") for n in notes] == [True]
+    # What most logs have is no slip of one.
+    with pytest.raises(BadInputError, match=r"degrees.mcap: position of knee is -40.1 rad"):
+        plausible([sound, bad, bad], robot)
+
+
+def test_a_wrong_value_again_and_again_is_no_stretch(tmp_path: Path) -> None:
+    robot = _robot(tmp_path, torque_limit_nm=5)
+    load = np.where(np.sin(TIME_S * 2.0 * np.pi)[:, None] > 0.99, 100.0, ASKED)
+    with pytest.raises(BadInputError, match=r"load of hip reaches 100 N·m"):
+        plausible([_log(tmp_path, tau=load)], robot)
 
 
 def test_logs_of_two_robots_and_of_another_one(tmp_path: Path) -> None:
@@ -88,19 +135,19 @@ def test_logs_of_two_robots_and_of_another_one(tmp_path: Path) -> None:
     robot = _robot(tmp_path)
     one, two = (replace(run, header=replace(run.header, robot_id=name)) for name in ("left", "right"))
     with pytest.raises(BadInputError, match=r"logs of 2 robots: .*left; .*right; diagnose logs of one robot"):
-        check_plausible([one, two], robot)
+        plausible([one, two], robot)
     there, here = (replace(run, header=replace(run.header, robot_id=name)) for name in ("10.0.0.3", "spot.local:443"))
     handed = replace(run, header=replace(run.header, robot_id="ipv4:127.0.0.1:36977,127.0.0.1"))
-    check_plausible([run, there, here, handed], robot)
+    plausible([run, there, here, handed], robot)
     with pytest.raises(BadInputError, match=r"has joints hip, knee; robot spot has fl_hx.*--robot FILE"):
-        check_plausible([run], SPOT)
+        plausible([run], SPOT)
 
 
 def test_a_few_states_that_are_no_numbers_are_left_out(tmp_path: Path) -> None:
     tau = ASKED.copy()
     tau[[40, 41, 700], 0] = np.nan
     run = _log(tmp_path, tau=tau)
-    check_plausible([run], _robot(tmp_path))
+    plausible([run], _robot(tmp_path))
     (mended,), notes = prepared([run], _robot(tmp_path))
     assert len(mended.states) == N - 3
     assert "3 states with a signal that is not a number are left out" in notes[0]

@@ -11,6 +11,7 @@ import pytest
 from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all
 from diagnosis.read.recording import record
 from diagnosis.read.segments import cut
+from spot_log import read_run
 from spot_log.importing import Mapping, import_log
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
@@ -65,6 +66,37 @@ def test_a_robot_that_got_no_command_says_nothing_beside_one_that_did(tmp_path: 
     assert "idle.mcap: left out: the robot got no command in it" in warnings
     # Recordings without any commands are diagnosed all the same.
     assert len(read_all([idle, other])[0]) == 2
+
+
+def test_a_log_whose_clock_runs_backwards_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sound, bad = _log(tmp_path, "sound.mcap"), _log(tmp_path, "backwards.mcap")
+    states = read_run(bad).states
+    stamps = states.robot_stamp_ns.copy()
+    stamps[200:] -= 1_000_000_000
+
+    def read(file: Path) -> Run:
+        run = read_run(file)
+        return replace(run, states=replace(run.states, robot_stamp_ns=stamps)) if file == bad else run
+
+    monkeypatch.setattr("diagnosis.read.log_files.read_run", read)
+    runs, warnings = read_all([sound, bad])
+    assert [run.path.name for run in runs] == ["sound.mcap"]
+    assert "backwards.mcap: left out: " in warnings[0]
+    assert "does not rise after state 199" in warnings[0]
+
+
+def test_a_run_that_is_in_two_files_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where its last seconds were kept apart."""
+    whole, last = _log(tmp_path, "whole.mcap"), _log(tmp_path, "last.mcap")
+
+    def read(file: Path) -> Run:
+        run = read_run(file)
+        return replace(run, states=run.states.rows(slice(200, None))) if file == last else run
+
+    monkeypatch.setattr("diagnosis.read.log_files.read_run", read)
+    runs, warnings = read_all([last, whole])
+    assert [run.path.name for run in runs] == ["whole.mcap"]
+    assert warnings == (f"{last}: left out: its states are in {whole}, which is longer",)
 
 
 def test_nothing_left_is_one_error_with_every_reason(tmp_path: Path) -> None:

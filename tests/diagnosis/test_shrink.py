@@ -27,7 +27,7 @@ def test_whose_floor_it_is_is_kept(n_real: int, whose: str) -> None:
     models = {NOMINAL: np.full((3, n_real), 5.0), "best": np.full((3, n_real), 2.0)}
     trials = Trials({name: [] for name in models}, (Compared("a", _pairs(n_real, 1.0), models),), False, ())
     bench: Any = Bench((), (), None, None)  # type: ignore[arg-type]
-    found = measure_shrink(bench, trials, "best", "best", np.random.default_rng(0))
+    found = measure_shrink(bench, trials, "best", np.random.default_rng(0))
     assert found is not None
     assert (found.floor_of, found.held_out) == (whose, ())
 
@@ -75,6 +75,23 @@ def test_runs_of_the_same_law_lie_at_the_floor() -> None:
     found = compare("a", real, {"same": [run(0.0) for _ in range(4)], "other": [run(0.5) for _ in range(4)]})
     assert found.models["same"].mean() == pytest.approx(1.0, abs=0.15)
     assert found.models["other"].mean() > 3.0
+
+
+def test_a_run_that_ends_early_is_compared_up_to_its_end() -> None:
+    """The gait changes halfway; a run cut there lies at the floor, and whole ones of other gaits do not."""
+    rng = np.random.default_rng(7)
+
+    def run(n: int, shift: float = 0.0) -> np.ndarray:
+        out = rng.standard_normal((400, 36)) + shift
+        out[200:] += 2.0
+        return out[:n].astype(np.float32)
+
+    real = [run(400), run(400), run(200)]
+    found = compare("a", real, {"same": [run(400), run(200)], "other": [run(200, 0.5)]})
+    # Between runs of 200 rows distances are larger than between runs of 400, by chance alone.
+    assert found.real[0, 2] < 2.0 * found.real[0, 1]
+    assert found.models["same"].mean() == pytest.approx(1.0, abs=0.2)
+    assert found.models["other"].mean() > 2.0
 
 
 def test_models_that_stumble_do_not_widen_the_floor_of_a_robot_that_ran_once() -> None:

@@ -14,10 +14,11 @@ from diagnosis.closed_loop.environment import OWN, best_surroundings
 from diagnosis.closed_loop.shrink import features_by_sequence
 from diagnosis.closed_loop.surroundings import Surroundings
 from spot_log.read.run import Run
+from spot_model.effects.body.ground_compliance import GroundCompliance
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 
-from .report_case import POLICY, scripts
+from .standing_starts import POLICY, scripts
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +90,7 @@ def _best(made: list[Run], engine: _Prepared, policy: Policy) -> Mapping[str, Su
 
 
 def test_a_sequence_gets_what_suits_the_others(policy: Policy, made: list[Run]) -> None:
-    hard, soft = Surroundings(0.0087, 0.8, 0.12), Surroundings(0.043, 1.25, 0.0)
+    hard, soft = Surroundings(0.0104, 0.8, 0.12), Surroundings(0.043, 1.25, 0.0)
     engine = _Prepared(made, {"a": hard, "b": soft})
     found = _best(made, engine, policy)
     for name, wanted in (("a", soft), ("b", hard)):
@@ -108,3 +109,23 @@ def test_few_runs_are_asked_for(policy: Policy, made: list[Run]) -> None:
     engine = _Prepared(made, {"a": near, "b": near})
     _best(made, engine, policy)
     assert engine.n_runs <= 2 * 14
+
+
+@pytest.mark.parametrize("own_s", [-0.015, -0.01, 0.0, 0.1])
+def test_no_ground_is_harder_than_a_simulation_in_training_follows(own_s: float) -> None:
+    """Two of training's physics steps of 5 ms; whatever ground the model has itself."""
+    model = RobotModel((GroundCompliance(joints=("fl_kn",), time_constant_s=own_s, damping_ratio=-0.8),))
+    for around in (Surroundings(0.007, 0.1), OWN, Surroundings(0.03)):
+        total_s, total_ratio = np.zeros(4), np.zeros(4)
+        for effect in around.around(model).effects:
+            assert isinstance(effect, GroundCompliance)
+            legs = effect.mask.reshape(4, 3).any(axis=1)
+            total_s += legs * effect.time_constant_s
+            total_ratio += legs * effect.damping_ratio
+        assert (0.02 + total_s).min() >= 0.010 - 1e-12
+        assert (1.0 + total_ratio).min() >= 0.2 - 1e-12
+
+
+def test_a_ground_within_bounds_is_as_it_was_chosen() -> None:
+    (ground,) = Surroundings(0.03, 0.8).around(RobotModel()).effects
+    assert ground.values == pytest.approx({"time_constant_s": 0.01, "damping_ratio": -0.2})

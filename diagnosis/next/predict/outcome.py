@@ -1,4 +1,4 @@
-"""What a run came to, in the few numbers that a person asks for."""
+"""What is predicted of a run: numbers of its motion, and what it costs in heat and battery."""
 
 from __future__ import annotations
 
@@ -6,66 +6,33 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diagnosis.read.policy_ticks import policy_ticks
+from diagnosis.closed_loop.run_numbers import QUANTITIES, Quantity, given_power_w, run_numbers
 from spot_log.read.run import Run
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
-from spot_model.robot.rotation import rotate_inverse_wxyz
 
-HELD_S: Final = 1.0
-"""A top speed was held for so long."""
 STATE_S: Final = facts.STATE_PERIOD_NS * 1e-9
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Predicted(Quantity):
     """One of the numbers."""
 
-    name: str
-    title: str
-    unit: str
     usual: float
     """By which simulations of walking robots are usually off, as a share of the number. Not calibrated."""
 
 
-MOTION: Final = (
-    Quantity("top_speed", f"top speed, held for {HELD_S:g} s", "m/s", 0.04),
-    Quantity("tracking_error", "mean error of the forward speed", "m/s", 0.15),
-    Quantity("knee_torque", "knee torque, 99 % of the time below", "N·m", 0.08),
-)
-HEAT: Final = Quantity("motor_temperature_rise", "rise of the hottest motor", "°C", 0.2)
-BATTERY: Final = Quantity("battery_used", "battery used", "%", 0.2)
-
-
-def followed_rows(run: Run) -> NDArray[np.intp]:
-    """States while the policy followed the command, by number."""
-    ticks = policy_ticks(run)
-    if len(ticks) == 0:
-        return np.zeros(0, dtype=np.intp)
-    stamps = run.ticks.robot_stamp_ns[ticks]
-    s = run.states.robot_stamp_ns
-    return np.flatnonzero((s >= stamps[0]) & (s <= stamps[-1]))
+_USUAL: Final = {"top_speed": 0.04, "tracking_error": 0.15, "knee_torque": 0.08}
+MOTION: Final = tuple(Predicted(q.name, q.title, q.unit, _USUAL[q.name]) for q in QUANTITIES if q.name in _USUAL)
+HEAT: Final = Predicted("motor_temperature_rise", "rise of the hottest motor", "°C", 0.2)
+BATTERY: Final = Predicted("battery_used", "battery used", "%", 0.2)
 
 
 def motion_numbers(run: Run) -> Array:
-    """:data:`MOTION` of a run, shape (3,); NaN where no policy ran for :data:`HELD_S`."""
-    rows = followed_rows(run)
-    s = run.states
-    if len(rows) * STATE_S < HELD_S:
-        return np.full(len(MOTION), np.nan)
-    velocity = np.asarray(rotate_inverse_wxyz(s.odom_from_body_wxyz[rows], s.linear_vel_of_body_in_odom_m_s[rows]))[
-        :, 0
-    ]
-    window = min(round(HELD_S / STATE_S), len(velocity))
-    total = np.concatenate([[0.0], np.cumsum(velocity)])
-    top = float(np.max(total[window:] - total[:-window]) / window)
-    ticks = run.ticks
-    at = np.clip(np.searchsorted(ticks.robot_stamp_ns, s.robot_stamp_ns[rows], side="right") - 1, 0, len(ticks) - 1)
-    error = float(np.mean(np.abs(ticks.velocity_command[at, 0] - velocity)))
-    knee = float(np.quantile(np.abs(s.load_nm[rows][:, 2::3]).max(axis=1), 0.99))
-    return np.array([top, error, knee])
+    """:data:`MOTION` of a run, shape (3,); NaN where no policy ran for long enough."""
+    numbers = run_numbers(run)
+    return np.array([numbers[q.name] for q in MOTION])
 
 
 def heat_and_time(run: Run) -> Array:
@@ -76,8 +43,8 @@ def heat_and_time(run: Run) -> Array:
 
 def work_and_time(run: Run) -> Array:
     """Positive work of all joints, J, and the time, s; shape (2,)."""
-    power = np.maximum(run.states.load_nm * run.states.velocity_rad_s, 0.0).sum()
-    return np.array([float(power) * STATE_S, len(run.states) * STATE_S])
+    power_w = given_power_w(run.states.load_nm, run.states.velocity_rad_s).sum()
+    return np.array([float(power_w) * STATE_S, len(run.states) * STATE_S])
 
 
 def warmed_c(run: Run) -> Array:

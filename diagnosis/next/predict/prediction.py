@@ -30,7 +30,7 @@ from diagnosis.next.predict.outcome import (
     BATTERY,
     HEAT,
     MOTION,
-    Quantity,
+    Predicted,
     battery_used_percent,
     heat_and_time,
     motion_numbers,
@@ -217,7 +217,7 @@ def _errors(models: Sequence[RobotModel], policy: Policy, logs: Sequence[Run], r
     return np.array([row for row in found if np.isfinite(row).all()]).reshape(-1, len(MOTION))
 
 
-def _forecast(q: Quantity, numbers: Array, errors: Array) -> Forecast:
+def _forecast(q: Predicted, numbers: Array, errors: Array) -> Forecast:
     mean, n = float(numbers.mean()), len(errors)
     centre = mean * (1.0 + float(errors.sum()) / (n + 1))
     off = np.sqrt((KNOWN * q.usual**2 + float(np.sum(errors**2))) / (KNOWN + n)) * abs(centre)
@@ -236,7 +236,7 @@ def _of_heat_and_battery(runs: Sequence[Run], logs: Sequence[Run], notes: list[s
     return [made for made in (heat, battery) if made is not None]
 
 
-def _linear(q: Quantity, x: Array, y: Array, new: Array, n_runs: int) -> Forecast | None:
+def _linear(q: Predicted, x: Array, y: Array, new: Array, n_runs: int) -> Forecast | None:
     """The largest of a run's numbers by a straight line through the logs; None where these hold too few."""
     known = np.isfinite(y)
     if known.sum() < 4 or np.ptp(y[known]) == 0.0:
@@ -251,5 +251,5 @@ def _linear(q: Quantity, x: Array, y: Array, new: Array, n_runs: int) -> Forecas
     return _around(q, mean, half)
 
 
-def _around(q: Quantity, value: float, half: float) -> Forecast:
+def _around(q: Predicted, value: float, half: float) -> Forecast:
     return Forecast(name=q.name, title=q.title, unit=q.unit, value=value, low=value - half, high=value + half)

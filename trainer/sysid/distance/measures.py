@@ -79,13 +79,13 @@ class SequenceReference:
         bandwidth = median_bandwidth(pooled)
         fourier = FourierFeatures.draw(np.random.default_rng(seed), pooled.shape[1], N_FREQUENCIES, bandwidth)
         digests = tuple(digest(f, fourier) for f in real_features)
-        pairs = np.array([[_distance(a, b) for b in digests] for a in digests])
+        pairs = np.array([[distance(a, b) for b in digests] for a in digests])
         n = len(digests)
         if n > 1:
             scale = pairs.sum(axis=(0, 1)) / (n * (n - 1))
         else:
             centre = digest(np.median(pooled, axis=0, keepdims=True), fourier)
-            scale = _distance(digests[0], centre)
+            scale = distance(digests[0], centre)
         return SequenceReference(sequence, digests, fourier, bandwidth, pairs, scale)
 
     @property
@@ -98,7 +98,7 @@ class SequenceReference:
         if not np.all(np.isfinite(features)):
             return np.full((len(self.real), len(MEASURES)), np.nan)
         simulated = digest(features, self.fourier)
-        return np.array([_distance(simulated, real) for real in self.real])
+        return np.array([distance(simulated, real) for real in self.real])
 
 
 def digest(features: NDArray[Any], fourier: FourierFeatures) -> RunDigest:
@@ -124,6 +124,7 @@ def score_of_distances(distances: Array, scale: Array, real_weights: Array | Non
     return np.asarray(np.mean(by_measure / scale, axis=-1))
 
 
-def _distance(first: RunDigest, second: RunDigest) -> Array:
+def distance(first: RunDigest, second: RunDigest) -> Array:
+    """Both measures between two runs, shape (2,)."""
     w1 = wasserstein_sorted(first.sorted_features, second.sorted_features).mean()
     return np.array([w1, embedding_distance(first.embedding, second.embedding)])

@@ -1,0 +1,263 @@
+"""What something does to simulated runs: how near they come to the robot's, and what a person asks of them.
+
+Runs without it and with it start alike and are told the same. All simulated runs of a sequence are compared with all of
+the robot's, and these with each other for the floor, each pair up to the earlier end: for the true model the distance
+is the floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, Ints
+from diagnosis.closed_loop.run_numbers import (
+    QUANTITIES,
+    Lasted,
+    Quantity,
+    restricted_mean_s,
+    run_numbers,
+    time_to_fall,
+)
+from diagnosis.closed_loop.shrink import (
+    MIN_GAP,
+    Compared,
+    Cuts,
+    interval,
+    mean_distance,
+    mean_floor,
+    pair_distances,
+    resamples,
+    shrinkage,
+)
+from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
+from diagnosis.document import Consequences, GapChange, GapLeft, GapName, QuantityChange
+from diagnosis.read.policy_ticks import MIN_TICKS, policy_ticks
+from spot_log.read.run import Run
+from spot_model.robot.rotation import rotate_inverse_wxyz
+
+QUANTILES: Final = (np.arange(100) + 0.5) / 100
+"""Of which a signal's digest is made; their mean difference is the Wasserstein distance."""
+FALLS: Final = Quantity("fall_share", "share of runs that fall", "")
+FALL_TIME: Final = Quantity("time_to_fall", "mean time to a fall, within the commands", "s")
+LARGEST: Final = frozenset({"top_speed"})
+"""Quantities of which that of the sequence with the largest counts; of the others the mean over sequences."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """One of the three gaps."""
+
+    name: GapName
+    unit: str
+    pick: Callable[[Run], Array]
+    """Its signal, a row a state."""
+
+
+def _body_velocity(run: Run) -> Array:
+    s = run.states
+    return np.asarray(rotate_inverse_wxyz(s.odom_from_body_wxyz, s.linear_vel_of_body_in_odom_m_s))
+
+
+GAPS: Final = (
+    Gap("torque", "N·m", lambda run: run.states.load_nm),
+    Gap("joint motion", "rad/s", lambda run: run.states.velocity_rad_s),
+    Gap("body motion", "m/s", _body_velocity),
+)
+
+Runs = Mapping[str, Sequence[Run]]
+"""By command sequence, all of which the robot ran."""
+
+
+def consequences(bench: Bench, trials: Trials, before: str, after: str, rng: np.random.Generator) -> Consequences:
+    """What the second model has beyond the first does.
+
+    Args:
+        bench: The robot's runs.
+        trials: Runs of both models, with every state.
+        before: Name of the model without it.
+        after: Name of the model with it.
+        rng: Draws resamples.
+    """
+    # The surroundings were chosen for the corrected model: another choice would move its distance from the robot.
+    doubt = bench.around(after).doubt if before == NOMINAL else 0.0
+    real, first, second = _by_sequence(bench.runs), _by_sequence(trials.runs[before]), _by_sequence(trials.runs[after])
+    gaps = []
+    for gap, compared in _compared(real, {before: first, after: second}, after):
+        found = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
+        gaps.append(
+            GapChange(
+                gap=gap.name,
+                unit=gap.unit,
+                before=found.d0,
+                after=found.d1,
+                floor=found.floor,
+                share=found.s,
+                low=found.low,
+                high=found.high,
+            )
+        )
+    length_s = {s.sequence: len(s.velocity_command) * s.tick_period_s for s in bench.scripts}
+    return Consequences(loop="closed", gaps=tuple(gaps), changes=_changes(real, first, second, length_s, rng))
+
+
+def remainder(bench: Bench, trials: Trials, after: str) -> tuple[GapLeft, ...]:
+    """What a model leaves of each gap."""
+    real, made = _by_sequence(bench.runs), _by_sequence(trials.runs[after])
+    out = []
+    for gap, compared in _compared(real, {after: made}, after):
+        left, floor = mean_distance(compared, after), mean_floor(compared)
+        ratio = left / floor if floor > 0.0 else None
+        out.append(GapLeft(gap=gap.name, unit=gap.unit, left=left, floor=floor, ratio=ratio))
+    return tuple(out)
+
+
+def worse_gaps(whole: Consequences) -> list[str]:
+    """Where the corrected model is farther from the robot than the nominal one, a sentence each."""
+    out = [
+        f"the corrected model is farther from the robot than the nominal one in {g.gap}: {g.after:.2g} instead of "
+        f"{g.before:.2g} {g.unit}"
+        for g in whole.gaps
+        if g.after - g.before > MIN_GAP * g.floor
+    ]
+    for c in whole.changes:
+        if c.quantity != FALLS.name or c.before is None or c.after is None or c.robot is None:
+            continue
+        if abs(c.after - c.robot) > abs(c.before - c.robot):
+            out.append(
+                f"the corrected model falls in {c.after:.0%} of its runs, the nominal one in {c.before:.0%}, the robot "
+                f"in {c.robot:.0%}"
+            )
+    return out
+
+
+def _by_sequence(runs: Sequence[Run]) -> Runs:
+    out: dict[str, list[Run]] = {}
+    for run in runs:
+        out.setdefault(run.header.command_sequence or "unnamed", []).append(run)
+    return out
+
+
+def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[Compared]]]:
+    """Distances by gap, in its unit, and by sequence; without gaps whose signal a log lacks.
+
+    Args:
+        real: The robot's runs.
+        models: Simulated runs by model.
+        stand_in: Model whose scatter is the floor of a robot that did not repeat itself.
+    """
+    by_gap: dict[Gap, list[Compared]] = {gap: [] for gap in GAPS}
+    for sequence in next(iter(models.values())):
+        own = _cuts([run for run in real[sequence] if len(policy_ticks(run)) >= MIN_TICKS])
+        made = {name: _cuts(runs[sequence], MIN_TICKS) for name, runs in models.items()}
+        pairs = pair_distances(own, own, _apart)
+        apart = {name: pair_distances(cuts, own, _apart) for name, cuts in made.items()}
+        floor = np.ones(len(GAPS))
+        if len(pairs) < 2:
+            scatter = pair_distances(made[stand_in], made[stand_in], _apart)
+            floor = scatter.sum(axis=(0, 1)) / max(1, len(scatter) * (len(scatter) - 1))
+        for k, gap in enumerate(GAPS):
+            of_models = {name: distances[..., k] for name, distances in apart.items()}
+            by_gap[gap].append(Compared(sequence, pairs[..., k], of_models, floor=float(floor[k])))
+    out = []
+    for gap, found in by_gap.items():
+        if all(np.isfinite(d).all() for c in found for d in (c.real, *c.models.values())):
+            out.append((gap, [c for c in found if len(c.real) > 1] or found))
+    return out
+
+
+def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts[list[Array]]:
+    """Of each run up to each tick the quantiles of each gap's components, shape (Q, k)."""
+    ticks_ns = [run.ticks.robot_stamp_ns[policy_ticks(run, at_least)] for run in runs]
+    signals = [[gap.pick(run) for gap in GAPS] for run in runs]
+
+    def digest(i: int, n: int) -> list[Array]:
+        first, last = np.searchsorted(runs[i].states.robot_stamp_ns, [ticks_ns[i][0], ticks_ns[i][n - 1] + 1])
+        rows = (QUANTILES * (last - first)).astype(np.intp)
+        return [np.asarray(np.sort(signal[first:last], axis=0)[rows]) for signal in signals[i]]
+
+    return Cuts([len(t) for t in ticks_ns], digest)
+
+
+def _apart(first: list[Array], second: list[Array]) -> list[float]:
+    """Wasserstein distance of each gap, mean over its components."""
+    return [float(np.mean(np.abs(a - b))) for a, b in zip(first, second, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Came:
+    """What the runs of one sequence came to."""
+
+    numbers: Array
+    """Of each run, shape (n, len(QUANTITIES))."""
+    lasted: Sequence[Lasted]
+    length_s: float
+    """Of the command."""
+
+    @staticmethod
+    def of(runs: Sequence[Run], length_s: float) -> _Came:
+        found = [(run_numbers(run), lasted) for run in runs if (lasted := time_to_fall(run)) is not None]
+        numbers = np.array([[own[q.name] for q in QUANTITIES] for own, _ in found]).reshape(-1, len(QUANTITIES))
+        return _Came(numbers, [lasted for _, lasted in found], length_s)
+
+    def drawn(self, rows: Ints) -> _Came:
+        """Some of the runs."""
+        return _Came(self.numbers[rows], [self.lasted[i] for i in rows], self.length_s)
+
+
+def _changes(
+    real: Runs, first: Runs, second: Runs, length_s: Mapping[str, float], rng: np.random.Generator
+) -> tuple[QuantityChange, ...]:
+    names = list(first)
+    robot, before, after = ([_Came.of(runs[s], length_s[s]) for s in names] for runs in (real, first, second))
+    values = [_summary(side) for side in (robot, before, after)]
+    sizes = [(len(b.lasted), len(a.lasted)) for b, a in zip(before, after, strict=True)]
+
+    def of(side: Sequence[_Came], drawn: Sequence[tuple[int, Ints, Ints]]) -> Array:
+        return _summary([side[i].drawn(rows) for i, _, rows in drawn])
+
+    draws = np.array([np.subtract(of(after, drawn), of(before, drawn)) for drawn in resamples(sizes, rng)])
+    out = []
+    falls = any(one.has_fallen for side in (robot, before, after) for came in side for one in came.lasted)
+    for k, q in enumerate((*QUANTITIES, FALLS, *([FALL_TIME] if falls else []))):
+        own, without, with_it = (float(v[k]) if np.isfinite(v[k]) else None for v in values)
+        known = draws[np.isfinite(draws[:, k]), k]
+        low, high = None, None
+        if without is not None and with_it is not None and len(known):
+            low, high = interval(with_it - without, known, [n for _, n in sizes])
+            if q is FALLS:
+                low, high = max(low, -without), min(high, 1.0 - without)
+        out.append(
+            QuantityChange(
+                quantity=q.name,
+                title=q.title,
+                unit=q.unit,
+                before=without,
+                after=with_it,
+                robot=own,
+                low=low,
+                high=high,
+            )
+        )
+    return tuple(out)
+
+
+def _summary(sequences: Sequence[_Came]) -> Array:
+    """:data:`QUANTITIES`, the share of falls and the time to a fall, over all sequences; NaN where no run gives one."""
+    by_sequence = np.array([_mean(came.numbers) for came in sequences])
+    mean, known = _mean(by_sequence), np.isfinite(by_sequence).any(axis=0)
+    top = np.where(known, np.max(np.where(np.isfinite(by_sequence), by_sequence, -np.inf), axis=0), np.nan)
+    values = np.where([q.name in LARGEST for q in QUANTITIES], top, mean)
+    share = np.mean([np.mean([one.has_fallen for one in came.lasted]) for came in sequences])
+    time_s = np.mean([restricted_mean_s(came.lasted, came.length_s) for came in sequences])
+    return np.array([*values, share, time_s])
+
+
+def _mean(values: Array) -> Array:
+    """Over the rows that have a value, by column."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
