@@ -127,16 +127,7 @@ class Scorer:
         self.board = board
         self.terms = tuple(terms)
         self.low, self.high = bounds([t.effect for t in terms])
-        self.own = [
-            np.concatenate(
-                [
-                    np.zeros((len(b.y), 0)),
-                    *(place_columns(board.columns(t.effect, t.shape), n, t.place) for t in terms),
-                ],
-                axis=1,
-            )
-            for n, b in enumerate(board.blocks)
-        ]
+        self.own = term_columns(board, terms)
         self._is_touched = [bool(x.any()) for x in self.own]
         """By block, whether any term shows there."""
         self.own_base = [board.products(n, x) for n, x in enumerate(self.own)]
@@ -335,12 +326,48 @@ def null_of(board: Board) -> Scored:
     return found
 
 
-def posterior_variance(board: Board) -> Array:
-    """Variance of each ordinary error, in its usual size, given the logs and no effect. Shape (Q,)."""
-    sums, null = sums_of(board), null_of(board)
-    left = null.held_out + board.tolerance_square + board.relative_square * null.explained
-    factor = sums.system(sums.total, board.dof / left)
-    return np.asarray(np.diag(cho_solve(factor, np.eye(sums.size), check_finite=False)))
+def posterior_covariance(board: Board, scored: Scored) -> Array:
+    """Covariance of what was fitted, given the logs: ordinary errors in usual sizes, then the terms' coefficients.
+
+    A coefficient at one of its bounds counts as known.
+
+    Returns:
+        Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end.
+    """
+    sums = sums_of(board)
+    left = scored.held_out + board.tolerance_square + board.relative_square * scored.explained
+    weights = board.dof / left
+    q = sums.size
+    own = cho_solve(sums.system(sums.total, weights), np.eye(q), check_finite=False)
+    if not scored.terms:
+        return np.asarray(own)
+    columns = term_columns(board, scored.terms)
+    base = [board.products(n, x) for n, x in enumerate(columns)]
+    tried, _ = tried_by_fold(base, [board.products_of(n, x, x) for n, x in enumerate(columns)])
+    beta = np.concatenate(scored.coefficients)
+    low, high = bounds([t.effect for t in scored.terms])
+    free = np.flatnonzero((beta > low) & (beta < high))
+    mixed = sums.mixed(tried.by_row, weights)[:, free]
+    moved = own @ mixed
+    reduced = np.tensordot(weights, tried.own, 1)[np.ix_(free, free)] - mixed.T @ moved
+    inner = np.linalg.pinv(reduced, hermitian=True)
+    out = np.zeros((q + len(beta), q + len(beta)))
+    out[:q, :q] = own + moved @ inner @ moved.T
+    out[:q, q + free] = -moved @ inner
+    out[q + free, :q] = out[:q, q + free].T
+    out[np.ix_(q + free, q + free)] = inner
+    return out
+
+
+def term_columns(board: Board, terms: Sequence[Placed]) -> list[Array]:
+    """By block the columns of all terms, end to end; shape (m, K)."""
+    return [
+        np.concatenate(
+            [np.zeros((len(b.y), 0)), *(place_columns(board.columns(t.effect, t.shape), n, t.place) for t in terms)],
+            axis=1,
+        )
+        for n, b in enumerate(board.blocks)
+    ]
 
 
 def place_columns(columns: Columns, number: int, place: Array) -> Array:
