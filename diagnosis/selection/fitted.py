@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,11 +11,9 @@ import numpy as np
 from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.document import Number
-from diagnosis.library.base import Location, acts_last
-from diagnosis.selection.evidence import Board
+from diagnosis.library.base import acts_last
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Placed, Scored, Scorer
-from diagnosis.selection.search import PER_PARAMETER
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import describe_joints
@@ -47,40 +44,6 @@ def corrected_model(
     for term, own in sorted(terms, key=lambda pair: acts_last(pair[0].effect)):
         model = term.effect.add_to(model, term.effect.values(own, term.shape), joint_words(robot, term))
     return model
-
-
-def parted(board: Board, scored: Scored) -> Scored:
-    """The same effects with a number for each joint type where that brings more nats than the numbers cost.
-
-    A term that spans several types becomes one term a type. Shapes stay as they are.
-
-    Args:
-        board: The evidence.
-        scored: Effects, maybe none, with the ordinary errors fitted beside them; the same comes back where no term
-            is parted.
-    """
-    key = ("parted", *((t.effect.name, *sorted(t.shape.items()), *t.place) for t in scored.terms))
-    if key not in board.kept:
-        best = scored
-        for term in scored.terms:
-            parts = _by_type(board.robot, term)
-            if len(parts) > 1:
-                at = next(i for i, t in enumerate(best.terms) if t is term)
-                tried = Scorer(board, (*best.terms[:at], *parts, *best.terms[at + 1 :])).now
-                numbers_more = (len(parts) - 1) * sum(c.is_free for c in term.effect.coefficients)
-                if tried.score > best.score + PER_PARAMETER * numbers_more:
-                    best = tried
-        board.kept[key] = best
-    found: Scored = board.kept[key]
-    return found
-
-
-def _by_type(robot: Robot, term: Placed) -> list[Placed]:
-    """One term for each joint type that the term acts on; the term itself where its effect is none of joints."""
-    if term.effect.location is not Location.JOINT or not any(c.is_free for c in term.effect.coefficients):
-        return [term]
-    places = [term.place * joints for joints in robot.types().values()]
-    return [replace(term, place=place) for place in places if place.any()]
 
 
 def without_fold(scored: Scored, fold: int) -> tuple[Array, ...]:

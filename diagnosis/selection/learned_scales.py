@@ -17,9 +17,10 @@ import numpy as np
 
 from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import ERROR_SCALES, NARROWEST
+from diagnosis.selection.calibrated import posterior_covariance
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance import ErrorKind
-from diagnosis.selection.scoring import null_of, posterior_covariance
+from diagnosis.selection.scoring import null_of
 
 ROUNDS: Final = 3
 PRIOR_UNITS: Final = 2.0

@@ -326,39 +326,6 @@ def null_of(board: Board) -> Scored:
     return found
 
 
-def posterior_covariance(board: Board, scored: Scored) -> Array:
-    """Covariance of what was fitted, given the logs: ordinary errors in usual sizes, then the terms' coefficients.
-
-    A coefficient at one of its bounds counts as known.
-
-    Returns:
-        Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end.
-    """
-    sums = sums_of(board)
-    left = scored.held_out + board.tolerance_square + board.relative_square * scored.explained
-    weights = board.dof / left
-    q = sums.size
-    own = cho_solve(sums.system(sums.total, weights), np.eye(q), check_finite=False)
-    if not scored.terms:
-        return np.asarray(own)
-    columns = term_columns(board, scored.terms)
-    base = [board.products(n, x) for n, x in enumerate(columns)]
-    tried, _ = tried_by_fold(base, [board.products_of(n, x, x) for n, x in enumerate(columns)])
-    beta = np.concatenate(scored.coefficients)
-    low, high = bounds([t.effect for t in scored.terms])
-    free = np.flatnonzero((beta > low) & (beta < high))
-    mixed = sums.mixed(tried.by_row, weights)[:, free]
-    moved = own @ mixed
-    reduced = np.tensordot(weights, tried.own, 1)[np.ix_(free, free)] - mixed.T @ moved
-    inner = np.linalg.pinv(reduced, hermitian=True)
-    out = np.zeros((q + len(beta), q + len(beta)))
-    out[:q, :q] = own + moved @ inner @ moved.T
-    out[:q, q + free] = -moved @ inner
-    out[q + free, :q] = out[:q, q + free].T
-    out[np.ix_(q + free, q + free)] = inner
-    return out
-
-
 def term_columns(board: Board, terms: Sequence[Placed]) -> list[Array]:
     """By block the columns of all terms, end to end; shape (m, K)."""
     return [

@@ -19,11 +19,12 @@ from diagnosis.channels.channel_view import Array, Flags
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import CalibratedNumber, Number
 from diagnosis.library.base import LibraryEffect, Location
+from diagnosis.selection.calibrated import calibrated, free_types, posterior_covariance
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.fitted import Z_90, parted, with_formula_error
+from diagnosis.selection.fitted import Z_90, with_formula_error
 from diagnosis.selection.nuisance import ErrorKind
 from diagnosis.selection.places import Robot
-from diagnosis.selection.scoring import Scored, Scorer, posterior_covariance
+from diagnosis.selection.scoring import Scored, Scorer
 from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.body.com_offset import ComOffset
 from spot_model.effects.body.payload_mass import PayloadMass
@@ -51,12 +52,16 @@ class _Fit:
     """Ordinary errors, then coefficients, shape (Q + K,)."""
     covariance: Array
     """Shape (Q + K, Q + K)."""
+    ranges: Array
+    """Published range of each ordinary error, in the effect's own units, shape (Q,)."""
 
     @staticmethod
     def of(board: Board, scored: Scored) -> _Fit:
-        own = parted(board, scored)
+        own = calibrated(board, scored)
         values = np.concatenate([own.pulls, *own.coefficients])
-        return _Fit(board, own, values, posterior_covariance(board, own))
+        precision = free_types(board)
+        ranges = np.maximum(board.ordinary.published, board.ordinary.scale / np.sqrt(precision))
+        return _Fit(board, own, values, posterior_covariance(board, own, precision), ranges)
 
     def weights(self, effect: str, coefficient: str, units: Flags, at: str = "") -> tuple[Array, Array]:
         """How far one unit of each fitted value moves the mean of a coefficient over some units.
@@ -79,7 +84,7 @@ class _Fit:
                 columns = kind.columns(names.index(coefficient))
                 share = np.array([(s & units).sum() / n for s in kind.sets]) * (kind.at[at] if at else 1.0)
                 out[: len(published)][columns] = share * ordinary.scale[columns]
-                published[columns] = share * ordinary.published[columns]
+                published[columns] = share * self.ranges[columns]
         first = len(published)
         for term, own in zip(self.scored.terms, self.scored.coefficients, strict=True):
             names = [c.name for c in term.effect.coefficients]
@@ -127,25 +132,27 @@ def by_type(scorer: Scorer, scored: Scored) -> dict[str, dict[str, Number]]:
         scored: They and the term.
 
     Returns:
-        By joint type and parameter; empty where one number serves (:func:`~diagnosis.selection.fitted.parted`).
+        By joint type and parameter; empty where all intervals overlap, or the effect has no ordinary errors: one number
+        serves, then.
     """
-    term, robot = scored.terms[-1], scorer.board.robot
-    fit = _Fit.of(scorer.board, scored)
-    parts = [t for t in fit.scored.terms if t.effect.name == term.effect.name]
-    if len(parts) < 2:
+    term, board = scored.terms[-1], scorer.board
+    kind = next((k for k in board.ordinary.kinds if k.effect.name == term.effect.name), None)
+    if term.effect.location is not Location.JOINT or kind is None:
         return {}
-    known = {p.name: p for p in term.effect.effect.parameters()}
+    fit = _Fit.of(board, scored)
     out: dict[str, dict[str, Number]] = {}
-    for part in parts:
-        units = part.place > 0.5
-        where = next(name for name, joints in robot.types().items() if joints[units].all())
-        out[where] = {}
-        for c in term.effect.coefficients:
-            if c.is_free and c.name in known:
-                weights, _ = fit.weights(term.effect.name, c.name, units)
-                value, low, high = _interval(*fit.found(weights), known[c.name], known[c.name].null)
-                out[where][c.name] = Number(value=value, low=low, high=high, unit=_unit(known[c.name]))
-    return out
+    for where, joints in board.robot.types().items():
+        units = joints & (term.place > 0.5)
+        for c in kind.chosen if units.any() else ():
+            named = _parameter(kind, int(c))
+            if named is not None:
+                known, at = named
+                weights, _ = fit.weights(term.effect.name, term.effect.coefficients[c].name, units, at)
+                value, low, high = _interval(*fit.found(weights), known, known.null)
+                out.setdefault(where, {})[known.name] = Number(value=value, low=low, high=high, unit=_unit(known))
+    numbers = [[own[name] for own in out.values()] for name in next(iter(out.values()), {})]
+    is_apart = any(max(n.low for n in same) > min(n.high for n in same) for same in numbers)
+    return out if is_apart else {}
 
 
 def _numbers(

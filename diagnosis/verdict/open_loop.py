@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, Ints, Views
 from diagnosis.document import GapCell, GapChange, GapName
-from diagnosis.selection.evidence import FOLD_BLOCK_S, Board
+from diagnosis.selection.evidence import Board
 from diagnosis.selection.scoring import Scored, term_columns
 from diagnosis.verdict.explain import Explained
 
@@ -65,8 +65,9 @@ def gap_changes(board: Board, before: Scored | None, after: Scored) -> tuple[Gap
     """What a fit closes of the three gaps: of torque, as loads show it, of the motion of swinging legs, of the body's.
 
     A distance is the root mean square, over joints or axes and samples, of what is mispredicted in command sequences
-    that the fit has not seen (with one sequence, in other runs; with one run, in other stretches of two seconds).
-    Intervals are a jackknife over runs, or over such stretches where there are few runs.
+    that the fit has not seen (with one sequence, in other runs; with one run, in other stretches of two seconds). The
+    floor is the channel's noise, with what a rigid model and smoothed impacts leave at least. Intervals are a jackknife
+    over runs, or over such stretches where there are few runs.
 
     Args:
         board: The channels.
@@ -104,7 +105,7 @@ def _change(
             for side in left
         ]
     )
-    floor = float(np.sqrt(np.mean(noise**2 * (1.0 + board.tolerance_square[list(numbers)]))))
+    floor = float(np.sqrt(np.mean(noise**2)))
 
     def distances(kept: Ints) -> Array:
         """Before and after, from some pieces."""
@@ -113,7 +114,8 @@ def _change(
         return np.asarray(np.sqrt(np.mean(sums[:, there] / counts[there], axis=1)))
 
     def share(pair: Array) -> float:
-        return float((pair[0] - pair[1]) / (pair[0] - floor)) if pair[0] > floor else np.nan
+        # What is left below the floor is no gap.
+        return float((pair[0] - pair[1]) / (pair[0] - min(floor, pair[1]))) if pair[0] > floor else np.nan
 
     both = distances(np.arange(n_pieces))
     value = share(both)
@@ -140,7 +142,7 @@ def _pieces(board: Board, numbers: Sequence[int]) -> tuple[list[Ints], int]:
     for block in (board.blocks[n] for n in numbers):
         view = board.views[block.channel]
         run, state = view.run[block.samples], view.state[block.samples]
-        keys.append((run, state // round(FOLD_BLOCK_S / 0.003)))
+        keys.append((run, state // board.stretch))
     n_runs = len(np.unique(np.concatenate([run for run, _ in keys])))
     flat = [run if n_runs >= FEW_RUNS else run * 1_000_000 + block for run, block in keys]
     names, numbered = np.unique(np.concatenate(flat), return_inverse=True)
