@@ -3,7 +3,7 @@
 The search expects a type's common error to be as small, beside its published range, as the joints' own scatter, so
 that what is larger shows as a difference. Once differences are chosen, that would hold numbers near the nominal ones,
 and one number to joint types that have several. So they are fitted once more, what units share with its published
-range; in drives with that of a single unit, since a simulator's number is as often wrong for a type as for a joint.
+range, or with that of a single unit where a model has one number for all of a type.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import cho_solve
 
-from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.selection.evidence import Board
@@ -55,9 +54,9 @@ def free_types(board: Board) -> Array:
     out = np.ones(ordinary.size)
     for kind in ordinary.kinds:
         shared = np.array([s.sum() > 1 for s in kind.sets])
-        effect = kind.effect
-        is_drive = Channel.SET_POINT_TO_LOAD in effect.channels and not effect.of_load_cell
-        share = min(1.0, ERROR_SCALES[effect.name].alike) if is_drive else 1.0
+        # Load cells and zeros are set one by one; all else is as often wrong for a type as for a unit.
+        one_by_one = kind.effect.of_load_cell or kind.effect.singly
+        share = 1.0 if one_by_one else min(1.0, ERROR_SCALES[kind.effect.name].alike)
         for k in range(len(kind.chosen)):
             at = np.arange(ordinary.size)[kind.columns(k)][shared]
             out[at] = (share * ordinary.scale[at] / ordinary.published[at]) ** 2

@@ -139,7 +139,7 @@ def test_a_number_is_counted_from_the_nominal_model() -> None:
 
 def _total(model: RobotModel, kind: type[Effect], parameter: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     own = [np.broadcast_to(getattr(e, parameter), (1, 12))[0] * e.mask for e in model.effects if isinstance(e, kind)]
-    return np.sum(own, axis=0)
+    return np.asarray(np.sum(own, axis=0))
 
 
 def test_a_difference_at_all_joints_has_its_numbers_by_type_and_so_has_the_model() -> None:
