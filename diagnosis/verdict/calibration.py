@@ -2,8 +2,8 @@
 
 A number is the mean over its place (a joint type, a leg, the body; zeros are set joint by joint) of all that was
 fitted to it: the ordinary errors that units have by themselves, by type and together, and differences of the same
-effect. Its interval is that of the sum, since logs often tell the sum of columns that they do not tell apart. A joint
-that a difference singles out of its type is left out of the type's mean: it is the difference's.
+effect. Its interval is that of the sum, since logs often tell the sum of columns that they do not tell apart. Joints
+that a difference singles out, at most half of their type, are left out of the type's mean: they are the difference's.
 """
 
 from __future__ import annotations
@@ -261,11 +261,11 @@ def _places(robot: Robot, effect: LibraryEffect, coefficient: str) -> list[tuple
 
 
 def _singled_out(scored: Scored, effect: LibraryEffect, units: Flags) -> Flags:
-    """Those of some units that have a difference of the effect which the others have not, shape (U,)."""
+    """Those of some units, at most half of them, that have a difference of the effect; shape (U,)."""
     out = np.zeros(len(units), dtype=np.bool_)
     for term in scored.terms:
-        there = (term.place > 0.5) & units if term.effect.name == effect.name else out
-        if there.sum() < units.sum():
+        there = (term.place > 0.5) & units
+        if term.effect.name == effect.name and 2 * there.sum() <= units.sum():
             out = out | there
     return out
 

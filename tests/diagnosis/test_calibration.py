@@ -17,7 +17,8 @@ from diagnosis.document import CalibratedNumber, GapChange
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import calibrated, posterior_covariance
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.nuisance_model import model_of, with_kind
+from diagnosis.selection.fitted import without_effect
+from diagnosis.selection.nuisance_model import by_joint, model_of, with_kind
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Placed, Scorer, null_of
 from diagnosis.verdict.calibration import by_type, calibrated_numbers
@@ -26,13 +27,14 @@ from diagnosis.verdict.open_loop import gap_changes
 from spot_log.read.run import Run
 from spot_model.effects.base import Effect
 from spot_model.effects.body.leg_mass import LegMass
+from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.effects.drive.load_friction import LoadFriction
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.drive.viscous_friction import ViscousFriction
-from spot_model.io.model_file import RobotModel
+from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import JOINT_NAMES
 
@@ -134,7 +136,10 @@ def test_a_number_is_counted_from_the_nominal_model() -> None:
     assert gain.value == pytest.approx(0.81, abs=0.02)
     # The file has less friction than the nominal model, and not more: its own effect is lowered.
     file = model_of(nominal, board, calibrated(board, null_of(board)))
-    assert np.mean([_total(file, CoulombFriction, "level_nm")[2::3]]) == pytest.approx(friction.value, abs=0.05)
+    level = _total(file, CoulombFriction, "level_nm")[2::3]
+    assert np.mean(level) == pytest.approx(friction.value, abs=0.05)
+    read = model_from_data(by_joint(file, JOINT_NAMES).to_data())
+    assert _total(read, CoulombFriction, "level_nm")[2::3] == pytest.approx(level)
 
 
 def _total(model: RobotModel, kind: type[Effect], parameter: str) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -160,6 +165,22 @@ def test_a_difference_at_all_joints_has_its_numbers_by_type_and_so_has_the_model
     assert numbers["kn"].stands_out
 
 
+def test_a_model_without_a_difference_has_nothing_left_of_what_its_types_share() -> None:
+    _, board = _ordinary_robot(30)
+    scored = calibrated(board, Scorer(board).scored(LIBRARY["torque_gain"], {}, np.ones(12)))
+    less = without_effect(board, scored, "torque_gain")
+    assert less.terms == ()
+    assert less.coefficients == ()
+    assert less.spread.shape == (2, 0)
+    gain = _total(model_of(NOMINAL, board, less), TorqueGain, "gain")
+    own = gain[gain > 0.0]
+    assert np.abs(own - 1.0).max(initial=0.0) < 0.03
+    # Other errors stay as they are beside it.
+    kept = np.array(board.ordinary.names) != "torque_gain"
+    assert np.array_equal(less.pulls[kept], scored.pulls[kept])
+    assert without_effect(board, scored, "armature").terms == scored.terms
+
+
 def test_one_number_serves_where_types_do_not_differ() -> None:
     board = _board(planted_runs(Truth((Armature(inertia_kg_m2=0.04),)), 2, sequence=walk_sequence(4.0)))
     scorer = Scorer(board)
@@ -175,6 +196,14 @@ def test_a_joint_with_a_difference_of_its_own_is_left_out_of_its_type() -> None:
     scored = Scorer(board).scored(LIBRARY["torque_gain"], {}, place)
     knees = next(n for n in calibrated_numbers(board, scored, NOMINAL) if (n.effect, n.where) == ("torque_gain", "kn"))
     assert knees.value == pytest.approx(1.0, abs=0.03)
+
+
+def test_joints_without_a_difference_that_most_of_their_type_have_are_no_type() -> None:
+    board = _board(planted_runs(Truth((TorqueGain(joints=("kn",), gain=0.8),)), 2, sequence=walk_sequence(3.0)))
+    place = np.array([name in ("fl_kn", "hl_kn", "hr_kn") for name in JOINT_NAMES], dtype=np.float64)
+    scored = Scorer(board).scored(LIBRARY["torque_gain"], {}, place)
+    knees = next(n for n in calibrated_numbers(board, scored, NOMINAL) if (n.effect, n.where) == ("torque_gain", "kn"))
+    assert knees.value == pytest.approx(0.8, abs=0.03)
 
 
 def test_the_variance_of_a_sum_is_not_the_sum_of_variances() -> None:
@@ -228,7 +257,8 @@ def test_errors_go_into_a_model_as_far_as_bodies_allow() -> None:
 # ---- a robot of another hand: a slow walk, one run at some 55 Hz, loads, no policy, contacts or receipts
 
 SLOW = {"slow": ((0, 0, 0, 0), (0.1, 0.25, 0, 0), (1, 0.3, 0, 0))}
-WEAK = Faults(gain={"kn": 0.85, "hx": 0.95, "hy": 0.93})
+WEAK = Faults(gain={"kn": 0.85, "hx": 0.95, "hy": 0.93}, load_share={"kn": 0.06, "hx": 0.04, "hy": 0.04})
+"""Gains well below 1, alike for each joint type, and some per cent of friction that grows with load."""
 
 
 @cache
@@ -242,11 +272,15 @@ def _slow_walk(seed: int) -> tuple[Stranger, Board]:
 @pytest.mark.parametrize("seed", [3, 4])
 def test_a_slow_walk_of_another_hand_tells_gains_by_type(seed: int) -> None:
     robot, board = _slow_walk(seed)
-    numbers = _numbers(board)
+    numbers, held = _numbers(board), []
     for t, joints in board.robot.types().items():
         truth, found = float(robot.gain[joints].mean()), numbers["torque_gain", t]
         assert found.value == pytest.approx(truth, abs=max(0.2 * abs(1.0 - truth), 0.03))
-        assert found.low < truth < found.high
+        held.append(found.low < truth < found.high)
+    # One in ten may miss.
+    assert sum(held) >= 2
+    assert numbers["load_friction", "kn"].value == pytest.approx(0.06, rel=0.2)
+    assert numbers["load_friction", "kn"].stands_out
 
 
 @pytest.mark.parametrize("seed", [3, 4])
@@ -263,7 +297,7 @@ def test_the_torque_gap_closes_as_far_as_a_direct_fit_closes_it(seed: int) -> No
 
 
 def _directly(board: Board) -> tuple[float, float]:
-    """Mispredicted load, and what a gain, a zero and dry friction of each joint leave by plain least squares, N·m."""
+    """Mispredicted load, and what a gain, a zero and friction of each joint leave by plain least squares, N·m."""
     view = board.views[Channel.SET_POINT_TO_LOAD]
     signals: Any = view.signals
     torque, velocity = signals.finish(signals.torque_nm), signals.finish(signals.velocity_rad_s)
@@ -271,7 +305,8 @@ def _directly(board: Board) -> tuple[float, float]:
     for j in range(12):
         rows = view.usable[:, j]
         y = view.response[rows, j]
-        x = np.stack([torque[rows, j], np.tanh(velocity[rows, j] / 0.05), np.ones(rows.sum())], axis=1)
+        sign, size = np.tanh(velocity[rows, j] / 0.05), np.abs(torque[rows, j])
+        x = np.stack([torque[rows, j], sign, sign * size, np.ones(rows.sum())], axis=1)
         before.append(np.mean(y**2))
         after.append(np.mean((y - x @ np.linalg.lstsq(x, y, rcond=None)[0]) ** 2))
     return float(np.sqrt(np.mean(before))), float(np.sqrt(np.mean(after)))
@@ -286,8 +321,6 @@ def test_what_a_log_cannot_show_is_no_gap() -> None:
 
 
 def test_the_body_s_gap_closes_with_its_mass() -> None:
-    from spot_model.effects.body.payload_mass import PayloadMass
-
     board = _board(planted_runs(Truth((PayloadMass(mass_kg=4.0),)), 2, sequence=walk_sequence(3.0)))
     scored = Scorer(board).scored(LIBRARY["payload_mass"], {}, np.ones(1))
     gaps = {g.gap: g for g in gap_changes(board, None, scored)}
