@@ -264,9 +264,9 @@ def _singled_out(scored: Scored, effect: LibraryEffect, units: Flags) -> Flags:
     """Those of some units, at most half of them, that have a difference of the effect; shape (U,)."""
     out = np.zeros(len(units), dtype=np.bool_)
     for term in scored.terms:
-        there = (term.place > 0.5) & units
-        if term.effect.name == effect.name and 2 * there.sum() <= units.sum():
-            out = out | there
+        if term.effect.name == effect.name:
+            there = (term.place > 0.5) & units
+            out |= there & (2 * there.sum() <= units.sum())
     return out
 
 
