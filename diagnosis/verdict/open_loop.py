@@ -67,7 +67,8 @@ def gap_changes(board: Board, before: Scored | None, after: Scored) -> tuple[Gap
     A distance is the root mean square, over joints or axes and samples, of what is mispredicted in command sequences
     that the fit has not seen (with one sequence, in other runs; with one run, in other stretches of two seconds). The
     floor is the channel's noise, with what a rigid model and smoothed impacts leave at least. Intervals are a jackknife
-    over runs, or over such stretches where there are few runs.
+    over runs, or over such stretches where there are few runs. A gap that exceeds its floor by no more than chance has
+    no share.
 
     Args:
         board: The channels.
@@ -113,27 +114,35 @@ def _change(
         there = counts > 0
         return np.asarray(np.sqrt(np.mean(sums[:, there] / counts[there], axis=1)))
 
-    def share(pair: Array) -> float:
+    def shares(pairs: Array) -> Array:
         # What is left below the floor is no gap.
-        return float((pair[0] - pair[1]) / (pair[0] - min(floor, pair[1]))) if pair[0] > floor else np.nan
+        return np.asarray((pairs[:, 0] - pairs[:, 1]) / (pairs[:, 0] - np.minimum(floor, pairs[:, 1])))
 
-    both = distances(np.arange(n_pieces))
-    value = share(both)
-    spread = np.nan
-    if n_pieces > 1 and np.isfinite(value):
-        others = np.array([share(distances(np.flatnonzero(np.arange(n_pieces) != k))) for k in range(n_pieces)])
-        error = np.sqrt((n_pieces - 1) / n_pieces * np.sum((others - others.mean()) ** 2))
-        spread = float(error * student.ppf(0.95, n_pieces - 1))
+    both, every = distances(np.arange(n_pieces)), np.arange(n_pieces)
+    value = low = high = None
+    others = np.array([distances(np.flatnonzero(every != k)) for k in range(n_pieces)]) if n_pieces > 1 else both[None]
+    if both[0] - _half_width(others[:, 0]) > floor:
+        value = float(shares(both[None])[0])
+        width = _half_width(shares(others))
+        low, high = (value - width, value + width) if n_pieces > 1 else (None, None)
     return GapChange(
         gap=gap,
         unit=unit,
         before=float(both[0]),
         after=float(both[1]),
         floor=floor,
-        share=value if np.isfinite(value) else None,
-        low=value - spread if np.isfinite(spread) else None,
-        high=value + spread if np.isfinite(spread) else None,
+        share=value,
+        low=low,
+        high=high,
     )
+
+
+def _half_width(others: Array) -> float:
+    """Half of the 90 % interval of a value, by a jackknife: from the values without each piece in turn, shape (n,)."""
+    n = len(others)
+    if n < 2:
+        return 0.0
+    return float(student.ppf(0.95, n - 1) * np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2)))
 
 
 def _pieces(board: Board, numbers: Sequence[int]) -> tuple[list[Ints], int]:
