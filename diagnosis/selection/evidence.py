@@ -84,6 +84,8 @@ class Board:
     """By block."""
     relative_square: Array
     """By block: mean square that a formula leaves of what it explains."""
+    stretch: int
+    """States in :data:`FOLD_BLOCK_S`: pieces that time is cut into where there are few runs."""
     ordinary: Ordinary = field(init=False)
     base: list[Array] = field(default_factory=list)
     """By block and fold the products of [ordinary errors, y], over the block's number of samples."""
@@ -225,6 +227,7 @@ def lay_out(
     *,
     library: Mapping[str, LibraryEffect] | None = None,
     scales: Mapping[str, ErrorScale] | None = None,
+    period_s: float = 0.003,
 ) -> Board:
     """Cut the channels into blocks.
 
@@ -235,15 +238,17 @@ def lay_out(
         fold_names: Names of the folds.
         library: Effects that ordinary errors are units of.
         scales: Published ranges of ordinary errors.
+        period_s: Time between two states of the logs.
     """
     blocks: list[Block] = []
     n_folds = len(fold_names)
+    stretch = max(1, round(FOLD_BLOCK_S / period_s))
     for name, view in views.items():
         if not view.is_measured:
             continue
         step = max(1, round(view.n / MAX_SAMPLES))
         for row in range(len(view.rows)):
-            block = _block(name, view, row, step, np.asarray(fold_of_run), n_folds, DISCREPANCY.get(name, 0.0))
+            block = _block(name, view, row, step, np.asarray(fold_of_run), n_folds, stretch, DISCREPANCY.get(name, 0.0))
             if block is not None:
                 blocks.append(block)
     board = Board(
@@ -255,13 +260,21 @@ def lay_out(
         dof=np.minimum(DEGREES_OF_FREEDOM, [b.n_independent for b in blocks]),
         tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
         relative_square=np.array([EXACT.get(b.channel, FORMULA_ERROR) ** 2 for b in blocks]),
+        stretch=stretch,
     )
     board.prepare(library or {}, scales or {})
     return board
 
 
 def _block(
-    name: Channel, view: ChannelView, row: int, step: int, fold_of_run: Ints, n_folds: int, tolerance: float
+    name: Channel,
+    view: ChannelView,
+    row: int,
+    step: int,
+    fold_of_run: Ints,
+    n_folds: int,
+    stretch: int,
+    tolerance: float,
 ) -> Block | None:
     good: Flags = view.usable[:, row] & np.isfinite(view.response[:, row])
     good &= np.isfinite(view.nuisance[:, row]).all(axis=1)
@@ -281,7 +294,7 @@ def _block(
         q, _ = np.linalg.qr(raw / (np.sqrt(np.mean(raw**2, axis=0)) + 1e-12))
         y = y - q @ (q.T @ y)
     run = view.run[samples]
-    fold = fold_of_run[run] if n_folds > 1 else (view.state[samples] // round(FOLD_BLOCK_S / 0.003)) % 2
+    fold = fold_of_run[run] if n_folds > 1 else (view.state[samples] // stretch) % 2
     return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance, _weight(name, view, y))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,8 +13,9 @@ from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.document import Number
 from diagnosis.library.base import acts_last
+from diagnosis.selection.evidence import Board
 from diagnosis.selection.places import Robot
-from diagnosis.selection.scoring import Placed, Scored, Scorer
+from diagnosis.selection.scoring import Placed, Scored, Scorer, without
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import describe_joints
@@ -53,6 +55,23 @@ def without_fold(scored: Scored, fold: int) -> tuple[Array, ...]:
         parts.append(scored.spread[fold, at : at + len(own)])
         at += len(own)
     return tuple(parts)
+
+
+def without_effect(board: Board, scored: Scored, name: str) -> Scored:
+    """The fit less one effect, and less what its joint types or legs have of it by ordinary errors.
+
+    All other ordinary errors stay as they are beside it, so that models with it and without it differ by it alone.
+    """
+    for which in reversed([i for i, term in enumerate(scored.terms) if term.effect.name == name]):
+        scored = without(scored, which)
+    shared = np.zeros(len(scored.pulls), dtype=np.bool_)
+    for kind in board.ordinary.kinds:
+        if kind.effect.name == name:
+            for k in range(len(kind.chosen)):
+                shared[kind.columns(k)] = [members.sum() > 1 for members in kind.sets]
+    return replace(
+        scored, pulls=np.where(shared, 0.0, scored.pulls), fold_pulls=np.where(shared, 0.0, scored.fold_pulls)
+    )
 
 
 def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:

@@ -17,9 +17,10 @@ import numpy as np
 
 from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import ERROR_SCALES, NARROWEST
+from diagnosis.selection.calibrated import posterior_covariance
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance import ErrorKind
-from diagnosis.selection.scoring import null_of, posterior_variance
+from diagnosis.selection.scoring import null_of
 
 ROUNDS: Final = 3
 PRIOR_UNITS: Final = 2.0
@@ -34,7 +35,7 @@ def learn_scales(board: Board) -> None:
     for _ in range(ROUNDS):
         now = board.ordinary.scale / published
         error = null_of(board).pulls * now
-        variance = posterior_variance(board) * now**2
+        variance = np.diag(posterior_covariance(board, null_of(board))) * now**2
         wanted = now.copy()
         for kind in board.ordinary.kinds:
             alike = np.array([s.sum() > 1 for s in kind.sets]) & (len(kind.sets) > 1)

@@ -77,10 +77,10 @@ class OrdinarySums:
         sparse = csr_array((pairs, self._columns, self._starts), shape=(self.n_blocks, self.size**2))
         return OrdinaryPart(sparse, sparse.T, with_y, yy)
 
-    def system(self, part: OrdinaryPart, weights: Array) -> Factor:
-        """The ordinary errors' own weighted problem, with their priors, factored."""
+    def system(self, part: OrdinaryPart, weights: Array, precision: Array | float = 1.0) -> Factor:
+        """The ordinary errors' own weighted problem, with their priors' precision, shape (Q,), factored."""
         system = (part.transposed @ weights).reshape(self.size, self.size)
-        system.flat[:: self.size + 1] += 1.0
+        system.flat[:: self.size + 1] += precision
         factored: Factor = cho_factor(system, overwrite_a=True, check_finite=False)
         return factored
 
@@ -127,11 +127,17 @@ def tried_by_fold(base: Sequence[Array], both: Sequence[Array]) -> tuple[Tried, 
 
 
 def solved(
-    sums: OrdinarySums, part: OrdinaryPart, tried: Tried, weights: Array, low: Array, high: Array
+    sums: OrdinarySums,
+    part: OrdinaryPart,
+    tried: Tried,
+    weights: Array,
+    low: Array,
+    high: Array,
+    precision: Array | float = 1.0,
 ) -> tuple[Array, Array]:
     """Ordinary errors (Q,) and coefficients (k,) of one weighted problem."""
     k = len(low)
-    factor = sums.system(part, weights)
+    factor = sums.system(part, weights, precision)
     right = weights @ part.with_y
     if k == 0:
         return np.asarray(cho_solve(factor, right, check_finite=False)), np.zeros(0)

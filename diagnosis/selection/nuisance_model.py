@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from diagnosis.channels.channel_view import Array, Shape
-from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
+from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library.base import LibraryEffect, Location
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.fitted import corrected_model, without_fold
@@ -18,23 +18,25 @@ from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scored
 from spot_model.effects.base import Effect, ModelEffect
 from spot_model.io.model_file import RobotModel
+from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
 
 SMALLEST = 0.02
 """Errors under this share of their published range are left out of a model: they change nothing."""
 
 
-def with_errors(model: RobotModel, board: Board, pulls: Array) -> RobotModel:
-    """The model with the ordinary errors that change how the robot moves.
+def with_errors(model: RobotModel, board: Board, pulls: Array, effects: Container[str] | None = None) -> RobotModel:
+    """The model with the ordinary errors that change how the robot moves, within the bounds of each parameter.
 
     Args:
         model: Without them.
         board: Has their columns.
-        pulls: Each in its usual size, shape (Q,); what is beyond :data:`CLEARLY_ORDINARY` is put back to it.
+        pulls: Each in its usual size, shape (Q,).
+        effects: Names of those that are added; None for all.
     """
-    at_most = CLEARLY_ORDINARY * board.ordinary.published
-    size = np.clip(pulls * board.ordinary.scale, -at_most, at_most)
+    size = pulls * board.ordinary.scale
     for kind in board.ordinary.kinds:
-        if ERROR_SCALES[kind.effect.name].acts_in_closed_loop:
+        name = kind.effect.name
+        if ERROR_SCALES[name].acts_in_closed_loop and (effects is None or name in effects):
             model = with_kind(model, board.robot, kind, kind.coefficients(size))
     return model
 
@@ -69,12 +71,18 @@ def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None
     """
     pulls = scored.pulls if fold is None else scored.fold_pulls[fold]
     coefficients = None if fold is None else without_fold(scored, fold)
-    return corrected_model(with_errors(nominal, board, pulls), board.robot, scored, coefficients)
+    named = {t.effect.name for t in scored.terms}
+    others = {kind.effect.name for kind in board.ordinary.kinds} - named
+    model = corrected_model(with_errors(nominal, board, pulls, others), board.robot, scored, coefficients)
+    # Errors of what is a difference here are counted from it: a joint may have less of it than the others.
+    return with_errors(model, board, pulls, named)
 
 
 def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array) -> RobotModel:
     """The model with errors of one kind; coefficients by unit, shape (U, C)."""
     effect = kind.effect
+    if robot.joint_names == JOINT_NAMES and effect.location is Location.JOINT and len(effect.coefficients) == 1:
+        model = _with_less(model, effect, coefficients[:, 0])
     scales = np.array([ERROR_SCALES[effect.name].scales.get(c.name, np.inf) for c in effect.coefficients])
     values = {}
     for unit, own in enumerate(coefficients):
@@ -86,6 +94,34 @@ def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Ar
         joints = robot.named(robot.units(effect.location)[unit] > 0.5)
         model = effect.add_to(model, own_values, ("all",) if len(joints) == robot.n_joints else joints)
     return model
+
+
+def _with_less(model: RobotModel, effect: LibraryEffect, change: Array) -> RobotModel:
+    """The model's own effects of a kind lowered where the change is below what an effect added to them can have.
+
+    Args:
+        model: Has effects of the kind, or none.
+        effect: Has one coefficient and is local to joints.
+        change: By joint, shape (12,).
+    """
+    c = effect.coefficients[0]
+    known = {p.name: p for p in effect.effect.parameters()}
+    if not c.is_free or c.name not in known:
+        return model
+    p, less = known[c.name], np.minimum(change - c.low, 0.0)
+    effects: list[Effect] = []
+    for e in model.effects:
+        if not isinstance(e, effect.effect) or not less[e.mask].any():
+            effects.append(e)
+            continue
+        before = np.broadcast_to(getattr(e, p.name), (1, N_JOINTS))[0]
+        after = np.where(e.mask, np.maximum(before + less, p.low), p.null)
+        less = np.where(e.mask, less - (after - before), less)
+        for value in np.unique(after[e.mask]):
+            joints = tuple(name for name, v, on in zip(JOINT_NAMES, after, e.mask, strict=True) if on and v == value)
+            values: dict[str, Any] = {p.name: float(value)}
+            effects.append(replace(e, joints=joints, **values))
+    return replace(model, effects=tuple(effects))
 
 
 def _parts(effect: LibraryEffect, own: Array, at: Shape) -> tuple[Array, Shape]:

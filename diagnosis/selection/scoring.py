@@ -127,16 +127,7 @@ class Scorer:
         self.board = board
         self.terms = tuple(terms)
         self.low, self.high = bounds([t.effect for t in terms])
-        self.own = [
-            np.concatenate(
-                [
-                    np.zeros((len(b.y), 0)),
-                    *(place_columns(board.columns(t.effect, t.shape), n, t.place) for t in terms),
-                ],
-                axis=1,
-            )
-            for n, b in enumerate(board.blocks)
-        ]
+        self.own = term_columns(board, terms)
         self._is_touched = [bool(x.any()) for x in self.own]
         """By block, whether any term shows there."""
         self.own_base = [board.products(n, x) for n, x in enumerate(self.own)]
@@ -335,12 +326,15 @@ def null_of(board: Board) -> Scored:
     return found
 
 
-def posterior_variance(board: Board) -> Array:
-    """Variance of each ordinary error, in its usual size, given the logs and no effect. Shape (Q,)."""
-    sums, null = sums_of(board), null_of(board)
-    left = null.held_out + board.tolerance_square + board.relative_square * null.explained
-    factor = sums.system(sums.total, board.dof / left)
-    return np.asarray(np.diag(cho_solve(factor, np.eye(sums.size), check_finite=False)))
+def term_columns(board: Board, terms: Sequence[Placed]) -> list[Array]:
+    """By block the columns of all terms, end to end; shape (m, K)."""
+    return [
+        np.concatenate(
+            [np.zeros((len(b.y), 0)), *(place_columns(board.columns(t.effect, t.shape), n, t.place) for t in terms)],
+            axis=1,
+        )
+        for n, b in enumerate(board.blocks)
+    ]
 
 
 def place_columns(columns: Columns, number: int, place: Array) -> Array:

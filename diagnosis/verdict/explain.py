@@ -109,7 +109,8 @@ def evidence_of(
     by_run = len(names) < 2
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
     fold_names = [r.run_id for r in logs.recordings] if by_run else names
-    board = lay_out(views, robot, folds, fold_names, library={**LIBRARY, **library}, scales=ERROR_SCALES)
+    every = {**LIBRARY, **library}
+    board = lay_out(views, robot, folds, fold_names, library=every, scales=ERROR_SCALES, period_s=logs.period_s)
     learn_scales(board)
     return logs, views, tuple(off), board
 

@@ -56,6 +56,8 @@ class Faults:
 
     gain: Mapping[str, float] = field(default_factory=dict)
     friction_nm: Mapping[str, float] = field(default_factory=dict)
+    load_share: Mapping[str, float] = field(default_factory=dict)
+    """Of the motor's torque, by which friction grows with it."""
     armature_kg_m2: Mapping[str, float] = field(default_factory=dict)
     limit_nm: Mapping[str, float] = field(default_factory=dict)
     spring_nm_per_rad: Mapping[str, float] = field(default_factory=dict)
@@ -86,6 +88,7 @@ class Stranger:
         by_type = np.tile(1.0 + 0.7 * e.gain * rng.standard_normal(3), facts.N_LEGS)
         self.gain = by_type * (1.0 + 0.7 * e.gain * rng.standard_normal(n)) * _by_joint(f.gain, 1.0)
         self.level = rng.uniform(*e.friction_nm, n) + _by_joint(f.friction_nm, 0.0)
+        self.load_share = _by_joint(f.load_share, 0.0)
         self.load_gain = 1.0 + e.load_gain * rng.standard_normal(n)
         self.load_lag_s = rng.uniform(*e.load_lag_s)
         self.mass = 1.0 + e.mass * rng.standard_normal(30)
@@ -195,8 +198,9 @@ class _Walk:
         if robot.faults.play_rad:
             motor = self._through_play(motor, q, v)
         # LuGre, the bristle implicit in time: sticks over 2 mrad, 20 % more at rest.
-        level = robot.level * (1.0 + 0.2 * np.exp(-np.abs(v) / 0.1))
-        stiffness = robot.level / 0.002
+        sliding = robot.level + robot.load_share * np.abs(motor)
+        level = sliding * (1.0 + 0.2 * np.exp(-np.abs(v) / 0.1))
+        stiffness = sliding / 0.002
         rate = stiffness * np.abs(v) / np.maximum(level, 1e-9)
         before = self.bristle
         self.bristle = (before + dt * v) / (1.0 + dt * rate)

@@ -1,0 +1,107 @@
+"""The robot's own numbers, fitted: what joints of a type have in common is free within its published range.
+
+The search expects a type's common error to be as small, beside its published range, as the joints' own scatter, so
+that what is larger shows as a difference. Once differences are chosen, that would hold numbers near the nominal ones,
+and one number to joint types that have several. So they are fitted once more, what units share with its published
+range, or with that of a single unit where a model has one number for all of a type.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from diagnosis.channels.channel_view import Array
+from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.selection.evidence import Board
+from diagnosis.selection.normal_equations import Tried, solved, tried_by_fold
+from diagnosis.selection.scoring import Scored, bounds, sums_of, term_columns
+
+
+def calibrated(board: Board, scored: Scored) -> Scored:
+    """The same effects, maybe none, fitted with the ordinary errors of :func:`free_types`; scores stay.
+
+    Args:
+        board: The evidence.
+        scored: Fitted; its ordinary errors were held to this robot's own scales.
+    """
+    sums, weights, precision = sums_of(board), _weights(board, scored), free_types(board)
+    low, high = bounds([t.effect for t in scored.terms])
+    tried, by_fold = _tried(board, scored)
+    pulls, beta = solved(sums, sums.total, tried, weights, low, high, precision)
+    fold_pulls, spread = np.zeros_like(scored.fold_pulls), np.zeros_like(scored.spread)
+    held_out = np.zeros(len(board.blocks))
+    for fold, own in enumerate(by_fold):
+        fold_pulls[fold], spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high, precision)
+        held_out += sums.squares(sums.folds[fold], own, fold_pulls[fold], spread[fold])[0]
+    sizes = np.cumsum([len(c) for c in scored.coefficients])
+    return replace(
+        scored,
+        coefficients=tuple(np.split(beta, sizes[:-1])) if scored.terms else (),
+        spread=spread,
+        held_out=held_out,
+        pulls=pulls,
+        fold_pulls=fold_pulls,
+        explained=sums.squares(sums.total, tried, pulls, beta)[1],
+    )
+
+
+def free_types(board: Board) -> Array:
+    """Precision of the ordinary errors with published ranges for what units share, in their usual sizes; shape (Q,)."""
+    ordinary = board.ordinary
+    out = np.ones(ordinary.size)
+    for kind in ordinary.kinds:
+        shared = np.array([s.sum() > 1 for s in kind.sets])
+        # Load cells and zeros are set one by one; all else is as often wrong for a type as for a unit.
+        one_by_one = kind.effect.of_load_cell or kind.effect.singly
+        share = 1.0 if one_by_one else min(1.0, ERROR_SCALES[kind.effect.name].alike)
+        for k in range(len(kind.chosen)):
+            at = np.arange(ordinary.size)[kind.columns(k)][shared]
+            out[at] = (share * ordinary.scale[at] / ordinary.published[at]) ** 2
+    return out
+
+
+def posterior_covariance(board: Board, scored: Scored, precision: Array | float = 1.0) -> Array:
+    """Covariance of what was fitted, given the logs: ordinary errors in usual sizes, then the terms' coefficients.
+
+    A coefficient at one of its bounds counts as known.
+
+    Args:
+        board: The evidence.
+        scored: Fitted.
+        precision: Of the ordinary errors' priors, shape (Q,).
+
+    Returns:
+        Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end.
+    """
+    sums, weights = sums_of(board), _weights(board, scored)
+    q = sums.size
+    own = cho_solve(sums.system(sums.total, weights, precision), np.eye(q), check_finite=False)
+    if not scored.terms:
+        return np.asarray(own)
+    tried, _ = _tried(board, scored)
+    beta = np.concatenate(scored.coefficients)
+    low, high = bounds([t.effect for t in scored.terms])
+    free = np.flatnonzero((beta > low) & (beta < high))
+    mixed = sums.mixed(tried.by_row, weights)[:, free]
+    moved = own @ mixed
+    reduced = np.tensordot(weights, tried.own, 1)[np.ix_(free, free)] - mixed.T @ moved
+    inner = np.linalg.pinv(reduced, hermitian=True)
+    out = np.zeros((q + len(beta), q + len(beta)))
+    out[:q, :q] = own + moved @ inner @ moved.T
+    out[:q, q + free] = -moved @ inner
+    out[q + free, :q] = out[:q, q + free].T
+    out[np.ix_(q + free, q + free)] = inner
+    return out
+
+
+def _weights(board: Board, scored: Scored) -> Array:
+    return np.asarray(board.dof / (scored.held_out + board.tolerance_square + board.relative_square * scored.explained))
+
+
+def _tried(board: Board, scored: Scored) -> tuple[Tried, list[Tried]]:
+    columns = term_columns(board, scored.terms)
+    base = [board.products(n, x) for n, x in enumerate(columns)]
+    return tried_by_fold(base, [board.products_of(n, x, x) for n, x in enumerate(columns)])

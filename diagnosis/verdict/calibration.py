@@ -1,0 +1,290 @@
+"""The robot's own numbers beside the nominal ones: what the logs say of each, whatever else they show.
+
+A number is the mean over its place (a joint type, a leg, the body; zeros are set joint by joint) of all that was
+fitted to it: the ordinary errors that units have by themselves, by type and together, and differences of the same
+effect. Its interval is that of the sum, since logs often tell the sum of columns that they do not tell apart. Joints
+that a difference singles out, at most half of their type, are left out of the type's mean: they are the difference's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, Flags
+from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.document import CalibratedNumber, Number
+from diagnosis.library.base import LibraryEffect, Location
+from diagnosis.selection.calibrated import calibrated, free_types, posterior_covariance
+from diagnosis.selection.evidence import Board
+from diagnosis.selection.fitted import Z_90, with_formula_error
+from diagnosis.selection.nuisance import ErrorKind
+from diagnosis.selection.places import Robot
+from diagnosis.selection.scoring import Scored, Scorer
+from spot_model.effects.base import Effect, Parameter
+from spot_model.effects.body.com_offset import ComOffset
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.io.model_file import RobotModel
+from spot_model.robot import facts
+
+ZEROS: Final = frozenset({"offset_rad", "bias_nm"})
+"""Set joint by joint: their mean over a type is nobody's number."""
+NOT_OF_THE_ROBOT: Final = frozenset({"ground_friction", "ground_compliance"})
+TAUGHT: Final = 0.5
+"""Share of the published variance that a number's variance stays under, if the logs say at least as much of it as the
+publications do."""
+FAR: Final = 2.0
+"""Published spreads beyond which a whole interval stands out."""
+UNITS: Final = ("_kg_m2", "_nm_s_per_rad", "_rad_per_nm", "_rad_s", "_m_s", "_nm", "_rad", "_kg", "_m", "_s")
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """All that was fitted, with its covariance; a number is a row of weights on it."""
+
+    board: Board
+    scored: Scored
+    values: Array
+    """Ordinary errors, then coefficients, shape (Q + K,)."""
+    covariance: Array
+    """Shape (Q + K, Q + K)."""
+    ranges: Array
+    """Published range of each ordinary error, in the effect's own units, shape (Q,)."""
+
+    @staticmethod
+    def of(board: Board, scored: Scored) -> _Fit:
+        own = calibrated(board, scored)
+        values = np.concatenate([own.pulls, *own.coefficients])
+        precision = free_types(board)
+        ranges = np.maximum(board.ordinary.published, board.ordinary.scale / np.sqrt(precision))
+        return _Fit(board, own, values, posterior_covariance(board, own, precision), ranges)
+
+    def weights(self, effect: str, coefficient: str, units: Flags, at: str = "") -> tuple[Array, Array]:
+        """How far one unit of each fitted value moves the mean of a coefficient over some units.
+
+        Args:
+            effect: Name of the effect.
+            coefficient: Name of its coefficient.
+            units: Shape (U,).
+            at: Parameter of the shape that the coefficient is a multiple of; empty where it is the number itself.
+
+        Returns:
+            Weights, shape (Q + K,); and what one published standard deviation moves it by through each of the ordinary
+            errors, shape (Q,).
+        """
+        out, published = np.zeros(len(self.values)), np.zeros(len(self.scored.pulls))
+        ordinary, n = self.board.ordinary, units.sum()
+        for kind in ordinary.kinds:
+            names = [kind.effect.coefficients[c].name for c in kind.chosen]
+            if kind.effect.name == effect and coefficient in names:
+                columns = kind.columns(names.index(coefficient))
+                share = np.array([(s & units).sum() / n for s in kind.sets]) * (kind.at[at] if at else 1.0)
+                out[: len(published)][columns] = share * ordinary.scale[columns]
+                published[columns] = share * self.ranges[columns]
+        first = len(published)
+        for term, own in zip(self.scored.terms, self.scored.coefficients, strict=True):
+            names = [c.name for c in term.effect.coefficients]
+            if term.effect.name == effect and coefficient in names:
+                share_of = float((term.place * units).sum() / n) * (term.shape[at] if at else 1.0)
+                out[first + names.index(coefficient)] = share_of
+            first += len(own)
+        return out, published
+
+    def found(self, weights: Array) -> tuple[float, float]:
+        """Value and standard deviation."""
+        variance = float(weights @ self.covariance @ weights)
+        return float(weights @ self.values), math.sqrt(max(variance, 0.0))
+
+
+def calibrated_numbers(board: Board, scored: Scored, nominal: RobotModel) -> tuple[CalibratedNumber, ...]:
+    """The robot's own numbers, farthest from the nominal model first, in published standard deviations.
+
+    Those of which the logs say less than the publications do are left out.
+
+    Args:
+        board: Has the ordinary errors.
+        scored: Differences, maybe none, with the ordinary errors that were fitted beside them.
+        nominal: The model that they are fitted to.
+    """
+    fit = _Fit.of(board, scored)
+    found = []
+    for kind in board.ordinary.kinds:
+        if kind.effect.name in NOT_OF_THE_ROBOT:
+            continue
+        for c in kind.chosen:
+            named = _parameter(kind, int(c))
+            if named is not None:
+                found += list(_numbers(fit, kind, int(c), *named, nominal))
+        if kind.effect.name == PayloadMass.name:
+            found += list(_centre_of_mass(fit, kind, nominal))
+    return tuple(sorted(found, key=lambda n: -abs(n.value - n.nominal) / n.spread))
+
+
+def by_type(scorer: Scorer, scored: Scored) -> dict[str, dict[str, Number]]:
+    """Numbers of the last term by joint type, with what ordinary errors add to them there.
+
+    Args:
+        scorer: Has the other terms.
+        scored: They and the term.
+
+    Returns:
+        By joint type and parameter; empty where all intervals overlap, or the effect has no ordinary errors: one number
+        serves, then.
+    """
+    term, board = scored.terms[-1], scorer.board
+    kind = next((k for k in board.ordinary.kinds if k.effect.name == term.effect.name), None)
+    if term.effect.location is not Location.JOINT or kind is None:
+        return {}
+    fit = _Fit.of(board, scored)
+    out: dict[str, dict[str, Number]] = {}
+    for where, joints in board.robot.types().items():
+        units = joints & (term.place > 0.5)
+        for c in kind.chosen if units.any() else ():
+            named = _parameter(kind, int(c))
+            if named is not None:
+                known, at = named
+                weights, _ = fit.weights(term.effect.name, term.effect.coefficients[c].name, units, at)
+                value, low, high = _interval(*fit.found(weights), known, known.null)
+                out.setdefault(where, {})[known.name] = Number(value=value, low=low, high=high, unit=_unit(known))
+    numbers = [[own[name] for own in out.values()] for name in next(iter(out.values()), {})]
+    is_apart = any(max(n.low for n in same) > min(n.high for n in same) for same in numbers)
+    return out if is_apart else {}
+
+
+def _numbers(
+    fit: _Fit, kind: ErrorKind, c: int, known: Parameter, at: str, nominal: RobotModel
+) -> Iterator[CalibratedNumber]:
+    effect, coefficient = kind.effect, kind.effect.coefficients[c].name
+    robot, given = fit.board.robot, ERROR_SCALES[effect.name]
+    for where, units in _places(robot, effect, coefficient):
+        left = units & ~_singled_out(fit.scored, effect, units)
+        if not left.any():
+            continue
+        weights, published = fit.weights(effect.name, coefficient, left, at)
+        value, deviation = fit.found(weights)
+        is_different = bool(np.any(weights[len(published) :]))
+        if not is_different and deviation**2 > TAUGHT * float(published @ published):
+            continue
+        # What all of a robot share scatters between robots by more than its units do, where it is published so.
+        spread = given.scales[coefficient] * max(1.0, given.alike) * (kind.at[at] if at else 1.0)
+        before = _nominal(nominal, robot, effect.effect, known, left @ robot.units(effect.location) > 0.5)
+        alone = len(effect.coefficients) == 1 or len(kind.chosen) == 1
+        yield _made(effect.name, known, effect.title if alone else f"{effect.title}: {_words(known.name)}", where,
+                    before, value, deviation, spread)  # fmt: skip
+
+
+def _centre_of_mass(fit: _Fit, kind: ErrorKind, nominal: RobotModel) -> Iterator[CalibratedNumber]:
+    """Where the body's centre of mass is: first moments over the mass."""
+    body, one = facts.BODY, np.ones(1, dtype=np.bool_)
+    mass, _ = fit.weights(kind.effect.name, "mass_kg", one)
+    total_kg = body.mass_kg + max(0.0, fit.found(mass)[0])
+    everywhere = np.ones(fit.board.robot.n_joints, dtype=np.bool_)
+    for axis, com_m in zip("xyz", body.com_m, strict=True):
+        name = f"moment_{axis}_kg_m"
+        known = next(p for p in ComOffset.parameters() if p.name == f"{axis}_m")
+        moment, published = fit.weights(kind.effect.name, name, one)
+        moved, _ = fit.weights(ComOffset.name, known.name, one)
+        weights = (moment - com_m * mass) / total_kg + moved
+        value, deviation = fit.found(weights)
+        if deviation * total_kg > math.sqrt(TAUGHT * float(published @ published)):
+            continue
+        spread = ERROR_SCALES[kind.effect.name].scales[name] / total_kg
+        before = _nominal(nominal, fit.board.robot, ComOffset, known, everywhere)
+        title = f"centre of mass of the body: {axis}"
+        yield _made(ComOffset.name, known, title, "body", before, value, deviation, spread)
+
+
+def _made(
+    effect: str,
+    known: Parameter,
+    title: str,
+    where: str,
+    before: float,
+    change: float,
+    deviation: float,
+    spread: float,
+) -> CalibratedNumber:
+    """The number from its change against the nominal one, ``before``."""
+    value, low, high = _interval(change, deviation, known, before)
+    spread *= before if known.null == 1.0 else 1.0
+    return CalibratedNumber(
+        effect=effect,
+        parameter=known.name,
+        title=title,
+        where=where,
+        nominal=before,
+        value=value,
+        low=low,
+        high=high,
+        unit=_unit(known),
+        spread=spread,
+        stands_out=low > before + FAR * spread or high < before - FAR * spread,
+    )
+
+
+def _interval(change: float, deviation: float, known: Parameter, before: float) -> tuple[float, float, float]:
+    """Value and 90 % interval of a number that was ``before``, within the parameter's bounds.
+
+    Numbers whose null value is 1 are factors, and multiply.
+    """
+    low, high = with_formula_error(change, change - Z_90 * deviation, change + Z_90 * deviation, 0.0)
+    totals = [before * (1.0 + x) if known.null == 1.0 else before + x for x in (change, low, high)]
+    value, low, high = (float(np.clip(x, known.low, known.high)) for x in totals)
+    return value, low, high
+
+
+def _parameter(kind: ErrorKind, c: int) -> tuple[Parameter, str] | None:
+    """The parameter that a coefficient moves, and its name again where the coefficient is a multiple of the shape's."""
+    known = {p.name: p for p in kind.effect.effect.parameters()}
+    coefficient = kind.effect.coefficients[c]
+    if coefficient.is_free:
+        return (known[coefficient.name], "") if coefficient.name in known else None
+    name = next(iter(kind.at.keys() & known.keys()))
+    return known[name], name
+
+
+def _places(robot: Robot, effect: LibraryEffect, coefficient: str) -> list[tuple[str, Flags]]:
+    """Names and units of the places that have a number of their own."""
+    units = robot.units(effect.location)
+    if effect.location is Location.ROBOT:
+        return [("body", np.ones(1, dtype=np.bool_))]
+    if effect.location is Location.JOINT and coefficient not in ZEROS:
+        return list(robot.types().items())
+    names = [robot.named(u > 0.5)[0] for u in units]
+    if effect.location is Location.LEG:
+        names = [name.rsplit("_", 1)[0] for name in names]
+    return list(zip(names, np.eye(len(units), dtype=np.bool_), strict=True))
+
+
+def _singled_out(scored: Scored, effect: LibraryEffect, units: Flags) -> Flags:
+    """Those of some units, at most half of them, that have a difference of the effect; shape (U,)."""
+    out = np.zeros(len(units), dtype=np.bool_)
+    for term in scored.terms:
+        if term.effect.name == effect.name:
+            there = (term.place > 0.5) & units
+            out |= there & (2 * there.sum() <= units.sum())
+    return out
+
+
+def _nominal(model: RobotModel, robot: Robot, effect: type[Effect], known: Parameter, joints: Flags) -> float:
+    """The number in the nominal model, the mean over some joints, shape (J,)."""
+    total = np.full(robot.n_joints, known.null)
+    if robot.joint_names == facts.JOINT_NAMES:
+        for e in model.effects:
+            if isinstance(e, effect):
+                value = np.broadcast_to(getattr(e, known.name), (1, robot.n_joints))[0]
+                total = np.where(e.mask, total * value if known.null == 1.0 else total + value, total)
+    return float(total[joints].mean())
+
+
+def _unit(known: Parameter) -> str:
+    return "" if known.unit == "1" else known.unit
+
+
+def _words(parameter: str) -> str:
+    suffix = next((u for u in UNITS if parameter.endswith(u)), "")
+    return parameter.removesuffix(suffix).replace("_", " ")
