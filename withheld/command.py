@@ -132,20 +132,6 @@ def score(
 
 
 @app.command()
-def attainable(
-    folder: Annotated[Path, typer.Argument(help="Folder of a run with corner cases.")],
-    policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the simulated robots.")] = 1,
-) -> None:
-    """Compute the best possible result for the corner cases, and score again."""
-    from withheld.scoring.corner import measure
-    from withheld.scoring.verify import check
-
-    measure(check([folder]).outcomes, policies, folder, seed, lambda line: typer.echo(line, err=True))
-    _score([folder], folder)
-
-
-@app.command()
 def table(folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")]) -> None:
     """Print a scored run's table as Markdown, with the digest of its protocol."""
     from withheld.scoring.report import markdown

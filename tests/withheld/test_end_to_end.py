@@ -33,7 +33,7 @@ def test_each_case_has_a_verdict_a_truth_and_the_size_of_its_faults(run: Path) -
     assert [o.case.number for o in outcomes] == [1]
     for o in outcomes:
         assert o.verdict is not None, o.problem
-        assert len(o.moved) == len(o.truth.faults)
+        assert len(o.moved) == len(o.consequences) == len(o.truth.faults)
         assert 0.5 <= o.truth.error_scale <= 5.0
 
 
