@@ -62,6 +62,12 @@ KINDS: Final = ("single", "double", "outside", "left_out", "short")
 POLICIES: Final = Path("policies")
 AGAIN: Final = 0.5 * LARGE
 """A fault that moves its robot by so many floors is left out of the library for a second explanation."""
+NOTHING: Final = 0.5
+"""A fault that moves its robot by fewer floors cannot be asked for as something unknown."""
+EXPLAINED: Final = -1.0
+"""No smaller excess says anything: a program that is replayed to the bit leaves next to nothing."""
+LEAST_SPREAD: Final = 0.25
+"""Of the excess of robots without a fault."""
 FOLDS: Final = 10
 SMALLEST_NATS: Final = 0.1
 
@@ -267,8 +273,8 @@ def fit(given: Namespace) -> None:
     print(f"{len(rows)} robots, {len(clean)} of them faultless")
     usual = {}
     for channel in sorted({c for own in clean for c in own["excess"]}):
-        over = [own["excess"][channel] for own in clean if channel in own["excess"]]
-        usual[channel] = (float(np.median(over)), float(np.std(over)))
+        over = np.maximum([own["excess"][channel] for own in clean if channel in own["excess"]], EXPLAINED)
+        usual[channel] = (float(np.median(over)), max(float(np.std(over)), LEAST_SPREAD))
         print(f"ORDINARY_EXCESS {channel}: median {usual[channel][0]:.2f}, deviation {usual[channel][1]:.2f}")
     most = {}
     for channel in sorted({c for own in clean for c in own["left_nats"]}):
@@ -285,7 +291,8 @@ def _explanations(row: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def odd(over: Mapping[str, float], usual: Mapping[str, tuple[float, float]]) -> float:
     """The largest excess in deviations above the median of robots without a fault, at least -3."""
-    return max((float(e - usual[c][0]) / max(usual[c][1], 1e-3) for c, e in over.items() if c in usual), default=-3.0)
+    z = [(max(e, EXPLAINED) - usual[c][0]) / usual[c][1] for c, e in over.items() if c in usual]
+    return float(max(z, default=-3.0))
 
 
 def there(rows: Sequence[Mapping[str, Any]], usual: Mapping[str, tuple[float, float]]) -> None:
@@ -322,21 +329,23 @@ def there(rows: Sequence[Mapping[str, Any]], usual: Mapping[str, tuple[float, fl
         ("log nats", "log samples", "nearer", "own excess"),
     )
     print(f"\nTHERE: {len(told)} effects, {sum(is_found)} of them found, {sum(right)} there")
-    _print_forms(told, np.array(right), np.array(groups), forms, np.array(is_found))
+    _print_forms(told, np.array(right), np.array(groups), forms, "found", np.array(is_found))
 
 
 def unknown(
     rows: Sequence[Mapping[str, Any]], usual: Mapping[str, tuple[float, float]], most: Mapping[str, float]
 ) -> None:
-    """Whether something is there that the library lacks and that moves the robot, by what the best set leaves.
+    """Whether something is there that the library lacks, by what the best set leaves.
 
-    Robots with a fault outside the library that moves them less than :data:`LARGE` floors are left out.
+    Where it moves the robot by less than :data:`NOTHING` floors the robot is left out; *clear* are robots without it,
+    and those that it moves by :data:`LARGE`.
     """
-    told, right, groups = [], [], []
+    told, right, groups, is_clear = [], [], [], []
     for row in rows:
         for own in _explanations(row):
             lacking = [f["moved"] for f in row["faults"] if not {*f["names"]} & {*own["library"]}]
-            if lacking and max(m or 0.0 for m in lacking) < LARGE:
+            by = max((m or 0.0 for m in lacking), default=0.0)
+            if lacking and by < NOTHING:
                 continue
             beyond = sum(max(0.0, nats - most.get(c, 0.0)) for c, nats in own["left_nats"].items())
             left = own["distances"].get(own["best"])
@@ -351,6 +360,7 @@ def unknown(
             )
             right.append(bool(lacking))
             groups.append(row["number"])
+            is_clear.append(not lacking or by >= LARGE)
     forms = (
         ("excess",),
         ("log beyond",),
@@ -361,7 +371,7 @@ def unknown(
         ("excess", "log beyond", "log left", "errors"),
     )
     print(f"\nUNKNOWN: {len(told)} explanations, {sum(right)} lack something that moves the robot")
-    _print_forms(told, np.array(right), np.array(groups), forms, np.ones(len(right), dtype=bool))
+    _print_forms(told, np.array(right), np.array(groups), forms, "clear", np.array(is_clear))
 
 
 def _print_forms(
@@ -369,6 +379,7 @@ def _print_forms(
     right: NDArray[np.bool_],
     groups: NDArray[np.intp],
     forms: Sequence[tuple[str, ...]],
+    title: str,
     counts: NDArray[np.bool_],
 ) -> None:
     """Coefficients, and log loss and calibration error on folds of other robots, of rows whose numbers are all known.
@@ -378,6 +389,7 @@ def _print_forms(
         right: Whether it was so, by row.
         groups: Number of the robot, by row: a robot's rows are in one fold.
         forms: Names of the numbers that each regression takes.
+        title: Of the rows of ``counts``.
         counts: Rows for which losses are printed a second time, by themselves.
     """
     for form in forms:
@@ -392,7 +404,7 @@ def _print_forms(
         model.fit(x, y)
         numbers = ", ".join(f"{v:.2f}" for v in (*model.intercept_, *model.coef_[0]))
         print(
-            f"  1, {', '.join(form)}: ({numbers}); {len(y)} rows: {_losses(p, y)}; found: {_losses(p[said], y[said])}"
+            f"  1, {', '.join(form)}: ({numbers}); {len(y)} rows: {_losses(p, y)}; {title}: {_losses(p[said], y[said])}"
         )
 
 
