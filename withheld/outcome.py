@@ -61,8 +61,6 @@ class Outcome(_Part):
     """S of the delivered model on sequences that neither fit nor verdict saw."""
     true_gaps: dict[Gap, float] = Field(default_factory=dict)
     """The same of each of the three gaps that the nominal model has."""
-    paper: str | None = None
-    """What the paper's way names; empty for no gap, None where it was not tried."""
     metadata: dict[str, float] = Field(default_factory=dict)
     """What can be known of the logs without their signals: sizes, counts, stamps, digits of names."""
     seal: str

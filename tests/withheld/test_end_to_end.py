@@ -22,7 +22,7 @@ SEED = "5"
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("withheld") / "run"
     words = ["run", "--out", str(out), "--cases", "9", "--only", "1:2", "--seed", SEED, "--reality", REALITY]
-    done = CliRunner().invoke(app, [*words, "--quick", "--search-every", "0", "--workers", "1", "--keep-logs"])
+    done = CliRunner().invoke(app, [*words, "--quick", "--workers", "1", "--keep-logs"])
     assert done.exit_code == 0, (done.output, done.exception)
     return out
 

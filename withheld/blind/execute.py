@@ -28,7 +28,6 @@ from withheld.cases.source import source_of
 from withheld.features import Walk
 from withheld.measuring.consequences import consequences
 from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, Shrunk, make_runs, moved, true_shrink
-from withheld.measuring.paper_search import paper_search
 from withheld.outcome import Consequences, Outcome, load_outcome
 from withheld.plan import Made, Reality, RecordingPlan, Truth
 from withheld.simulator.simulation import RealityDivergedError
@@ -54,8 +53,6 @@ class Job:
     level: Level
     reality: str = "judging"
     timeout_s: float = 900.0
-    is_searched: bool = False
-    """Whether the paper's search is made on the case's logs."""
     keep_logs: bool = False
     is_quick: bool = False
 
@@ -136,7 +133,6 @@ class _Execution:
             consequences=tuple(own for _, own in does),
             true_s=shrunk.s,
             true_gaps=shrunk.gaps,
-            paper=self._paper(inside / "logs", reality),
             metadata=metadata.features(inside, [read_run(p) for p in sorted(inside.glob("logs/*"))], self.case.without),
             seal=sealed.digest,
             verdict_sha256=digest,
@@ -239,16 +235,6 @@ class _Execution:
                 return true_shrink(runs, reality.nominal, load_model(str(path)), policy, case.recording_seed)
             except NO_DISTANCE:
                 return Shrunk(None, {})
-
-    def _paper(self, logs: Path, reality: Reality) -> str | None:
-        """What the paper's way names; where it cannot work on these logs it has found no gap."""
-        if not self.job.is_searched:
-            return None
-        with self._timed("paper's way"):
-            try:
-                return paper_search(logs, reality.nominal, self.policy, self.case.diagnosis_seed)
-            except Exception:  # noqa: BLE001 - whatever breaks it, it has named nothing
-                return ""
 
 
 def _moved(walks: list[Walk], healthy: list[Walk]) -> float | None:
