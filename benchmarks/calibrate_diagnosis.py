@@ -60,10 +60,8 @@ Array = NDArray[np.float64]
 KINDS: Final = ("single", "double", "outside", "left_out", "short")
 """Beside the faultless ones."""
 POLICIES: Final = Path("policies")
-AGAIN: Final = 0.5 * LARGE
-"""A fault that moves its robot by so many floors is left out of the library for a second explanation."""
 NOTHING: Final = 0.5
-"""A fault that moves its robot by fewer floors cannot be asked for as something unknown."""
+"""A fault that moves its robot by fewer floors is left out of no library, and not asked for as something unknown."""
 EXPLAINED: Final = -1.0
 """No smaller excess says anything: a program that is replayed to the bit leaves next to nothing."""
 LEAST_SPREAD: Final = 0.25
@@ -108,7 +106,7 @@ def robot(seed: int, number: int, out: Path) -> str:
             "whole": evidence(found, reality, bench, library, case.diagnosis_seed),
         }
         moves = [m if m is not None and set(f.names) & library.keys() else 0.0 for f, m in zip(faults, by, strict=True)]
-        if max(moves, default=0.0) >= AGAIN:
+        if max(moves, default=0.0) >= NOTHING:
             hidden = faults[int(np.argmax(moves))].names
             less = {name: entry for name, entry in library.items() if name not in hidden}
             again = replace(found, selection=search(found.board, less, lambda _: None))
