@@ -84,7 +84,8 @@ def _said(verdict: Verdict | None) -> list[str]:
         for where, own in {"": d.parameters, **d.by_type}.items():
             made += [f"          {where} {n} = {x.value:.4g} ({x.low:.4g} to {x.high:.4g})" for n, x in own.items()]
         changes = d.consequences.changes if d.consequences is not None else ()
-        made += [f"          {c.quantity}: {c.before} to {c.after}" for c in changes]
+        told = ((c.quantity, c.before, c.after) for c in changes)
+        made += [f"          {name}: {a:.3g} to {b:.3g}" for name, a, b in told if a is not None and b is not None]
     numbers = [n for n in v.calibration.numbers if n.stands_out]
     return [
         *made,
