@@ -194,7 +194,7 @@ def score(work: Path) -> None:
         if not path.exists():
             continue
         verdict = json.loads(path.read_text())
-        found = verdict["effects"]
+        found = verdict["differences"]
         listed = ", ".join(f"{e['name']} {e['probability']:.2f} {'/'.join(e['joints'])[:40]}" for e in found)
         s = verdict["shrink"]["s"] if verdict.get("shrink") else None
         print(
@@ -204,7 +204,7 @@ def score(work: Path) -> None:
         truth = {e["effect"] for e in case.effects}
         if not truth:
             controls += 1
-            alarms += verdict["status"] not in ("no_gap", "cannot_tell")
+            alarms += verdict["status"] not in ("no_gap", "calibration", "cannot_tell")
             continue
         effects += 1
         names = [e["name"] for e in found]

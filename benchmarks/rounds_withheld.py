@@ -49,11 +49,11 @@ from withheld.cases.draw import Case, draw, kind_of
 from withheld.cases.protocol import WHOLE_RUN
 from withheld.cases.source import CATALOGUES, source_of
 from withheld.measuring.distances import TWIN_REPEATS, moved
-from withheld.outcome import Outcome, Round
+from withheld.outcome import Outcome
 from withheld.plan import RecordingPlan
 from withheld.realities.reality import ComposedReality, make
-from withheld.scoring.scores import causes, is_right
-from withheld.scoring.sizes import Size, size_of
+from withheld.scoring.scores import differences, is_right
+from withheld.scoring.sizes import LARGE
 from withheld.scoring.statistics import Estimate, Share, mean
 from withheld.simulator.simulation import RealityDivergedError
 from withheld.verdict import read_verdict
@@ -125,7 +125,7 @@ def opened(own: Subject, catalogue: str) -> dict[str, Any]:
         policy = load_policy(own.policy)
         by = moved(own.reality.make_runs(own.plan).walks(policy), twin.make_runs(twins).walks(policy))
         told["moved"] = None if by is None else round(by, 3)
-        if size_of(by) is Size.LARGE:
+        if by is not None and by >= LARGE:
             inputs, place = own.inputs(), own.work / FIRST
             shutil.rmtree(place, ignore_errors=True)
             told["first"] = diagnosed(inputs, (), place).odds
@@ -191,35 +191,36 @@ def played(own: Subject, name: str, seed: int) -> Story:
 
 def _told(own: Subject, first: Found, story: Story) -> dict[str, Any]:
     """What is scored of a story, round by round; the first row is of the first log alone."""
-    rounds = [Round(verdict=read_verdict(first.folder / "verdict.json"))]
+    rounds = [(0.0, read_verdict(first.folder / "verdict.json"))]
     for asked in story.rounds:
-        new = read_verdict(Path(asked.found) / "verdict.json") if asked.found else rounds[-1].verdict
-        rounds.append(Round(robot_s=rounds[-1].robot_s + asked.robot_s, verdict=new))
+        before_s, before = rounds[-1]
+        new = read_verdict(Path(asked.found) / "verdict.json") if asked.found else before
+        rounds.append((before_s + asked.robot_s, new))
     size = json.loads((own.out / "robot.json").read_text())["moved"]
-    outcome = Outcome(
-        case=own.case,
-        truth=own.reality.truth,
-        rounds=tuple(rounds),
-        moved=(size,),
-        seal="",
-        verdict_sha256="",
-        locked_in="none",
-        seconds={},
-    )
     odds = [first.odds, *(r.after for r in story.rounds)]
     rows = []
-    for k, row in enumerate(outcome.rounds):
-        is_so = bool(is_right(outcome, k))
+    for k, (robot_s, verdict) in enumerate(rounds):
+        outcome = Outcome(
+            case=own.case,
+            truth=own.reality.truth,
+            verdict=verdict,
+            moved=(size,),
+            seal="",
+            verdict_sha256="",
+            locked_in="none",
+            seconds={},
+        )
+        is_so = bool(is_right(outcome))
         rows.append(
             {
                 "right": is_so,
-                "alone": is_so and all(len(cause.names) == 1 for cause in causes(row.verdict)),
-                "robot_s": row.robot_s,
+                "alone": is_so and all(len(d.names) == 1 for d in differences(verdict)),
+                "robot_s": robot_s,
                 "odds": odds[k],
                 "asked": story.rounds[k - 1].name if k else "",
                 "outcome": story.rounds[k - 1].outcome if k else "",
                 "expected_bits": story.rounds[k - 1].expected_bits if k else 0.0,
-                "status": row.verdict.status if row.verdict else "",
+                "status": verdict.status,
             }
         )
     return {"rows": rows, "ending": story.ending}

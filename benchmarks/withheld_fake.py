@@ -1,8 +1,8 @@
-"""The default fake robot, recorded by ``spot-rl collect`` and diagnosed against its own true model: no gap is right.
+"""The default fake robot, recorded by ``spot-rl collect`` and diagnosed against its true model: no difference is right.
 
     python benchmarks/withheld_fake.py --work DIR [--policy policies/baseline.onnx] [--repeats 3]
 
-Leaves logs and verdict in DIR, prints what was said, and exits with 1 where anything but ``no_gap`` was.
+Leaves logs and verdict in DIR, prints what was said, and exits with 1 where a difference or something unknown was.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ def main() -> int:
     collect("default", given.work, given.policy, given.repeats)
     took_s = diagnose(given.work, nominal_file(given.work), given.policy, [])
     verdict = json.loads((given.work / "diagnosis" / "verdict.json").read_text(encoding="utf-8"))
-    named = ", ".join(f"{e['name']} {e['probability']:.2f}" for e in verdict["effects"]) or "nothing"
-    print(f"{verdict['status']}, P(no gap) {verdict['probability_none']:.2f}; listed: {named}; {took_s:.0f} s")
-    return int(verdict["status"] != "no_gap")
+    named = ", ".join(f"{e['name']} {e['probability']:.2f}" for e in verdict["differences"]) or "nothing"
+    print(f"{verdict['status']}, P(none) {verdict['probability_none']:.2f}; listed: {named}; {took_s:.0f} s")
+    return int(verdict["status"] not in ("no_gap", "calibration"))
 
 
 if __name__ == "__main__":

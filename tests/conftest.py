@@ -41,7 +41,6 @@ LONG = (
     "docs/test_in_a_clone.py",
     "docs/test_apart.py",
     "withheld/blind/test_run.py",
-    "withheld/scoring/test_corner.py",
     "withheld/test_distances.py",
     "withheld/test_end_to_end.py",
     "deploy/test_install.py",

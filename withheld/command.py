@@ -50,9 +50,6 @@ def run(
         float, typer.Option("--until", min=1.0, show_default=False, help="Start no case after this many seconds.")
     ] = 1e9,
     timeout: Annotated[float, typer.Option("--timeout", min=10.0, help="Seconds for one diagnosis.")] = 900.0,
-    search_every: Annotated[
-        int, typer.Option("--search-every", min=0, help="Run the paper's search in one of this many cases; 0: none.")
-    ] = 0,
     quick: Annotated[bool, typer.Option("--quick", help="Short runs, for a quick test.")] = False,
     keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep the logs given to the diagnosis.")] = False,
 ) -> None:
@@ -83,7 +80,6 @@ def run(
             reality=reality,
             level=level,
             cases=cases,
-            search_every=search_every,
             part=part or (0, cases),
             is_quick=quick,
         )
@@ -101,7 +97,7 @@ def run(
     )
     # In the order of their numbers, whatever they cost: what is done when a run is stopped is then a fair part.
     numbers = chosen(secret.seed, range(*head.part), kind or ())
-    jobs = [replace(job, number=n, is_searched=head.is_searched(n)) for n in numbers]
+    jobs = [replace(job, number=n) for n in numbers]
     done = sum((case_folder(out, job.number) / "outcome.json").exists() for job in jobs)
     progress = CaseProgress(len(jobs), done)
     is_ray = engine is EngineName.RAY
@@ -129,20 +125,6 @@ def score(
 ) -> None:
     """Check seals and ledgers, score, and write table and page."""
     _score(folders, out or folders[0])
-
-
-@app.command()
-def attainable(
-    folder: Annotated[Path, typer.Argument(help="Folder of a run with corner cases.")],
-    policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the simulated robots.")] = 1,
-) -> None:
-    """Compute the best possible result for the corner cases, and score again."""
-    from withheld.scoring.corner import measure
-    from withheld.scoring.verify import check
-
-    measure(check([folder]).outcomes, policies, folder, seed, lambda line: typer.echo(line, err=True))
-    _score([folder], folder)
 
 
 @app.command()

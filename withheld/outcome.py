@@ -1,4 +1,4 @@
-"""What is known of one case after its seal was opened: truth, the verdict after each round, sizes, times."""
+"""What is known of one case after its seal was opened: truth, verdict, what its faults do, times."""
 
 from __future__ import annotations
 
@@ -8,40 +8,59 @@ from typing import Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from withheld.cases.draw import Case
+from withheld.features import Gap
 from withheld.plan import Truth
 from withheld.verdict import Verdict
 
-SCHEMA: Final = "spot-rl/withheld-case/2"
+SCHEMA: Final = "spot-rl/withheld-case/3"
 
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
-class Round(_Part):
-    """A verdict after so many experiments that the diagnosis asked for; the first round is of the first logs alone."""
+class Change(_Part):
+    """A quantity of the robot without a fault and with it; None where no run is long enough."""
 
-    experiments: int = 0
-    robot_s: float = 0.0
-    """Time on the robot that the experiments took, s."""
-    verdict: Verdict | None = None
-    """None where the diagnosis ended without one; it counts as a wrong answer."""
+    before: float | None
+    after: float | None
+
+    @property
+    def of(self) -> float | None:
+        """With the fault less without it."""
+        return None if self.before is None or self.after is None else self.after - self.before
+
+
+class Consequences(_Part):
+    """What a fault truly does in the case's commands, measured up to a fall; named as a verdict names it."""
+
+    top_speed: Change
+    """Forward, held for a second, in the fastest sequence, m/s."""
+    mean_speed: Change
+    """Forward, m/s."""
+    power: Change
+    """Mean positive power of the joints, W."""
+    fall_share: Change
+    """Of the runs."""
 
 
 class Outcome(_Part):
     """One case."""
 
-    schema_name: Literal["spot-rl/withheld-case/2"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/withheld-case/3"] = Field(default=SCHEMA, alias="schema")
     case: Case
     truth: Truth
-    rounds: tuple[Round, ...]
+    verdict: Verdict | None
+    """None where the diagnosis ended without one; it counts as a wrong answer."""
     moved: tuple[float | None, ...] = ()
     """How far each fault moves the gap: (D − floor)/floor, with D between this robot and the same one without that
     fault. None where it cannot be measured: the robot falls at once."""
+    consequences: tuple[Consequences | None, ...] = ()
+    """Of each fault, from the same runs; None where these broke down."""
     true_s: float | None = None
     """S of the delivered model on sequences that neither fit nor verdict saw."""
-    paper: str | None = None
-    """What the paper's way names; empty for no gap, None where it was not tried."""
+    true_gaps: dict[Gap, float] = Field(default_factory=dict)
+    """The same of each of the three gaps that the nominal model has."""
     metadata: dict[str, float] = Field(default_factory=dict)
     """What can be known of the logs without their signals: sizes, counts, stamps, digits of names."""
     seal: str
@@ -50,11 +69,6 @@ class Outcome(_Part):
     seconds: dict[str, float]
     """Of one core, by stage."""
     problem: str = ""
-
-    @property
-    def verdict(self) -> Verdict | None:
-        """Of the first round."""
-        return self.rounds[0].verdict
 
     @property
     def status(self) -> str:

@@ -12,7 +12,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.io.settings import Settings
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy
-from withheld.features import Features
+from withheld.features import Walk
 
 Family = Literal[
     "friction",
@@ -84,10 +84,6 @@ class RecordingPlan:
     missing: frozenset[Signal] = field(default_factory=frozenset)
     """Signals that the logs lack."""
     detail: Detail = "stream"
-
-
-Walk = tuple[str, Features]
-"""A run as the headline measure sees it: the name of its sequence, and features at the policy's ticks."""
 
 
 class Made(Protocol):

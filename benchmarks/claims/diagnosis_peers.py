@@ -113,11 +113,11 @@ def robot(seed: int, number: int, out: Path, late_s: float) -> str:
         )
         seconds["cma_es"] = round(seconds["cma_es"] + seconds["two_sample"], 1)
     found = timed("ours", lambda: diagnose(runs, nominal, policy, np.random.default_rng(case.diagnosis_seed), print_no))
-    belief, verdict = found.causes.belief, found.verdict
+    verdict = found.verdict
     kept["ours"] = {
-        "gap": 1.0 - belief.none,
-        "effects": dict(belief.effects),
-        "named": [sorted({e.name, *(e.group or ())}) for e in verdict.effects],
+        "gap": 1.0 - verdict.probability_none,
+        "effects": {n: p for d in verdict.differences for n, p in {d.name: d.probability, **d.rivals}.items()},
+        "named": [sorted({d.name, *d.group}) for d in verdict.differences],
         "status": verdict.status,
     }
     file.write_text(json.dumps(kept))

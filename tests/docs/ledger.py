@@ -76,7 +76,6 @@ ELSEWHERE = {
     "spot-rl withheld score judged": ("withheld/scoring/test_verify.py", "write_scores([run], run)"),
     "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
     "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
-    "spot-rl withheld attainable DIR": ("withheld/scoring/test_corner.py", "learn(Path("),
     "spot-rl withheld score DIR": ("withheld/test_end_to_end.py", '["score", '),
     "spot-rl withheld table DIR": ("withheld/test_end_to_end.py", '["table", '),
     "spot-rl withheld pack DIR FILE.tar.gz": ("withheld/test_end_to_end.py", '["pack", '),

@@ -27,6 +27,8 @@ def test_a_whole_run_has_the_cases_that_are_asked_for() -> None:
     assert whole["single"] + whole["sprint"] >= 300
     assert whole["double"] >= 150
     assert whole["faultless"] >= 150
+    assert whole["outside"] + whole["left_out"] >= 150
+    assert protocol.SIZES == (0.3, 1.0)
     assert sum(whole.values()) == protocol.WHOLE_RUN
 
 

@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from spot_log import read_run
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import load_policy
+from withheld.features import GAPS, Walk
+from withheld.measuring.consequences import consequences
 from withheld.measuring.distances import Written, moved, true_shrink
-from withheld.plan import FaultRequest, RecordingPlan, Walk
+from withheld.plan import FaultRequest, RecordingPlan
 
 from .stand_in import Alone, StandIn
 
@@ -37,10 +40,13 @@ def test_a_fault_moves_the_measure_and_none_does_not() -> None:
 def test_logs_and_runs_in_memory_are_the_same_walks(tmp_path: Path) -> None:
     plan = RecordingPlan(POLICY, (SEQUENCE,), 1, 5)
     policy = load_policy(POLICY)
-    ((name, written),) = Written(Alone(4, SHORT_DRIVE), plan, tmp_path).walks(policy)
-    ((other, in_memory),) = StandIn(4, SHORT_DRIVE).make_runs(plan).walks(policy)
-    assert name == other == "ahead"
-    assert written == pytest.approx(in_memory)
+    (written,) = Written(Alone(4, SHORT_DRIVE), plan, tmp_path).walks(policy)
+    (in_memory,) = StandIn(4, SHORT_DRIVE).make_runs(plan).walks(policy)
+    assert written.sequence == in_memory.sequence == "ahead"
+    assert written.is_fallen == in_memory.is_fallen
+    assert written.features == pytest.approx(in_memory.features)
+    for gap in GAPS:
+        assert written.signals[gap] == pytest.approx(in_memory.signals[gap], rel=1e-5, abs=1e-5)
 
 
 def test_the_right_model_shrinks_the_gap_and_a_wrong_one_does_not(tmp_path: Path) -> None:
@@ -54,8 +60,43 @@ def test_the_right_model_shrinks_the_gap_and_a_wrong_one_does_not(tmp_path: Path
         model = reality.nominal.with_effects(TorqueGain(joints=fault.joints, gain=value))
         found.append(true_shrink(runs, reality.nominal, model, policy, 5))
     right, same, wrong = found
-    assert right is not None
-    assert wrong is not None
-    assert same == 0.0
-    assert right > 0.8
-    assert wrong < -0.3
+    assert right.s is not None
+    assert wrong.s is not None
+    assert same.s == 0.0
+    assert right.s > 0.8
+    assert wrong.s < -0.3
+    assert right.gaps.keys() == wrong.gaps.keys() == same.gaps.keys()
+    assert "torque" in right.gaps
+    for gap, s in right.gaps.items():
+        assert s > 0.5 > same.gaps[gap] == 0.0 > wrong.gaps[gap]
+
+
+def still(forward_m_s: float, load_nm: float, speed_rad_s: float, *, falls: bool = False, n: int = 100) -> Walk:
+    signals = {
+        "torque": np.full((n, 12), load_nm),
+        "joint motion": np.full((n, 12), speed_rad_s),
+        "body motion": np.tile([forward_m_s, 0.0, 0.0], (n, 1)),
+    }
+    return Walk("ahead", np.zeros((n, 36), dtype=np.float32), signals, falls)  # type: ignore[arg-type]
+
+
+def test_consequences_are_speed_power_and_falls_with_and_without() -> None:
+    healthy, broken = [still(1.0, 2.0, 3.0)], [still(0.7, 2.5, 3.0), still(0.5, -2.5, 3.0, falls=True)]
+    found = consequences(broken, healthy)
+    assert (found.top_speed.before, found.top_speed.after) == pytest.approx((1.0, 0.6))
+    assert found.mean_speed.of == pytest.approx(-0.4)
+    # 12 joints give 2 N·m at 3 rad/s; then 2.5 in one run, and in the other they take.
+    assert (found.power.before, found.power.after) == pytest.approx((72.0, 45.0))
+    assert (found.fall_share.before, found.fall_share.after) == (0.0, 0.5)
+
+
+def test_runs_too_short_for_a_figure_still_count_as_falls() -> None:
+    found = consequences([still(1.0, 2.0, 3.0, falls=True, n=10)], [still(1.0, 2.0, 3.0)])
+    assert (found.power.of, found.fall_share.of) == (None, 1.0)
+
+
+def test_a_short_drive_has_consequences() -> None:
+    found = consequences(_walks(SHORT_DRIVE, 2), _walks((), 1))
+    assert found.top_speed.before is not None
+    assert 0.5 < found.top_speed.before < 2.0
+    assert found.fall_share.before == 0.0

@@ -22,7 +22,7 @@ SEED = "5"
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("withheld") / "run"
     words = ["run", "--out", str(out), "--cases", "9", "--only", "1:2", "--seed", SEED, "--reality", REALITY]
-    done = CliRunner().invoke(app, [*words, "--quick", "--search-every", "0", "--workers", "1", "--keep-logs"])
+    done = CliRunner().invoke(app, [*words, "--quick", "--workers", "1", "--keep-logs"])
     assert done.exit_code == 0, (done.output, done.exception)
     return out
 
@@ -33,7 +33,7 @@ def test_each_case_has_a_verdict_a_truth_and_the_size_of_its_faults(run: Path) -
     assert [o.case.number for o in outcomes] == [1]
     for o in outcomes:
         assert o.verdict is not None, o.problem
-        assert len(o.moved) == len(o.truth.faults)
+        assert len(o.moved) == len(o.consequences) == len(o.truth.faults)
         assert 0.5 <= o.truth.error_scale <= 5.0
 
 

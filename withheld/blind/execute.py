@@ -25,12 +25,13 @@ from withheld.blind.seal import Seal, file_digest
 from withheld.cases.draw import draw
 from withheld.cases.sequences import fast_sequences, ordinary_sequences
 from withheld.cases.source import source_of
-from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, make_runs, moved, true_shrink
-from withheld.measuring.paper_search import paper_search
-from withheld.outcome import Outcome, Round, load_outcome
-from withheld.plan import Made, Reality, RecordingPlan, Truth, Walk
+from withheld.features import Walk
+from withheld.measuring.consequences import consequences
+from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, Shrunk, make_runs, moved, true_shrink
+from withheld.outcome import Consequences, Outcome, load_outcome
+from withheld.plan import Made, Reality, RecordingPlan, Truth
 from withheld.simulator.simulation import RealityDivergedError
-from withheld.verdict import EXPLAINS, Verdict, read_verdict
+from withheld.verdict import Verdict, read_verdict
 
 NO_VERDICT: Final = "none"
 MAX_ATTEMPTS: Final = 5
@@ -52,8 +53,6 @@ class Job:
     level: Level
     reality: str = "judging"
     timeout_s: float = 900.0
-    is_searched: bool = False
-    """Whether the paper's search is made on the case's logs."""
     keep_logs: bool = False
     is_quick: bool = False
 
@@ -124,13 +123,16 @@ class _Execution:
         ledger.add("opened", case=self.case.number, truth=sealed.digest, nonce=sealed.nonce, text=sealed.text)
         truth = seal.opened(sealed.digest, sealed.nonce, sealed.text)
         verdict, problem = self._verdict(ended)
+        does = self._does(made.walks(load_policy(self.policy)), truth)
+        shrunk = self._shrunk(reality, verdict)
         outcome = Outcome(
             case=self.case,
             truth=truth,
-            rounds=(Round(verdict=verdict),),
-            moved=self._moved(made.walks(load_policy(self.policy)), truth),
-            true_s=self._true_s(reality, verdict),
-            paper=self._paper(inside / "logs", reality),
+            verdict=verdict,
+            moved=tuple(by for by, _ in does),
+            consequences=tuple(own for _, own in does),
+            true_s=shrunk.s,
+            true_gaps=shrunk.gaps,
             metadata=metadata.features(inside, [read_run(p) for p in sorted(inside.glob("logs/*"))], self.case.without),
             seal=sealed.digest,
             verdict_sha256=digest,
@@ -201,26 +203,27 @@ class _Execution:
         except SpotRlError as error:
             return None, str(error)[:300]
 
-    def _moved(self, walks: list[Walk], truth: Truth) -> tuple[float | None, ...]:
-        """How far each fault moves the gap, by the same robot without it."""
+    def _does(self, walks: list[Walk], truth: Truth) -> list[tuple[float | None, Consequences | None]]:
+        """How far each fault moves the gap, and what it does, by the same robot without it."""
         case, policy = self.case, load_policy(self.policy)
-        found: list[float | None] = []
+        found: list[tuple[float | None, Consequences | None]] = []
         with self._timed("distances"), tempfile.TemporaryDirectory(dir=self.work) as folder:
             for number in range(len(truth.faults) if self.source.kinds else 0):
                 rest = case.requests[:number] + case.requests[number + 1 :]
                 twin = self.source.make(rest, case.reality_seed)
                 plan = RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1 + number)
                 try:
-                    made = make_runs(twin, plan, Path(folder) / str(number))
-                    found.append(moved(walks, made.walks(policy)))
+                    healthy = make_runs(twin, plan, Path(folder) / str(number)).walks(policy)
                 except NO_DISTANCE:
-                    found.append(None)
-        return tuple(found)
+                    found.append((None, None))
+                    continue
+                found.append((_moved(walks, healthy), consequences(walks, healthy)))
+        return found
 
-    def _true_s(self, reality: Reality, verdict: Verdict | None) -> float | None:
+    def _shrunk(self, reality: Reality, verdict: Verdict | None) -> Shrunk:
         path = self.result / "corrected_model.yaml"
-        if verdict is None or verdict.status not in EXPLAINS or not path.exists():
-            return None
+        if verdict is None or not verdict.differences or not path.exists():
+            return Shrunk(None, {})
         case, policy = self.case, load_policy(self.policy)
         motion = fast_sequences if case.kind == "sprint" else ordinary_sequences
         new = motion(policy.contract, np.random.default_rng([case.recording_seed, 2]), case.sequences[0].duration_s)
@@ -231,14 +234,11 @@ class _Execution:
                 runs = [read_run(log) for log in sorted(Path(folder).glob("*.mcap"))]
                 return true_shrink(runs, reality.nominal, load_model(str(path)), policy, case.recording_seed)
             except NO_DISTANCE:
-                return None
+                return Shrunk(None, {})
 
-    def _paper(self, logs: Path, reality: Reality) -> str | None:
-        """What the paper's way names; where it cannot work on these logs it has found no gap."""
-        if not self.job.is_searched:
-            return None
-        with self._timed("paper's way"):
-            try:
-                return paper_search(logs, reality.nominal, self.policy, self.case.diagnosis_seed)
-            except Exception:  # noqa: BLE001 - whatever breaks it, it has named nothing
-                return ""
+
+def _moved(walks: list[Walk], healthy: list[Walk]) -> float | None:
+    try:
+        return moved(walks, healthy)
+    except NO_DISTANCE:
+        return None

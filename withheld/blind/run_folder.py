@@ -17,7 +17,7 @@ from spot_model.io.validation import explain
 from withheld.blind import frozen
 from withheld.blind.jail import Level
 
-SCHEMA: Final = "spot-rl/withheld-run/2"
+SCHEMA: Final = "spot-rl/withheld-run/3"
 RUN: Final = "run.json"
 SEED_FILE: Final = "seed.json"
 NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
@@ -26,7 +26,7 @@ NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
 class RunHead(Settings):
     """``run.json``: fixed before the first case."""
 
-    schema_name: Literal["spot-rl/withheld-run/2"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/withheld-run/3"] = Field(default=SCHEMA, alias="schema")
     protocol: str
     """Digest of diagnosis, calibration and library bounds."""
     generator: str
@@ -39,16 +39,11 @@ class RunHead(Settings):
     locked_in: Level
     """Where the run was begun; each case says how it was itself."""
     cases: int
-    search_every: int
     is_quick: bool = False
     part: tuple[int, int]
     """First case and end of the part that this folder is to hold."""
     versions: dict[str, str] = Field(default_factory=dict)
     """Of Python and the libraries that decide numbers: with others the last digits, and a close case, may differ."""
-
-    def is_searched(self, number: int) -> bool:
-        """Whether the paper's search, which takes longest, is made on that case's logs."""
-        return self.search_every > 0 and number % self.search_every == 0
 
 
 class Secret(Settings):
@@ -97,7 +92,6 @@ def begin(
     reality: str,
     level: Level,
     cases: int,
-    search_every: int,
     part: tuple[int, int],
     is_quick: bool,
 ) -> tuple[RunHead, Secret]:
@@ -116,7 +110,6 @@ def begin(
         reality=reality,
         locked_in=level,
         cases=cases,
-        search_every=search_every,
         part=part,
         is_quick=is_quick,
         versions=versions(),

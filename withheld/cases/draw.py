@@ -122,10 +122,6 @@ def _requests(kind: CaseKind, source: Source, rng: np.random.Generator) -> tuple
     if kind in ("faultless", "own"):
         return ()
     kinds = source.kinds
-    if kind == "corner":
-        chosen = rng.choice(["", *_present(protocol.CORNER_KINDS, source)])
-        request = FaultRequest(kind=str(chosen), place=protocol.CORNER_PLACE, size=rng.uniform(*protocol.SIZES))
-        return (request,) if chosen else ()
     known = [n for n, k in kinds.items() if k.names]
     pool = {
         "outside": [n for n, k in kinds.items() if not k.names],
@@ -164,7 +160,7 @@ def _without(
 ) -> tuple[str, ...]:
     """The true effect's names, or those of a kind that has nothing to do with the case."""
     true = {n for r in requests for n in source.kinds[r.kind].names}
-    apart = {"sprint": protocol.SPRINT_KINDS, "corner": protocol.CORNER_KINDS}.get(kind, ())
+    apart = protocol.SPRINT_KINDS if kind == "sprint" else ()
     kept = true | {n for k in _present(apart, source) for n in source.kinds[k].names}
     decoys = sorted({k.names for k in source.kinds.values() if k.names and not set(k.names) & kept})
     decoy = decoys[int(rng.integers(len(decoys)))] if decoys else ()

@@ -6,16 +6,15 @@ from typing import Final, Literal
 
 from withheld.plan import Place
 
-CaseKind = Literal["faultless", "single", "sprint", "double", "outside", "left_out", "short", "corner", "own"]
+CaseKind = Literal["faultless", "single", "sprint", "double", "outside", "left_out", "short", "own"]
 SLOTS: Final[dict[CaseKind, int]] = {
     "faultless": 15,
     "single": 24,
     "sprint": 6,
     "double": 15,
-    "outside": 7,
+    "outside": 12,
     "left_out": 3,
     "short": 5,
-    "corner": 5,
 }
 """Of every eighty cases; their order is drawn. Ten such blocks are a whole run."""
 BLOCK: Final = sum(SLOTS.values())
@@ -28,7 +27,6 @@ WORDS: Final[dict[CaseKind, str]] = {
     "outside": "one effect that the library does not have",
     "left_out": "one effect that is left out of the library for the case",
     "short": "one short run as a foreign recording has it",
-    "corner": "a small set of kinds, for which the best possible answer is computed",
     "own": "a user's reality",
 }
 SIZES: Final = (0.3, 1.0)
@@ -54,6 +52,3 @@ SPRINT_KINDS: Final = (
 SPRINT_SIZES: Final = (0.5, 1.0)
 SPRINT_M_S: Final = 4.0
 """A policy that is told to go slower cannot sprint."""
-CORNER_KINDS: Final = ("amplifier_gain", "thick_lubricant", "loaded_rotor", "filtered_current")
-CORNER_PLACE: Final[Place] = "type"
-"""The corner's faults act at one type of joint: its kinds, that place, and nothing else can be hidden there."""

@@ -1,1 +1,1 @@
-"""What only the judge can measure: distances between robots, S of a delivered model, and the best possible answer."""
+"""What only the judge can measure: what faults do to their robots, and how much a delivered model closes."""

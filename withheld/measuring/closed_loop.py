@@ -17,12 +17,12 @@ from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.simulation.recorded_loop import RecordedLoop, Told
-from withheld.features import ACTIVE, Features, features_of_run
+from withheld.features import ACTIVE, Walk, walk_of_run
 
 STEP_S: Final = 1e-3
 
 
-def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.random.Generator) -> list[Features]:
+def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.random.Generator) -> list[Walk]:
     """Run a model from where each run started, and tell it what that run was told.
 
     Whether a robot at rest goes on standing or marches on the spot hangs on how the policy took over, and its gait a
@@ -62,7 +62,7 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
         only_ticks=True,
         tick_period_s=float(np.median([_tick_period_s(run) for run in followed])),
     )
-    return [features_of_run(run, policy) for run in loop.runs()]
+    return [walk_of_run(run, policy) for run in loop.runs()]
 
 
 def _followed(run: Run) -> LoggedRun:

@@ -1,20 +1,22 @@
-"""What only the judge can measure: how far each fault moves the headline gap, and the true S of a delivered model."""
+"""How far each fault moves the headline gap, and how much of each gap a delivered model truly closes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from spot_log import Run, read_run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
-from trainer.sysid.distance.measures import SequenceReference
-from withheld.features import Features, features_of_run
+from spot_model.robot.facts import Array
+from trainer.sysid.distance.measures import SequenceReference, wasserstein_sorted
+from withheld.features import GAPS, Gap, Walk, walk_of_run
 from withheld.measuring.closed_loop import simulate
-from withheld.plan import Made, MakesRuns, Reality, RecordingPlan, Walk
+from withheld.plan import Made, MakesRuns, Reality, RecordingPlan
 
 MIN_TICKS: Final = 50
 TWIN_REPEATS: Final = 3
@@ -40,8 +42,7 @@ class Written:
 
     def walks(self, policy: Policy) -> list[Walk]:
         """Read from the logs."""
-        runs = [read_run(path) for path in sorted(self._folder.glob("*.mcap"))]
-        return [(run.header.command_sequence or "unnamed", features_of_run(run, policy)) for run in runs]
+        return [walk_of_run(read_run(path), policy) for path in sorted(self._folder.glob("*.mcap"))]
 
     def write(self, folder: Path) -> None:
         """They are there."""
@@ -57,22 +58,28 @@ def moved(walks: Sequence[Walk], twins: Sequence[Walk]) -> float | None:
 
     None where a robot fell too soon.
     """
-    first, second = _by_sequence(walks), _by_sequence(twins)
+    first, second = by_sequence(walks), by_sequence(twins)
     ratios = []
     for name in sorted(first.keys() & second.keys()):
         repeated, others = first[name], second[name]
         if len(repeated) < len(others):
             repeated, others = others, repeated
         if len(repeated) > 1:
-            reference = SequenceReference.build(name, repeated)
-            ratios.append(float(np.mean([reference.distances(f) / reference.scale for f in others])))
+            ratios.append(_in_floors(name, repeated, others))
     return float(np.mean(ratios)) - 1.0 if ratios else None
 
 
-def true_shrink(
-    runs: Sequence[Run], nominal: RobotModel, delivered: RobotModel, policy: Policy, seed: int
-) -> float | None:
-    """S = (D0 − D1)/(D0 − floor) of a delivered model, on runs of the reality that neither fit nor verdict saw.
+class Shrunk(NamedTuple):
+    """S = (D0 − D1)/(D0 − floor) of a delivered model, on runs that neither fit nor verdict saw."""
+
+    s: float | None
+    """Of the headline measure; None where the nominal model has no gap to speak of, or a robot falls."""
+    gaps: dict[Gap, float]
+    """Of each of the three gaps that the nominal model has."""
+
+
+def true_shrink(runs: Sequence[Run], nominal: RobotModel, delivered: RobotModel, policy: Policy, seed: int) -> Shrunk:
+    """How much a delivered model closes.
 
     Args:
         runs: New logs of the reality, several of each sequence.
@@ -80,33 +87,61 @@ def true_shrink(
         delivered: The model that it wrote.
         policy: In the loop.
         seed: Of the simulated runs.
-
-    Returns:
-        None where the nominal model has no gap to speak of, or a robot falls.
     """
-    d0, d1 = (_distance(runs, model, policy, seed) for model in (nominal, delivered))
-    return None if d0 is None or d1 is None or d0 < 1.0 + SMALLEST_GAP else (d0 - d1) / (d0 - 1.0)
+    real = {name: own for name, own in by_sequence([walk_of_run(run, policy) for run in runs]).items() if len(own) > 1}
+    before, after = (
+        by_sequence(simulate(model, policy, runs, np.random.default_rng(seed))) for model in (nominal, delivered)
+    )
+    gaps = {gap: _shrunk(real, before, after, partial(_w1, gap)) for gap in GAPS}
+    return Shrunk(_shrunk(real, before, after, _in_floors), {gap: s for gap, s in gaps.items() if s is not None})
 
 
-def _distance(runs: Sequence[Run], model: RobotModel, policy: Policy, seed: int) -> float | None:
-    """Mean over the sequences, in floors."""
-    made = simulate(model, policy, runs, np.random.default_rng(seed))
-    real = _by_sequence([(run.header.command_sequence, features_of_run(run, policy)) for run in runs])
-    simulated = _by_sequence([(run.header.command_sequence, f) for run, f in zip(runs, made, strict=True)])
-    ratios = []
-    for name, repeated in real.items():
-        if len(repeated) < 2:
-            continue
-        if name not in simulated:
-            return None
-        reference = SequenceReference.build(name, repeated)
-        ratios.append(float(np.mean([reference.distances(f) / reference.scale for f in simulated[name]])))
-    return float(np.mean(ratios)) if ratios else None
+Walks = Mapping[str, Sequence[Walk]]
+Apart = Callable[[str, Sequence[Walk], Sequence[Walk]], float]
 
 
-def _by_sequence(walks: Sequence[Walk]) -> dict[str, list[Features]]:
-    found: dict[str, list[Features]] = {}
-    for name, features in walks:
-        if len(features) >= MIN_TICKS:
-            found.setdefault(name, []).append(features)
+def _shrunk(real: Walks, before: Walks, after: Walks, apart: Apart) -> float | None:
+    """(D0 − D1)/(D0 − floor), each the mean over the sequences; None without a gap, or where a robot falls."""
+    if not real or not real.keys() <= before.keys() & after.keys():
+        return None
+    d0, d1, floor = (
+        float(np.mean([apart(name, own, made[name]) for name, own in real.items()])) for made in (before, after, real)
+    )
+    return None if d0 < (1.0 + SMALLEST_GAP) * floor else (d0 - d1) / (d0 - floor)
+
+
+def _in_floors(name: str, repeated: Sequence[Walk], others: Sequence[Walk]) -> float:
+    """Mean W1 + MMD over that between repeats; 1 between the repeats themselves."""
+    if others is repeated:
+        return 1.0
+    reference = SequenceReference.build(name, [walk.features for walk in repeated])
+    return float(np.mean([reference.distances(walk.features) / reference.scale for walk in others]))
+
+
+def _w1(gap: Gap, _: str, repeated: Sequence[Walk], others: Sequence[Walk]) -> float:
+    """Mean Wasserstein distance over pairs of different runs and over a signal's components, in its unit."""
+    first, second = ([_columns(walk.signals[gap]) for walk in walks] for walks in (repeated, others))
+    return float(
+        np.mean(
+            [
+                wasserstein_sorted(a, b)
+                for a, x in zip(first, repeated, strict=True)
+                for b, y in zip(second, others, strict=True)
+                if x is not y
+            ]
+        )
+    )
+
+
+def _columns(signal: Array) -> Array:
+    """Sorted samples of each component, shape (components, ticks)."""
+    return np.sort(np.ascontiguousarray(signal.T), axis=-1)
+
+
+def by_sequence(walks: Sequence[Walk]) -> dict[str, list[Walk]]:
+    """Runs that are long enough to be compared."""
+    found: dict[str, list[Walk]] = {}
+    for walk in walks:
+        if len(walk.features) >= MIN_TICKS:
+            found.setdefault(walk.sequence, []).append(walk)
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -76,10 +76,6 @@ class FaultKind:
             leg = str(rng.choice(LEG_NAMES))
             return tuple(j for j in self.joints if j.startswith(leg))
         return self.joints
-
-    def at_type(self, joint_type: str) -> FaultKind:
-        """The same kind at one type of joint (``kn``) alone."""
-        return replace(self, joints=tuple(j for j in self.joints if j.endswith(joint_type)))
 
 
 def flags_of(joints: tuple[str, ...]) -> Flags:

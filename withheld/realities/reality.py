@@ -14,8 +14,8 @@ from spot_model.policy.joint_motion import JointMotion
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot.facts import Array
-from withheld.features import features_of_ticks
-from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth, Walk
+from withheld.features import Walk, walk_of
+from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth
 from withheld.realities.fault_kind import Ask, Built, FaultKind, flags_of
 from withheld.simulator.nominal import NOMINAL
 from withheld.simulator.ordinary_errors import add_ordinary_errors, draw_scale
@@ -128,10 +128,10 @@ class Made:
     """Repeat, number of the sequence, sequence, and what came of it."""
 
     def walks(self, policy: Policy) -> list[Walk]:
-        """As the headline measure sees them, in the order of sequences and repeats."""
+        """As the judge sees them, in the order of sequences and repeats."""
         ordered = sorted(self.runs, key=lambda made: (made[2].name, made[0]))
         return [
-            (sequence.name, features_of_ticks(run.observation, run.action, run.is_active, policy))
+            walk_of(sequence.name, run.observation, run.action, run.is_active, run.load_nm[run.tick_state], policy)
             for _, _, sequence, run in ordered
         ]
 

@@ -16,7 +16,7 @@ from withheld.outcome import Outcome
 N_PERMUTATIONS: Final = 99
 FOLDS: Final = 3
 MIN_CASES: Final = 12
-DESIGNED: Final = ("sprint", "short", "corner")
+DESIGNED: Final = ("sprint", "short")
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc
 from withheld.cases.protocol import WORDS
 from withheld.outcome import Outcome
-from withheld.scoring.scores import causes
+from withheld.scoring.scores import differences
 from withheld.scoring.show import fault_words, verdict_words
-from withheld.scoring.sizes import sizes
+from withheld.scoring.sizes import does
 from withheld.scoring.verify import Checked
 
 _MORE: Final = """
@@ -37,19 +37,18 @@ def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
         _head(data, shown),
         boxed(
             "Figures",
-            "'Not shown' means that the interval contains the target. A fault matters if it moves the gap "
-            "between this robot and the same one without it by twice the gap's floor. S: share of the gap that the "
-            "delivered model closes. F1: 1 if all joints are named, and no other.",
+            "'Not shown' means that the interval contains the target. A fault matters if it moves the robot by two "
+            "floors, or costs 0.1 m/s, 5 % of power or a fall. F1: 1 if all joints are named, and no other.",
             _table(("figure", "measured (cases; 95 % interval)", "target", ""), map(_figure, shown)) + _unasked(empty),
         ),
         boxed(
             "Right answers by kind of case",
-            "Cases whose truth is clear: faults that matter, or none that does.",
+            "Cases of which something is asked: all but effects outside the library that do not matter.",
             _table(("grouped by", "", "right"), _breakdown(data["breakdown"])),
         ),
         boxed(
             "Stated probabilities",
-            "Of causes, no gap, and an unknown effect, in steps of a tenth.",
+            "That a difference is there, in steps of a tenth; faults that are not stated count at 0 or as rivals.",
             _table(("stated", "came true"), [(f"{b['said']:.2f}", _share(b)) for b in data["reliability"]]),
         ),
         boxed(
@@ -114,9 +113,9 @@ def _case(o: Outcome, folder: Path, out: Path) -> Sequence[str]:
     report, number = folder / "report.html", str(o.case.number)
     if report.exists():
         number = f"<a href='{esc(os.path.relpath(report, out))}'>{number}</a>"
-    hidden = [f"{fault_words(f)} ({s.value})" for f, s in zip(o.truth.faults, sizes(o), strict=True)]
+    hidden = [f"{fault_words(f)} ({does(o, i)})" for i, f in enumerate(o.truth.faults)]
     hidden.append(f"errors {o.truth.error_scale:.2g} times the usual")
-    said = "; ".join(f"{'/'.join(sorted(c.names))} {c.probability:.2f}" for c in causes(o.verdict))
+    said = "; ".join(f"{'/'.join(sorted(c.names))} {c.probability:.2f}" for c in differences(o.verdict))
     words = verdict_words(o)
     logs = f"{o.case.policy}, {len(o.case.sequences)} x {o.case.repeats}"
     logs += f", without {', '.join(o.case.missing)}" if o.case.missing else ""
@@ -127,7 +126,7 @@ def _case(o: Outcome, folder: Path, out: Path) -> Sequence[str]:
         "<br>".join(map(esc, hidden)),
         f"{esc(o.status)}<br>{esc(said)}",
         "" if o.true_s is None else f"{o.true_s:.2f}",
-        f"<span class='{words.split(':')[0].split(',')[0].replace(' ', '-')}'>{esc(words)}</span>",
+        f"<span class='{words.split(':')[0].replace(' ', '-')}'>{esc(words)}</span>",
     )
 
 

@@ -12,16 +12,14 @@ import numpy as np
 
 from spot_model.errors import BadInputError
 from spot_model.io.whole import write_over
-from withheld.outcome import Outcome
-from withheld.scoring.corner import ATTAINABLE, corner_rows
 from withheld.scoring.leak import leaks
 from withheld.scoring.page import page
-from withheld.scoring.scores import causes, claims
+from withheld.scoring.scores import claims
 from withheld.scoring.statistics import reliability
 from withheld.scoring.table import breakdown, table
 from withheld.scoring.verify import Checked, check
 
-SCHEMA: Final = "spot-rl/withheld-scores/2"
+SCHEMA: Final = "spot-rl/withheld-scores/3"
 SCORES: Final = "scores.json"
 PAGE: Final = "scores.html"
 
@@ -33,13 +31,13 @@ def write_scores(folders: Sequence[Path], out: Path) -> list[str]:
         SpotRlError: The folders cannot be scored together, or something was changed.
     """
     checked = check(folders, Path("policies"))
-    data = scores(checked, [f / ATTAINABLE for f in folders])
+    data = scores(checked)
     write_over(out / SCORES, json.dumps(data, indent=1) + "\n")
     write_over(out / PAGE, page(data, checked, out))
     return [*lines(data), f"page {out / PAGE}  table {out / SCORES}"]
 
 
-def scores(checked: Checked, attainable: Sequence[Path] = ()) -> dict[str, Any]:
+def scores(checked: Checked) -> dict[str, Any]:
     """Everything as data; the same outcomes give the same bytes."""
     outcomes, head = checked.outcomes, checked.head
     seconds = [sum(o.seconds.values()) for o in outcomes]
@@ -59,8 +57,7 @@ def scores(checked: Checked, attainable: Sequence[Path] = ()) -> dict[str, Any]:
         "is_quick": head.is_quick,
         "core_seconds_a_case": {"mean": float(np.mean(seconds)), "most": float(np.max(seconds))},
         "core_seconds_by_stage": {s: float(np.mean([o.seconds.get(s, 0.0) for o in outcomes])) for s in stages},
-        "table": [row.to_data() for row in [*table(outcomes), *corner_rows(outcomes, attainable)]],
-        "paper": _paper(outcomes),
+        "table": [row.to_data() for row in table(outcomes)],
         "breakdown": {cut: {v: s.to_data() for v, s in of.items()} for cut, of in breakdown(outcomes).items()},
         "reliability": [
             {"said": said, **was.to_data()} for said, was in reliability([c for o in outcomes for c in claims(o)])
@@ -110,18 +107,3 @@ def _leak(leak: Mapping[str, Any]) -> str:
         f"From metadata alone, {leak['question']}: balanced accuracy {leak['accuracy']:.2f}, "
         f"by chance {leak['chance']:.2f}, p {leak['p_value']:.2f}."
     )
-
-
-def _paper(outcomes: Sequence[Outcome]) -> dict[str, int]:
-    """The paper's way and the diagnosis on the same cases of one fault or none: how many were right."""
-    tried = [o for o in outcomes if o.paper is not None and len(o.truth.faults) < 2]
-
-    def is_said(o: Outcome, name: str | None) -> bool:
-        return name in {n for f in o.truth.faults for n in f.names} if o.truth.faults else not name
-
-    ours = [next((c.name for c in causes(o.verdict)), "") for o in tried]
-    return {
-        "cases": len(tried),
-        "paper": sum(is_said(o, o.paper) for o in tried),
-        "diagnosis": sum(is_said(o, name) for o, name in zip(tried, ours, strict=True)),
-    }

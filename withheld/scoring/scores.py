@@ -2,100 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from spot_model.effects.registry import BUILT_IN
-from withheld.cases.source import CATALOGUES
 from withheld.outcome import Outcome
 from withheld.plan import Fault
-from withheld.realities.fault_kind import BODY
-from withheld.scoring.sizes import Size, is_named_by_library, is_outside, sizes
-from withheld.verdict import EXPLAINS, Said, Verdict
+from withheld.scoring.sizes import inside, matters, outside
+from withheld.verdict import Difference, Number, Verdict
 
 MAX_GROUP: Final = 3
 """A larger group of rivals names nothing."""
-UNKNOWN: Final = "unknown_effect"
-ROBOT_WIDE: Final = frozenset(
-    name
-    for catalogue in CATALOGUES.values()
-    for kind in catalogue.values()
-    if kind.places == BODY
-    for name in kind.names
-)
-"""Effects of the whole robot: their joints say nothing about where."""
+PREDICTS: Final = 0.5
+"""A formula for what is unknown predicts held-out data if it predicts half of what is left."""
 NEGLIGIBLE: Final = 1e-12
 
 
-def causes(verdict: Verdict | None) -> tuple[Said, ...]:
-    """What a verdict names as causes of the gap."""
-    return verdict.effects if verdict is not None and verdict.status in EXPLAINS else ()
+def differences(verdict: Verdict | None) -> tuple[Difference, ...]:
+    """What a verdict names, whatever its status."""
+    return verdict.differences if verdict is not None else ()
 
 
 @dataclass(frozen=True)
 class Score:
-    """How the causes that a verdict names fit the faults of its case."""
+    """How the differences that a verdict names fit the faults of its case."""
 
-    named: frozenset[int]
-    """Numbers of the faults that are named, alone or in a group of at most three."""
+    named: Mapping[int, Difference]
+    """By number of the fault, the difference that names it, alone or in a group of at most three."""
     n_wrong: int
-    """Causes that are none of the faults."""
-    is_silent: bool
-    """Nothing is named, and nothing is called unknown."""
+    """Differences that are none of the faults."""
     is_unknown: bool
+    """Something is called unknown."""
+    has_formula: bool
+    """What is left has a formula that predicts held-out data."""
 
     @property
     def is_clean(self) -> bool:
         """Nothing is named that is not there, and nothing is called unknown."""
         return self.n_wrong == 0 and not self.is_unknown
 
+    @property
+    def is_outside_seen(self) -> bool:
+        """An effect that the library lacks is called unknown or described by a formula, and by no wrong name."""
+        return self.n_wrong == 0 and (self.is_unknown or self.has_formula)
 
-def score(o: Outcome, round_number: int = 0) -> Score:
-    """Score the verdict of a round; one that is missing is neither silent nor right."""
-    verdict = o.rounds[round_number].verdict
+
+def score(o: Outcome) -> Score:
+    """Score a verdict; a missing one names nothing and is not clean."""
+    verdict = o.verdict
     if verdict is None:
-        return Score(frozenset(), 1, False, False)
-    left = {i: f for i, f in enumerate(o.truth.faults) if is_named_by_library(f, o)}
-    named, wrong = set[int](), 0
-    for cause in causes(verdict):
-        hit = next((i for i, f in left.items() if i not in named and cause.names & set(f.names)), None)
-        if hit is None:
+        return Score({}, 1, False, False)
+    named, wrong = dict[int, Difference](), 0
+    for difference in verdict.differences:
+        hits = [i for i in inside(o) if i not in named and difference.names & {*o.truth.faults[i].names}]
+        if not hits:
             wrong += 1
-        elif len(cause.names) <= MAX_GROUP:
-            named.add(hit)
-    is_unknown = verdict.status == UNKNOWN
-    return Score(frozenset(named), wrong, not causes(verdict) and not is_unknown, is_unknown)
+        elif len(difference.names) <= MAX_GROUP:
+            named[hits[0]] = difference
+    formula = verdict.unknown.formula if verdict.unknown is not None else None
+    return Score(named, wrong, verdict.is_unknown, formula is not None and formula.predicted_share >= PREDICTS)
 
 
-def is_right(o: Outcome, round_number: int = 0) -> bool | None:
-    """Whether the verdict is what a perfect diagnosis would say; None where the truth is in between.
+def is_right(o: Outcome) -> bool | None:
+    """Whether the verdict is what a perfect diagnosis would say; None where nothing is asked.
 
-    Every large fault is named and nothing else; an outside one is called unknown; where nothing matters, nothing is
-    named. A small fault may be named beside a large one.
+    Every fault of the library is named and nothing else. Of one outside the library that matters, something is called
+    unknown or has a formula; one that does not matter may be seen or not.
     """
-    s, of = score(o, round_number), sizes(o)
-    if Size.UNMEASURED in of:
+    s, known, lacking = score(o), inside(o), outside(o)
+    if lacking and not known and not any(matters(o, i) for i in lacking):
         return None
-    if not o.truth.faults or all(size is Size.SMALL for size in of):
-        return s.is_silent
-    large = {i for i, size in enumerate(of) if size is Size.LARGE}
-    if not large:
-        return None
-    return s.is_unknown if is_outside(o) else large <= s.named and s.is_clean
-
-
-def located(o: Outcome) -> set[str]:
-    """Joints at which a verdict sees something: those of its causes, or of what it calls unknown."""
-    joints = {j for e in causes(o.verdict) if e.name not in ROBOT_WIDE for j in e.joints}
-    if o.verdict is not None and o.verdict.status == UNKNOWN and o.verdict.unknown is not None:
-        joints |= set(o.verdict.unknown.joints)
-    return joints
-
-
-def true_joints(faults: Iterable[Fault]) -> set[str]:
-    """Joints of all faults; empty where none is a matter of joints."""
-    return {j for f in faults for j in f.joints}
+    if s.n_wrong or s.named.keys() != {*known}:
+        return False
+    return not s.is_unknown if not lacking else s.is_outside_seen or not any(matters(o, i) for i in lacking)
 
 
 def f1(said: set[str], true: set[str]) -> float:
@@ -103,9 +83,15 @@ def f1(said: set[str], true: set[str]) -> float:
     return 2 * len(said & true) / max(1, len(said) + len(true))
 
 
+def joints_f1(o: Outcome) -> list[float]:
+    """Of each fault that is named and is a matter of joints."""
+    faults = ((o.truth.faults[i], difference) for i, difference in score(o).named.items())
+    return [f1({*difference.joints}, {*fault.joints}) for fault, difference in faults if fault.joints]
+
+
 @dataclass(frozen=True)
 class ParameterHit:
-    """One stated parameter of a right cause; error and half-width are shares of the truth's distance from null."""
+    """One stated parameter of a right difference; error and half-width are shares of the truth's distance from null."""
 
     name: str
     true: float
@@ -116,32 +102,42 @@ class ParameterHit:
 
 
 def parameters(o: Outcome) -> list[ParameterHit]:
-    """Every parameter whose true value is known, of causes that were named right."""
+    """Every parameter whose true value is known, of effects that were named right, for each joint type of the fault."""
     hits: list[ParameterHit] = []
-    for cause in causes(o.verdict):
-        fault = next((f for f in o.truth.faults if cause.name in f.names), None)
-        if fault is None or cause.name not in BUILT_IN:
+    for number, difference in score(o).named.items():
+        fault = o.truth.faults[number]
+        if difference.name not in fault.names or difference.name not in BUILT_IN:
             continue
-        nulls = {p.name: p.null for p in BUILT_IN[cause.name].parameters()}
-        for name, number in cause.parameters.items():
-            true = fault.parameters.get(f"{cause.name}.{name}")
-            null = nulls.get(name, 0.0)
-            if true is None:
-                continue
-            reach = abs(true - null) if abs(null) < 1e9 else abs(true)
-            if reach < NEGLIGIBLE:
-                continue
-            hits.append(
-                ParameterHit(
-                    f"{cause.name}.{name}",
-                    true,
-                    number.value,
-                    abs(number.value - true) / reach,
-                    0.5 * (number.high - number.low) / reach,
-                    number.low <= true <= number.high,
-                )
-            )
+        nulls = {p.name: p.null for p in BUILT_IN[difference.name].parameters()}
+        for where, said in _by_type(difference, fault).items():
+            for name, number_said in said.items():
+                true = fault.parameters.get(f"{difference.name}.{name}")
+                null = nulls.get(name, 0.0)
+                if true is None:
+                    continue
+                reach = abs(true - null) if abs(null) < 1e9 else abs(true)
+                if reach >= NEGLIGIBLE:
+                    hits.append(
+                        _hit(" ".join(filter(None, (f"{difference.name}.{name}", where))), true, number_said, reach)
+                    )
     return hits
+
+
+def _by_type(difference: Difference, fault: Fault) -> dict[str, Mapping[str, Number]]:
+    """Stated numbers of each type of joint at which a fault acts; under no name where it is no matter of joints."""
+    types = dict.fromkeys(joint.rpartition("_")[2] for joint in fault.joints) or {"": None}
+    return {kind: {**difference.parameters, **difference.by_type.get(kind, {})} for kind in types}
+
+
+def _hit(name: str, true: float, said: Number, reach: float) -> ParameterHit:
+    return ParameterHit(
+        name,
+        true,
+        said.value,
+        abs(said.value - true) / reach,
+        0.5 * (said.high - said.low) / reach,
+        said.low <= true <= said.high,
+    )
 
 
 Claim = tuple[float, bool]
@@ -149,15 +145,18 @@ Claim = tuple[float, bool]
 
 
 def claims(o: Outcome) -> list[Claim]:
-    """Every probability of a verdict: of each cause with its group, of no gap, and of an unknown effect.
+    """P(it is there) of each stated difference, and of each fault of the library that none of them names.
 
-    Only of cases in which each fault clearly matters or clearly does not.
+    A fault that is not stated counts at the probability that a difference gives it as a rival, or at 0.
     """
-    of = sizes(o)
-    if o.verdict is None or any(size in (Size.BETWEEN, Size.UNMEASURED) for size in of):
-        return []
-    large = [f for f, size in zip(o.truth.faults, of, strict=True) if size is Size.LARGE]
-    made = [(e.probability, any(e.names & set(f.names) for f in large)) for e in o.verdict.effects]
-    made.append((o.verdict.probability_none, not large))
-    made.append((o.verdict.probability_unknown, bool(large) and is_outside(o)))
-    return made
+    stated = stated_claims(o)
+    all_names = frozenset[str]().union(*(d.names for d in differences(o.verdict)))
+    missed = [o.truth.faults[i] for i in inside(o) if not all_names & {*o.truth.faults[i].names}]
+    rivals = [d.rivals for d in differences(o.verdict)]
+    return [*stated, *((max((r.get(n, 0.0) for r in rivals for n in f.names), default=0.0), True) for f in missed)]
+
+
+def stated_claims(o: Outcome) -> list[Claim]:
+    """Of the stated differences alone."""
+    there = {name for i in inside(o) for name in o.truth.faults[i].names}
+    return [(d.probability, bool(d.names & there)) for d in differences(o.verdict)]

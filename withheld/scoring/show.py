@@ -9,7 +9,7 @@ from withheld.cases.protocol import WORDS
 from withheld.outcome import Outcome, load_outcome
 from withheld.plan import Fault
 from withheld.scoring.scores import is_right, parameters, score
-from withheld.scoring.sizes import sizes
+from withheld.scoring.sizes import does
 from withheld.scoring.verify import case_of
 from withheld.verdict import Verdict
 
@@ -44,9 +44,8 @@ def show_case(path: Path) -> list[str]:
     made += [f"hidden  {fault_words(f)}" for f in o.truth.faults] or ["hidden  nothing"]
     scale = f"{o.truth.error_scale:.2g} times the usual"
     made.append(f"errors  {scale}")
-    made += [f"        fault {i + 1} moves the gap {size.value}" for i, size in enumerate(sizes(o))]
-    for number, r in enumerate(o.rounds):
-        made += [f"round {number}: {r.experiments} experiments, {r.robot_s:.0f} s", *_said(r.verdict)]
+    made += [f"        fault {i + 1}: {does(o, i)}" for i in range(len(o.truth.faults))]
+    made += _said(o.verdict)
     made += [f"        {h.name}: true {h.true:.4g}, off by {100 * h.error:.0f} %" for h in parameters(o)]
     made.append(f"scored  {verdict_words(o)}")
     report = folder / "report.html"
@@ -66,19 +65,29 @@ def verdict_words(o: Outcome) -> str:
     if o.verdict is None:
         return f"wrong: no verdict ({o.problem})"
     s, right = score(o), is_right(o)
-    if right is None:
-        return "in between, nothing wrong is named" if s.is_clean else "in between, and something wrong is named"
-    said = "nothing named" if s.is_silent else "called unknown" if s.is_unknown else ""
-    said = said or f"{len(s.named)} of {len(o.truth.faults)} named, {s.n_wrong} wrong"
-    return f"{'right' if right else 'wrong'}: {said}"
+    said = (
+        f"{len(s.named)} of {len(o.truth.faults)} named, {s.n_wrong} wrong"
+        if o.verdict.differences
+        else "nothing named"
+    )
+    said += ", something called unknown" if s.is_unknown else ""
+    return f"{'not asked' if right is None else 'right' if right else 'wrong'}: {said}"
 
 
 def _said(verdict: Verdict | None) -> list[str]:
     if verdict is None:
         return ["said    nothing: it ended without a verdict"]
     v = verdict
-    made = [f"said    {v.status}; no gap {v.probability_none:.2f}, unknown {v.probability_unknown:.2f}"]
-    for e in v.effects:
-        made.append(f"        cause {e.name} {e.probability:.2f}, group {', '.join(e.group)}, at {', '.join(e.joints)}")
-        made += [f"          {n} = {x.value:.4g} ({x.low:.4g} to {x.high:.4g})" for n, x in e.parameters.items()]
-    return [*made, *(f"        seen {e.name} at {', '.join(e.joints)}; it does not matter here" for e in v.seen)]
+    made = [f"said    {v.status}; none {v.probability_none:.2f}, unknown {v.probability_unknown:.2f}"]
+    for d in v.differences:
+        made.append(f"        {d.name} {d.probability:.2f}, group {', '.join(d.group)}, at {', '.join(d.joints)}")
+        for where, own in {"": d.parameters, **d.by_type}.items():
+            made += [f"          {where} {n} = {x.value:.4g} ({x.low:.4g} to {x.high:.4g})" for n, x in own.items()]
+        changes = d.consequences.changes if d.consequences is not None else ()
+        told = ((c.quantity, c.before, c.after) for c in changes)
+        made += [f"          {name}: {a:.3g} to {b:.3g}" for name, a, b in told if a is not None and b is not None]
+    numbers = [n for n in v.calibration.numbers if n.stands_out]
+    return [
+        *made,
+        *(f"        calibration: {n.title} at {n.where} {n.value:.4g}, not {n.nominal:.4g}" for n in numbers),
+    ]

@@ -80,7 +80,7 @@ def _entered(folder: Path) -> dict[int, str]:
 
 
 def _same(first: Path, one: RunHead, second: Path, other: RunHead) -> None:
-    for name in ("protocol", "generator", "policies", "reality", "cases", "search_every", "is_quick"):
+    for name in ("protocol", "generator", "policies", "reality", "cases", "is_quick"):
         if getattr(one, name) != getattr(other, name):
             raise BadInputError(f"{first} and {second} differ in {name}; only parts of one run are scored together")
 

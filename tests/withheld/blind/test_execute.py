@@ -1,4 +1,4 @@
-"""Which robot a case keeps, and how far each of its faults moves the gap."""
+"""Which robot a case keeps, and what each of its faults does."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import pytest
 
 from spot_model.errors import SpotRlError
 from spot_model.policy.policy import load_policy
+from tests.withheld.scoring.made_up import verdict
 from tests.withheld.stand_in import StandIn
 from withheld.blind.execute import MAX_ATTEMPTS, Job, _Execution
 from withheld.cases.draw import draw
@@ -48,7 +49,18 @@ def test_each_fault_is_measured_by_leaving_it_out(tmp_path: Path, monkeypatch: p
     made = execution(tmp_path, "stand_in:StandIn", "double")
     reality, runs = made._made(tmp_path)
     walks = runs.walks(load_policy(made.policy))
-    moved = made._moved(walks, reality.truth)
-    assert len(moved) == 2
-    assert all(m is not None for m in moved)
-    assert moved[0] != moved[1]
+    (first, one), (second, other) = made._does(walks, reality.truth)
+    assert first is not None
+    assert second is not None
+    assert first != second
+    assert one is not None
+    assert other is not None
+    # Both are the change to the same robot, with both faults.
+    assert one.power.after == other.power.after
+    assert one.power.before != other.power.before
+
+
+def test_what_a_verdict_without_a_difference_delivers_is_not_measured(tmp_path: Path) -> None:
+    made = execution(tmp_path, "stand_in:StandIn", "faultless")
+    (tmp_path / "corrected_model.yaml").touch()
+    assert made._shrunk(StandIn(SEED, ()), verdict()) == (None, {})

@@ -8,9 +8,10 @@ from typing import Any
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from withheld.cases.draw import Case
 from withheld.cases.protocol import CaseKind
-from withheld.outcome import Outcome, Round
+from withheld.outcome import Change, Consequences, Outcome
 from withheld.plan import Fault, Truth
-from withheld.verdict import Said, Unknown, Verdict
+from withheld.verdict import Consequences as Said
+from withheld.verdict import Difference, Formula, QuantityChange, Unknown, Verdict
 
 KNEES = ("fl_kn", "fr_kn", "hl_kn", "hr_kn")
 
@@ -25,22 +26,60 @@ def fault(*names: str, joints: Sequence[str] = KNEES, size: float = 0.6, **param
     )
 
 
-def said(name: str, *group: str, joints: Sequence[str] = KNEES, probability: float = 0.9, **more: Any) -> Said:
-    return Said(name=name, probability=probability, group=(name, *group), joints=tuple(joints), **more)
-
-
-def verdict(effects: Sequence[Said] = (), status: str = "", unknown_joints: Sequence[str] = (), **more: Any) -> Verdict:
-    return Verdict(
-        status=status or ("explained" if effects else "no_gap"),
-        effects=tuple(effects),
-        unknown=Unknown(joints=tuple(unknown_joints)) if unknown_joints else None,
+def said(
+    name: str,
+    *group: str,
+    joints: Sequence[str] = KNEES,
+    probability: float = 0.9,
+    does: dict[str, tuple[float, float]] | None = None,
+    **more: Any,
+) -> Difference:
+    changes = [QuantityChange(quantity=q, before=a, after=b) for q, (a, b) in (does or {}).items()]
+    return Difference(
+        name=name,
+        probability=probability,
+        group=(name, *group),
+        joints=tuple(joints),
+        consequences=Said(changes=tuple(changes)),
         **more,
+    )
+
+
+def verdict(
+    differences: Sequence[Difference] = (),
+    status: str = "",
+    *,
+    unknown: float = 0.0,
+    none: float = 0.0,
+    formula: float | None = None,
+    **more: Any,
+) -> Verdict:
+    return Verdict(
+        schema="spot-rl/verdict/2",
+        status=status or ("explained" if differences else "calibration"),
+        differences=tuple(differences),
+        probability_none=none,
+        probability_unknown=unknown,
+        unknown=None if formula is None else Unknown(formula=Formula(predicted_share=formula)),
+        **more,
+    )
+
+
+def does(
+    top: float = 0.0, power: float = 0.0, falls: float = 0.0, mean: float = 0.0, power_before: float = 200.0
+) -> Consequences:
+    """Of a robot at 2 m/s and 200 W that never falls."""
+    return Consequences(
+        top_speed=Change(before=2.0, after=2.0 + top),
+        mean_speed=Change(before=1.0, after=1.0 + mean),
+        power=Change(before=power_before, after=power_before + power),
+        fall_share=Change(before=0.0, after=falls),
     )
 
 
 def outcome(
     faults: Sequence[Fault] = (),
-    effects: Sequence[Said] = (),
+    differences: Sequence[Difference] = (),
     status: str = "",
     *,
     number: int = 0,
@@ -49,10 +88,10 @@ def outcome(
     moved: Sequence[float | None] | None = None,
     error_scale: float = 1.5,
     detail: str = "stream",
-    rounds: Sequence[Round] = (),
-    unknown_joints: Sequence[str] = (),
+    told: dict[str, Any] | None = None,
     **more: Any,
 ) -> Outcome:
+    """A case; ``told`` is what its verdict says beside its differences, status ``failed`` that there is none."""
     sequence = VelocitySequence(name="ahead", duration_s=1.0, waypoints=(Waypoint(time_s=0.0),))
     case = Case(
         number=number,
@@ -67,11 +106,10 @@ def outcome(
         recording_seed=0,
         diagnosis_seed=0,
     )
-    first = Round(verdict=None if status == "failed" else verdict(effects, status, unknown_joints))
     return Outcome(
         case=case,
         truth=Truth(faults=tuple(faults), error_scale=error_scale),
-        rounds=(first, *rounds),
+        verdict=None if status == "failed" else verdict(differences, status, **(told or {})),
         moved=tuple(moved) if moved is not None else tuple(4.0 for _ in faults),
         seal="",
         verdict_sha256="",

@@ -24,7 +24,7 @@ SEED = Secret(seed=5, nonce="00")
 
 def head(**changes: str) -> RunHead:
     same = {"protocol": "p", "generator": "g", "reality": "judging", "seed_digest": SEED.digest}
-    return RunHead(policies={}, locked_in="audit hook", cases=9, search_every=0, part=(0, 9), **(same | changes))
+    return RunHead(policies={}, locked_in="audit hook", cases=9, part=(0, 9), **(same | changes))
 
 
 def put(out: Path, o: Outcome) -> Path:
