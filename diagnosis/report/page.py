@@ -98,7 +98,11 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[object]], row_classes: I
 
 
 def _warnings(v: Verdict) -> str:
-    return f"<section class='warning'><h2>Read this first</h2>{_list(v.warnings)}</section>" if v.warnings else ""
+    return (
+        f"<section class='warning'><h2>Read this first</h2>{_list(map(words.sentence, v.warnings))}</section>"
+        if v.warnings
+        else ""
+    )
 
 
 def _head(result: Diagnosis) -> str:
@@ -149,9 +153,8 @@ def _together(v: Verdict) -> str:
     if c is None:
         return ""
     key = legend(zip(bars.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
-    loop = "The policy runs on both models" if c.loop == "closed" else "Logged signals are predicted from each other"
-    about = f"{loop}, on command sequences that nothing was fitted to."
-    listed = _list(f"{told[:1].upper()}{told[1:]}." for told in map(words.gap_told, c.gaps))
+    about = words.measured_on(v, c)
+    listed = _list(words.sentence(words.gap_told(g)) for g in c.gaps)
     return boxed(
         "What the corrected model does",
         about,
@@ -237,7 +240,7 @@ def _calibration(v: Verdict) -> str:
     c = v.calibration.consequences
     if c is not None and shown and v.differences:
         told = "; ".join(map(words.gap_told, c.gaps))
-        shown += f"<p>By themselves, without any difference: {esc(told)}.</p>" if told else ""
+        shown += f"<p>Without any difference, these numbers alone: {esc(told)}.</p>" if told else ""
     return boxed("Calibration", about, shown)
 
 

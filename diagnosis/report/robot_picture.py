@@ -13,7 +13,7 @@ from spot_model.robot import facts
 
 WIDTH: Final = 480
 HEIGHT: Final = 400
-SCALE: Final = 400.0
+SCALE: Final = 370.0
 """Picture units a metre."""
 TURN_RAD: Final = float(np.radians(74.0))
 TILT_RAD: Final = float(np.radians(38.0))
@@ -76,7 +76,7 @@ def _screen(point: np.ndarray) -> tuple[float, float]:
     x, y, z = (float(v) for v in point)
     right = -x * np.sin(TURN_RAD) + y * np.cos(TURN_RAD)
     up = z * np.cos(TILT_RAD) - _nearness(point) * np.sin(TILT_RAD)
-    return 0.5 * WIDTH + SCALE * right, 0.27 * HEIGHT - SCALE * up
+    return 0.48 * WIDTH + SCALE * right, 0.27 * HEIGHT - SCALE * up
 
 
 def _nearness(point: np.ndarray) -> float:
@@ -97,7 +97,7 @@ def _leg(points: list[np.ndarray], opacity: float) -> str:
 
 def _shadow() -> str:
     x, y = _screen(np.array([0.0, 0.0, _points(0)[3][2]]))
-    return f'<ellipse cx="{x:.0f}" cy="{y:.0f}" rx="216" ry="108" style="fill:var(--empty)"/>'
+    return f'<ellipse cx="{x:.0f}" cy="{y:.0f}" rx="200" ry="100" style="fill:var(--empty)"/>'
 
 
 def _body() -> str:

@@ -231,15 +231,22 @@ def _answer(v: Verdict) -> str:
     return f"{names}{does}{_closed(v)}{_rest(v)}"
 
 
-def _no_gap(v: Verdict) -> str:
+def is_near(v: Verdict) -> bool:
+    """Whether the nominal model itself is as near to the robot as floors allow."""
     all_ = whole(v)
-    gaps = [] if all_ is None else list(all_.gaps)
-    far = [g for g in gaps if g.before > RUNS_APART * g.floor]
-    if not gaps or v.differences:
-        return "no effect of the library is shown" if not v.differences else f"{found(v.differences[0])}{_closed(v)}"
-    if far:
-        return f"no difference is shown, but the {far[0].gap} gap of the nominal model is above its floor"
-    return f"no gap: the nominal model is as near to the robot in {_listed([g.gap for g in gaps])} as its floors allow"
+    return all_ is not None and bool(all_.gaps) and all(g.before <= RUNS_APART * g.floor for g in all_.gaps)
+
+
+def _no_gap(v: Verdict) -> str:
+    if v.differences:
+        return f"{found(v.differences[0])}{_closed(v)}"
+    gaps = [] if (all_ := whole(v)) is None else all_.gaps
+    if is_near(v):
+        return f"no gap: the nominal model is as near to the robot in {_listed([g.gap for g in gaps])} as floors allow"
+    far = [
+        f"; the {g.gap} gap of the nominal model is above its floor" for g in gaps if g.before > RUNS_APART * g.floor
+    ]
+    return "no difference is shown" + "".join(far[:1])
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -283,9 +290,7 @@ def next_step(v: Verdict) -> str:
     if v.status == "cannot_tell":
         return "record more"
     if v.status == "no_gap" and not v.differences:
-        all_ = whole(v)
-        is_near = all_ is not None and all(g.before <= RUNS_APART * g.floor for g in all_.gaps)
-        return "train on the nominal model" if is_near else "record more"
+        return "train on the nominal model" if is_near(v) else "record more"
     if split is not None:
         return (
             f"{_lowered(split.text.split(':')[0])} and record it, to tell {_listed([plain(n) for n in _of(v)])} apart"
@@ -313,6 +318,20 @@ def probabilities(v: Verdict) -> str:
     told = [*named, f"an effect that the library lacks {v.probability_unknown:.2f}"]
     told.append(f"nothing beside the robot's own calibration {v.probability_none:.2f}")
     return f"Probability that it is there, each by itself: {'; '.join(told)}."
+
+
+def measured_on(v: Verdict, c: Consequences) -> str:
+    """How consequences were measured."""
+    if c.loop == "open":
+        return "Logged signals are predicted from each other, in folds that nothing was fitted to."
+    if v.shrink is not None and not v.shrink.held_out:
+        return "The policy runs on both models, on the commands of the logs to which the corrected one was fitted."
+    return "The policy runs on both models, on command sequences that nothing was fitted to."
+
+
+def sentence(told: str) -> str:
+    """With a capital and a full stop."""
+    return f"{told[:1].upper()}{told[1:].rstrip('.')}."
 
 
 def floor_of(v: Verdict, consequences: Consequences | None) -> str:
