@@ -181,6 +181,8 @@ def calibration_told(numbers: Sequence[CalibratedNumber]) -> str:
         first, *rest = sorted(gains, key=lambda n: n.value)
         told = f"{place(first.where)} give {percent(first.value)} of the torque asked"
         return ", ".join([told, *(f"{place(n.where)} {percent(n.value)}" for n in rest)])
+    if not numbers:
+        return "no number of the robot's own is known"
     if not out:
         return "no number of the robot's own stands out"
     n = out[0]

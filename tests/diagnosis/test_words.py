@@ -338,7 +338,10 @@ CLAIMS: dict[str, Check] = {
     r"(sideways hips \(hx\)|forward hips \(hy\)|knees) give (-?\d+) % of the torque asked((?:, [a-z() ]+ -?\d+ %)*)": (
         _gains
     ),
-    r"no number of the robot's own stands out": lambda c: not any(n.stands_out for n in c.v.calibration.numbers),
+    r"no number of the robot's own is known": lambda c: not c.v.calibration.numbers,
+    r"no number of the robot's own stands out": lambda c: (
+        bool(c.v.calibration.numbers) and not any(n.stands_out for n in c.v.calibration.numbers)
+    ),
     r"; (\d+) stand out": lambda c: int(c.match[1]) == sum(n.stands_out for n in c.v.calibration.numbers),
     r"([a-z ]+) of (\w+) is ([\d.]+), nominal ([\d.]+)": lambda c: any(
         n.stands_out
