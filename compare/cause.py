@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from compare.errors import CompareError
 from compare.tracks import STEP_S, Track
 from diagnosis.document import Verdict, load_verdict
-from diagnosis.terminal import joints_in_short
+from diagnosis.report.words import joints_in_short
 from spot_log.read.run import Run
 
 
@@ -60,7 +60,7 @@ def cause_in_words(verdict: Verdict) -> str:
         return f"an effect outside the library{f' at {joints}' if joints else ''}"
     if verdict.status not in ("explained", "partly_explained"):
         return ""
-    return " and ".join(f"{e.title or e.name} at {joints_in_short(e.joints)}" for e in verdict.effects)
+    return " and ".join(f"{e.title or e.name} at {joints_in_short(e.joints)}" for e in verdict.differences)
 
 
 def causes(verdict: Verdict, run: Run, track: Track) -> list[Cause]:

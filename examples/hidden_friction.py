@@ -35,7 +35,8 @@ def main(out: Path) -> None:
                 print(f"walked at {velocity}, repeat {repeat + 1} of {REPEATS}: {run.outcome}")
     save_model(nominal, out / "nominal.yaml")
     verdict = spot_rl.diagnose(out / "logs", out / "nominal.yaml", out / "gap", policy=POLICY, progress=True)
-    for found in verdict.effects:
+    print(verdict.headline)
+    for found in verdict.differences:
         numbers = ", ".join(f"{n} {p.value:.2f} ({p.low:.2f} to {p.high:.2f})" for n, p in found.parameters.items())
         print(f"{found.title} at {', '.join(found.joints)}: {numbers}; P {found.probability:.2f}")
     print(f"hidden: {HIDDEN_NM:g} N·m in the knees; {verdict.status}; page {out / 'gap' / 'report.html'}")

@@ -1,144 +1,129 @@
-"""Bars and intervals: the ranking with probabilities, the gap before and after, the shrink."""
+"""Bars and intervals: gaps before and after, a robot's numbers beside the nominal ones, gaps by joint."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from diagnosis.document import FoundEffect, Shrink, Verdict
-from diagnosis.report.words import parameter, plain
-from spot_log.page.svg import disc, esc, heat, line, nice_ticks, rect, svg, text
+import numpy as np
 
-WIDTH: Final = 560
-LABELS: Final = 250
-MAX_EFFECTS: Final = 9
-MEANING: Final = {
-    "var(--found)": "Red: found.",
-    "var(--group)": "Orange: these logs cannot rule it out.",
-    "var(--other)": "Grey: tried instead, and worse.",
+from diagnosis.document import CalibratedNumber, Consequences, Dependence
+from diagnosis.report.words import number, percent
+from spot_log.page.svg import disc, heat, line, nice_ticks, rect, svg, text
+
+WIDTH: Final = 480
+BAR: Final = 16
+COLOURS: Final = ("var(--nominal)", "var(--corrected)", "var(--floor)")
+"""Before, after, floor."""
+FAR: Final = 4.0
+"""Published standard deviations that an interval's axis reaches to, both ways."""
+QUANTITY_UNITS: Final = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "torque": "N·m",
+    "acceleration": "rad/s²",
+    "torque rate": "N·m/s",
+    "total power": "W",
+    "time since start": "s",
+    "time since set-point": "s",
+    "torque history": "(N·m)²·s",
+    "body speed": "m/s",
+    "vertical velocity": "m/s",
+    "turn rate": "rad/s",
+    "roll rate": "rad/s",
+    "pitch rate": "rad/s",
+    "total torque": "N·m",
 }
-"""What the colours of effects say."""
-FLOORS: Final = {"robot": "two runs of the robot", "model": "two simulated runs"}
-"""Whose distance the floor of a shrink is."""
+"""Of what an unexplained residual may depend on."""
 
 
-def ranked(verdict: Verdict) -> list[tuple[str, float, str]]:
-    """The effects that :func:`ranking` draws: name, probability, colour."""
-    rows: dict[str, float] = {}
-    for effect in verdict.effects:
-        for name, p in effect.rivals.items():
-            rows[name] = max(rows.get(name, 0.0), p)
-    chosen = {e.name for e in verdict.effects}
-    grouped = {m for e in verdict.effects for m in e.group}
-    return [
-        (n, rows[n], "var(--found)" if n in chosen else "var(--group)" if n in grouped else "var(--other)")
-        for n in sorted(rows, key=lambda n: -rows[n])[:MAX_EFFECTS]
-        if rows[n] >= 0.005 or n in chosen
-    ]
-
-
-def ranking(verdict: Verdict) -> str:
-    """Probabilities of effects, none and unknown."""
-    bars = [
-        *ranked(verdict),
-        ("none", verdict.probability_none, "var(--none)"),
-        ("unknown", verdict.probability_unknown, "var(--unknown)"),
-    ]
-    return _bars(bars, 1.0, lambda v: f"{v:.2f}", "Probability of each effect")
+def gap_bars(consequences: Consequences) -> str:
+    """Before, after and floor of each gap, each gap on its own scale."""
+    left, parts, y = 110, [], 4.0
+    for g in consequences.gaps:
+        values = (g.before, g.after, g.floor)
+        parts.append(text(left - 10, y + 1.4 * BAR, g.gap, size=13.5, anchor="end", weight=600))
+        parts.append(text(left - 10, y + 2.4 * BAR, g.unit, size=12, anchor="end", css="soft"))
+        for value, colour in zip(values, COLOURS, strict=True):
+            span = (WIDTH - left - 66) * value / max(*values, 1e-12)
+            parts.append(rect(left, y, span, BAR - 2, colour, f"{g.gap}: {number(value)} {g.unit}"))
+            parts.append(text(left + span + 6, y + BAR - 4, number(value), size=12.5))
+            y += BAR
+        y += 14
+    return svg(WIDTH, y, parts, "Three gaps, before and after")
 
 
 def by_joint(gaps: Mapping[str, float], shares: Mapping[str, float], named: frozenset[str]) -> str:
     """The gap of each joint of a robot that has no picture."""
-    top = max(gaps.values(), default=1.0) or 1.0
-    bars = [(f"{j} ◂" if j in named else j, v, heat(shares.get(j, 0.0))) for j, v in gaps.items()]
-    return _bars(bars, top, lambda v: f"{v:.3g}", "Gap by joint")
+    top, left, parts = max(gaps.values(), default=1.0) or 1.0, 150, []
+    for i, (name, value) in enumerate(gaps.items()):
+        y, colour = 6 + 26 * i, heat(shares.get(name, 0.0))
+        parts.append(text(left - 10, y + 15, f"{name} ◂" if name in named else name, size=13, anchor="end"))
+        parts.append(rect(left, y, (WIDTH - left - 60) * value / top, 18, colour, f"{name}: {number(value)}", radius=4))
+        parts.append(text(WIDTH - 52, y + 15, number(value), size=13, weight=600))
+    return svg(WIDTH, 12 + 26 * len(gaps), parts, "Gap by joint")
 
 
-def _bars(bars: Sequence[tuple[str, float, str]], top: float, say: object, label: str) -> str:
-    row, width = 30, WIDTH - LABELS - 60
-    parts = []
-    for i, (name, value, colour) in enumerate(bars):
-        y = 8 + row * i
-        parts.append(text(LABELS - 10, y + 16, plain(name), size=13.5, anchor="end"))
-        parts.append(rect(LABELS, y + 3, width, 18, "var(--empty)", radius=4))
-        words = say(value) if callable(say) else str(value)
-        parts.append(rect(LABELS, y + 3, width * value / top, 18, colour, f"{plain(name)}: {words}", radius=4))
-        parts.append(text(LABELS + width + 8, y + 17, words, size=13.5, weight=600))
-    return svg(WIDTH, 16 + row * len(bars), parts, label)
-
-
-def shrink_line(shrink: Shrink) -> str:
-    """Share of the gap that goes, with its interval, and that of the best wrong effect."""
-    if shrink.s is None:
+def interval(n: CalibratedNumber) -> str:
+    """A number on an axis of published standard deviations: nominal in the middle, two of them shaded."""
+    if n.spread <= 0.0:
         return ""
-    low_end = min(-0.25, max(-1.0, shrink.s_low if shrink.s_low is not None else 0.0) - 0.1)
-    values = [v for v in (shrink.s_high, shrink.s) if v is not None]
-    high_end = max(1.15, min(2.0, max(values)) + 0.1)
-    width, x0, y = 520, 24, 62
+    width, height = 200.0, 20.0
 
-    def at(v: float) -> float:
-        return x0 + (min(max(v, low_end), high_end) - low_end) / (high_end - low_end) * (width - 2 * x0)
+    def at(value: float) -> float:
+        return width / 2 + float(np.clip((value - n.nominal) / n.spread, -FAR, FAR)) / FAR * (width / 2 - 6)
 
-    parts = [line([(at(low_end), y), (at(high_end), y)], "var(--line)", 3)]
-    for tick in nice_ticks(low_end, high_end, 6):
-        parts += [
-            line([(at(tick), y - 5), (at(tick), y + 5)], "var(--line)", 1.5),
-            text(at(tick), y + 24, f"{100 * tick:.0f} %", size=12, anchor="middle", css="soft"),
-        ]
-    parts.append(text(at(0.0), y + 42, "no change", size=12, anchor="middle", css="soft"))
-    parts.append(text(width - 2, y + 42, f"as close as {FLOORS[shrink.floor_of]}", size=12, anchor="end", css="soft"))
-    told = f"{100 * shrink.s:.0f} % of the gap closes"
-    if shrink.s_low is not None and shrink.s_high is not None:
-        told += f", 90 % interval {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %"
-        parts.append(line([(at(shrink.s_low), y), (at(shrink.s_high), y)], "var(--corrected)", 9, "opacity:.45"))
-    parts.append(disc(at(shrink.s), y, 9, "var(--corrected)", told))
-    parts.append(text(at(shrink.s), y - 18, f"{100 * shrink.s:.0f} %", size=16, anchor="middle", weight=700))
-    if shrink.placebo is not None:
-        x = at(shrink.placebo.s)
-        parts.append(
-            disc(
-                x,
-                y,
-                6,
-                "var(--card)",
-                f"placebo, {plain(shrink.placebo.name)}: {shrink.placebo.s:.2f}",
-                "var(--other)",
-                3,
-            )
-        )
-        far = abs(x - at(shrink.s)) > 70
-        named = plain(shrink.placebo.name)
-        parts.append(text(x, y - 14 if far else y + 60, named, size=12, anchor="middle", css="soft"))
-    return svg(width, 128, parts, told)
+    two = 2.0 / FAR * (width / 2 - 6)
+    colour = "var(--found)" if n.stands_out else "var(--corrected)"
+    parts = [
+        rect(width / 2 - two, 3, 2 * two, height - 6, "var(--empty)"),
+        line([(width / 2, 1), (width / 2, height - 1)], "var(--nominal)", 1.5),
+        line([(at(n.low), height / 2), (at(n.high), height / 2)], colour, 4, "opacity:.5"),
+        disc(at(n.value), height / 2, 4.5, colour, f"{n.title} of {n.where}: {n.value:.4g} {n.unit}"),
+    ]
+    return svg(width, height, parts, f"{n.title} of {n.where}")
 
 
-def gap_bars(shrink: Shrink) -> str:
-    """Before, after and floor of each measure, each on its own scale."""
-    rows = [("all signals", "× floor", shrink.d0, shrink.d1, shrink.floor)]
-    rows += [(o.name, o.unit, o.before, o.after, o.floor) for o in shrink.beside]
-    colours = ("var(--nominal)", "var(--corrected)", "var(--floor)")
-    bar, gap, left, width = 15, 18, 118, 520
-    parts, y = [], 6.0
-    for name, unit, *values in rows:
-        top = max(*values, 1e-12)
-        parts.append(text(left - 10, y + 1.5 * bar, name, size=13, anchor="end"))
-        parts.append(text(left - 10, y + 2.6 * bar, unit, size=11, anchor="end", css="soft"))
-        for value, colour in zip(values, colours, strict=True):
-            if colour == colours[-1] and value <= 0.0:  # without repeats there is no floor
-                continue
-            span = (width - left - 70) * value / top
-            parts.append(rect(left, y, span, bar - 2, colour, f"{name}: {value:.3g} {unit}"))
-            parts.append(text(left + span + 6, y + bar - 4, f"{value:.3g}", size=12))
-            y += bar
-        y += gap
-    return svg(width, y, parts, f"Gap before and after, and between {FLOORS[shrink.floor_of]}")
+def share_line(share: float, low: float | None, high: float | None) -> str:
+    """A share with its interval, in words; for tables."""
+    return percent(share) + ("" if low is None or high is None else f" ({percent(low)} to {percent(high)})")
 
 
-def parameters(effect: FoundEffect) -> str:
-    """Parameters of an effect, with intervals, as an HTML table."""
-    rows = "".join(
-        f"<tr><th>{esc(parameter(name))}</th><td><b>{p.value:.4g}</b> {esc(p.unit)}</td>"
-        f"<td>90 %: {p.low:.4g} to {p.high:.4g}</td></tr>"
-        for name, p in effect.parameters.items()
-    )
-    return f"<table>{rows}</table>" if rows else ""
+def dependence(curve: Dependence, unit: str, low: float, high: float) -> str:
+    """What is left over one quantity, on a scale that its neighbours share, ``low`` to ``high``."""
+    height, left = 210, 58
+    x, y = np.asarray(curve.at), np.asarray(curve.residual)
+    if len(x) < 2:
+        return ""
+    first, last = float(x.min()), float(x.max())
+
+    def at(a: float, b: float) -> tuple[float, float]:
+        right = left + (a - first) / max(last - first, 1e-12) * (WIDTH - left - 14)
+        return right, 8 + (height - 54) * (high - b) / max(high - low, 1e-12)
+
+    parts = []
+    for tick in nice_ticks(low, high, 4):
+        parts.append(line([at(first, tick), at(last, tick)], "var(--line)", 1))
+        parts.append(text(left - 8, at(first, tick)[1] + 4, f"{tick:.3g}", size=12, anchor="end", css="soft"))
+    parts += [
+        text(at(tick, low)[0], height - 28, f"{tick:.3g}", size=12, anchor="middle", css="soft")
+        for tick in nice_ticks(first, last, 5)
+    ]
+    points = [at(a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)]
+    parts.append(line(points, "var(--unknown)", 2.5))
+    parts += [
+        disc(*p, 4, "var(--unknown)", f"{curve.quantity} {a:.3g}\nunexplained {b:.3g} {unit}")
+        for p, a, b in zip(points, x.tolist(), y.tolist(), strict=True)
+    ]
+    name = f"{curve.quantity}, {QUANTITY_UNITS.get(curve.quantity.split(' of ')[0], '')}".rstrip(", ")
+    parts.append(text(WIDTH / 2, height - 6, name, size=13, anchor="middle"))
+    side = text(0, 0, f"unexplained, {unit}", size=13, anchor="middle")
+    parts.append(f'<g transform="translate(13 {0.5 * (height - 42):.0f}) rotate(-90)">{side}</g>')
+    return svg(WIDTH, height, parts, f"What is left over {name}")
+
+
+def dependences(curves: Sequence[Dependence], unit: str) -> list[str]:
+    """The curves side by side, on one scale."""
+    values = [v for c in curves for v in c.residual] + [0.0]
+    pad = 0.06 * max(max(values) - min(values), 1e-9)
+    return [dependence(c, unit, min(values) - pad, max(values) + pad) for c in curves]

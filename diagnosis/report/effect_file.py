@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from diagnosis.document import Formula, FormulaTerm, UnknownEffect
-from diagnosis.terminal import joints_in_short
+from diagnosis.report.words import joints_in_short
 
 FILE = "unknown_effect.py"
 BEYOND = 3.0

@@ -61,12 +61,12 @@ def _write(result: Diagnosis, part: Path, library: Mapping[str, LibraryEffect]) 
         (part / names["posterior"]).write_text(text + "\n", encoding="utf-8")
     else:
         del names["posterior"]
-    for effect in result.verdict.effects:
-        if effect.split is not None and effect.split.sequence_file and effect.name in library:
-            file = part / effect.split.sequence_file
+    for d in result.verdict.differences:
+        if d.split is not None and d.split.sequence_file and d.name in library:
+            file = part / d.split.sequence_file
             file.parent.mkdir(exist_ok=True)
             if not file.exists():
-                save_sequence(library[effect.name].split_by.sequence, file)
+                save_sequence(library[d.name].split_by.sequence, file)
     source = effect_source(result.verdict.unknown) if result.verdict.unknown is not None else None
     if source is not None:
         (part / FILE).write_text(source, encoding="utf-8")

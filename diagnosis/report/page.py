@@ -5,43 +5,54 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+import numpy as np
+
 from diagnosis.channels.channel import CHANNEL_TITLES
-from diagnosis.document import FoundEffect, GapCell, Verdict
+from diagnosis.document import CalibratedNumber, Consequences, Difference, GapCell, Verdict
 from diagnosis.report import bars, words
 from diagnosis.report.effect_file import formula_text
-from diagnosis.report.gap_map import gap_map_figure, note
-from diagnosis.report.lines import dependence
+from diagnosis.report.gap_map import gap_maps, has_floor, note, share_of, told
 from diagnosis.report.robot_picture import picture
-from diagnosis.report.scale import has_floor, share_of, told
 from diagnosis.report.strips import strips
-from diagnosis.report.trace_choice import trace_figure
-from diagnosis.terminal import joints_in_short
+from diagnosis.report.traces import trace_figures
 from diagnosis.verdict.diagnose import Diagnosis
-from spot_log.page.cells import facts
+from spot_log.page.cells import Html, facts, table
 from spot_log.page.look import boxed, framed
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.text import counted
 
-COLOURS = (
+COLOURS: Final = (
     ("var(--real)", "real"),
     ("var(--nominal)", "nominal model"),
     ("var(--corrected)", "corrected model"),
 )
-
-
+STYLE: Final = """
+.calibration { background: #2f6fb5; } .warning { border: 2px solid var(--bad); }
+section { overflow-wrap: break-word; } section svg { max-width: calc(1.2 * var(--width)); margin: 0 auto; }
+td svg { width: 200px; } .out td { font-weight: 600; } .two > * { min-width: 0; } td.number { text-align: left; }
+td:last-child, th:last-child { padding-right: 0; } td:has(code) { min-width: 0 !important; }
+@media (max-width: 700px) { section { background: var(--card); padding: 14px 12px; } section svg { min-width: 0; }
+  td, th { padding-right: 8px; font-size: 13px; } td svg { width: 90px; } h1 { font-size: 21px; } }
+@media print { main { padding: 0; } section { break-inside: auto; margin: 8px 0; padding: 10px 12px; }
+  svg, tr, pre, h3 { break-inside: avoid; } h2, h3, .note { break-after: avoid; } .two { gap: 8px; margin: 8px 0; } }
+"""
+"""What this page has beyond the look of all pages: figures shrink to a narrow window, and print flows over pages."""
 MOST_NAMED: Final = 6
 """Effects that were left out and are named on the page; the verdict lists all."""
+MOST_NUMBERS: Final = 12
+"""Numbers of the robot's own that are shown unfolded, if not more stand out."""
 TERMS: Final = (
     ("nominal model", "your simulator, before any correction"),
-    ("corrected model", "the simulator with the effects found, in corrected_model.yaml"),
-    ("gap", "distance between real and simulated runs of the same commands"),
-    ("floor", "the same distance between two real runs, or, where none was repeated, between two simulated ones"),
+    ("corrected model", "the simulator with differences and calibration, in corrected_model.yaml"),
+    ("gap", "distance between robot and simulator: in torque, in joint motion and in body motion"),
+    ("floor", "the same distance between two runs of the robot; without repeats, what formulas and noise leave"),
     ("closed loop", "a simulated run in which the policy controls the simulated robot"),
-    ("ordinary errors", "small errors of gains, masses, friction and sensors that every robot has; no finding"),
+    ("open loop", "logged signals are predicted from each other"),
+    ("not shown", "the 90 % interval of the change includes 0"),
     ("channel", "one relation between signals of a log, such as set-point to load"),
     ("held out", "not used for fitting, so that it tests the fit"),
-    ("nats", "evidence: the natural logarithm of the odds; 3 nats are odds of 20 to 1"),
+    ("stands out", "the whole interval lies more than two published standard deviations from the nominal number"),
 )
 
 
@@ -53,31 +64,45 @@ def page(result: Diagnosis) -> str:
     """
     v = result.verdict
     cells = result.map.cells if result.map is not None else ()
-    named = frozenset(j for e in v.effects for j in e.joints) | frozenset(v.unknown.joints if v.unknown else ())
-    by_joint = _by_joint(cells)
+    named = frozenset(j for d in v.differences for j in d.joints) | frozenset(v.unknown.joints if v.unknown else ())
+    by_joint = _by_joint(cells or v.where)
     body = [
+        _warnings(v),
         _head(result),
-        "<div class='two'>",
-        _where(result, by_joint, named),
-        boxed("Which effect", _which_note(v), bars.ranking(v)),
-        "</div>",
-        _shrink(v),
-        _effects(v),
-        _seen(v),
-        _unknown(v),
+        _two(_where(result, by_joint, named), _together(v)),
+        boxed("Differences", words.probabilities(v), "".join(map(_difference, v.differences))),
+        _calibration(v),
+        _remains(v),
         _traces(result, by_joint, named),
     ]
     if cells:
-        body.append(boxed("Gap map", note(cells), gap_map_figure(cells, result.board.robot.joint_names)))
-    body += [_limits(v), _channels(v), _timeline(result)]
-    if v.notes:
-        body.append(boxed("Notes", "", _list(v.notes)))
+        body.append(boxed("Gap map", note(cells), _two(*gap_maps(cells, result.board.robot.joint_names))))
+    body += [_limits(v), _two(_channels(v), _timeline(result))]
+    body.append(boxed("Notes", "", _list(v.notes)) if v.notes else "")
     body.append(boxed("Terms", "", f"<details><summary>What the words mean</summary>{facts(TERMS)}</details>"))
-    return framed("Diagnosis", body)
+    return framed("Diagnosis", body, STYLE)
+
+
+def _two(*parts: str) -> str:
+    """Side by side where there is room for it."""
+    there = [f"<div>{p}</div>" if p.startswith("<svg") else p for p in parts if p]
+    return f"<div class='two'>{''.join(there)}</div>" if len(there) > 1 else "".join(there)
 
 
 def _list(items: Iterable[str], tag: str = "ul") -> str:
     return f"<{tag}>" + "".join(f"<li>{esc(i)}</li>" for i in items) + f"</{tag}>"
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[object]], row_classes: Iterable[str] = ()) -> str:
+    return table(list(head), [list(r) for r in rows], row_classes=list(row_classes))
+
+
+def _warnings(v: Verdict) -> str:
+    return (
+        f"<section class='warning'><h2>Read this first</h2>{_list(map(words.sentence, v.warnings))}</section>"
+        if v.warnings
+        else ""
+    )
 
 
 def _head(result: Diagnosis) -> str:
@@ -86,18 +111,15 @@ def _head(result: Diagnosis) -> str:
     seconds = sum(run.duration_s for run in result.runs)
     more = f" and {len(v.without) - MOST_NAMED} more" if len(v.without) > MOST_NAMED else ""
     left_out = f" · left out of the library: {', '.join(v.without[:MOST_NAMED])}{more}" if v.without else ""
+    colour = "partly_explained" if v.status == "explained" and not words.is_good(v) else v.status
+    lead = "" if v.differences else f"<p class='lead'>{esc(words.probabilities(v))}</p>"
     return (
-        f"<section><span class='badge {_colour(v)}'>{esc(words.BADGES[v.status])}</span>"
-        f"<h1>{esc(words.headline(v))}</h1><p class='lead'>{esc(words.second_line(v))}</p>"
+        f"<section><span class='badge {colour}'>{esc(words.BADGES[v.status])}</span>"
+        f"<h1>{esc(v.headline or words.headline(v))}</h1>{lead}"
         f"<p class='meta' style='margin-top:12px'>{counted(len(v.logs), 'log')}, {seconds:.0f} s, of "
         f"{counted(len(names), 'command sequence')} ({esc(', '.join(names))}) · nominal model: "
         f"{esc(v.nominal or 'given')}{esc(left_out)}</p></section>"
     )
-
-
-def _colour(v: Verdict) -> str:
-    """Class of the badge: an explanation is green only if it is probable and closes the gap."""
-    return "partly_explained" if v.status == "explained" and not words.is_green(v) else v.status
 
 
 def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
@@ -114,123 +136,167 @@ def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str
     shares = {j: share_of(c, largest) for j, c in by_joint.items()}
     ringed = " A blue ring marks a joint that the verdict names." if named else ""
     if not by_joint:
-        listed = f"<p>The verdict names {esc(joints_in_short(tuple(sorted(named))))}.</p>" if named else ""
-        return boxed("Where", "The nominal model was not run in closed loop, so the gap has no figures.", listed)
+        listed = f"<p>The verdict names {esc(words.joints_in_short(sorted(named)))}.</p>" if named else ""
+        return boxed("Where", "The gap has no figures by joint.", listed)
     signal = next(iter(by_joint.values())).signal
     about = f"Gap of the {signal} over the whole motion.{ringed}"
     if tuple(result.board.robot.joint_names) == JOINT_NAMES:
         tips = {j: told(c) for j, c in by_joint.items()}
-        figure = picture(shares, tips, named, in_floors=has_floor(tuple(by_joint.values())))
-        return boxed("Where", about, figure)
+        return boxed("Where", about, picture(shares, tips, named, in_floors=has_floor(tuple(by_joint.values()))))
     gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
     return boxed("Where", about, bars.by_joint(gaps, shares, named))
 
 
-def _which_note(v: Verdict) -> str:
-    if not v.effects:
-        return "Nothing in the library is found."
-    drawn = {colour for _, _, colour in bars.ranked(v)}
-    told = [words for colour, words in bars.MEANING.items() if colour in drawn]
-    return f"{' '.join(told)} Several can be there at once, so these need not add up to 1."
-
-
-def _shrink(v: Verdict) -> str:
-    s = v.shrink
-    if s is None:
+def _together(v: Verdict) -> str:
+    """What the corrected model changes as a whole."""
+    c = words.whole(v)
+    if c is None:
         return ""
-    fitted = (
-        f"For each command sequence ({', '.join(s.held_out)}), the sizes of the effects were fitted to the other ones; "
-        "which effects act was chosen on all, and corrected_model.yaml is fitted to all."
-        if s.held_out
-        else "The corrected model was fitted to these same logs."
+    key = legend(zip(bars.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
+    about = words.measured_on(v, c)
+    listed = _list(words.sentence(words.gap_told(g)) for g in c.gaps)
+    return boxed(
+        "What the corrected model does",
+        about,
+        f"{key}{bars.gap_bars(c)}{listed}{_consequences(c, 'nominal', 'corrected', with_gaps=False)}",
     )
-    own = bars.FLOORS[s.floor_of]
-    alone = "" if s.floor_of == "robot" else " (the robot repeated no command sequence)"
+
+
+def _consequences(c: Consequences, before: str, after: str, *, with_gaps: bool) -> str:
+    """A table of gaps, speeds, power, torque, lean and falls."""
+    rows = [
+        (f"{g.gap} gap, {g.unit}", *map(_figure, (g.before, g.after, g.floor)), words.gap_told(g))
+        for g in c.gaps
+        if with_gaps
+    ]
+    for q in c.changes:
+        share = q.quantity == "fall_share"
+        label = f"{q.title}, {'%' if share else '°' if q.unit == 'rad' else q.unit}"
+        scale = 100.0 if share else float(np.degrees(1.0)) if q.unit == "rad" else 1.0
+        values = (_figure(None if x is None else scale * x) for x in (q.before, q.after, q.robot))
+        rows.append((label, *values, words.change_told(q)))
+    last = "robot; of gaps, floor" if with_gaps and c.gaps else "robot"
+    return _table(("", before, after, last, ""), rows) if rows else ""
+
+
+def _figure(value: float | None) -> Html:
+    return Html("—" if value is None else f"<span style='white-space:nowrap'>{words.number(value)}</span>")
+
+
+def _difference(d: Difference) -> str:
+    rows = [
+        (words.parameter(n), "", f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}")
+        for n, p in d.parameters.items()
+    ]
+    rows += [
+        (words.parameter(n), words.place(kind), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}")
+        for kind, numbers in d.by_type.items()
+        for n, p in numbers.items()
+    ]
+    title = (
+        f"<h3>{esc(d.title or words.plain(d.name))} <code>{esc(d.name)}</code> at "
+        f"{esc(words.joints_in_short(d.joints))}, P {d.probability:.2f}</h3>"
+    )
+    sizes = _table(("size", "", "", "90 % interval"), rows) if rows else ""
+    return f"{title}{_two(f'<div>{sizes}{_group(d)}</div>', _does(d))}"
+
+
+def _group(d: Difference) -> str:
+    """Rivals, how to part them, and where the evidence is."""
+    out = ""
+    if len(d.group) > 1:
+        hand = f" Besides: {d.split.by_hand}." if d.split is not None and d.split.by_hand else ""
+        command = f"<pre>{esc(d.split.command)}</pre>" if d.split is not None and d.split.command else ""
+        others = ", ".join(words.plain(n) for n in d.group[1:])
+        told = f"<p>These logs do not rule out <b>{esc(others)}</b> in its place."
+        out += f"{told} To tell them apart: {esc(d.split_by + hand)}</p>{command}"
+    likely = [(words.plain(n), p) for n, p in sorted(d.rivals.items(), key=lambda x: -x[1]) if p >= 0.005]
+    if len(likely) > 1:
+        rivals = "; ".join(f"{name} {p:.2f}" for name, p in likely)
+        out += f"<p class='note'>Probability of each in this place: {esc(rivals)}.</p>"
+    total = sum(g for g in d.channels.values() if g > 0.0)
+    shown = [(c, g) for c, g in sorted(d.channels.items(), key=lambda x: -x[1]) if g > 0.005 * total]
+    evidence = ", ".join(f"{CHANNEL_TITLES.get(c, c)} {100 * g / total:.0f} %" for c, g in shown)
+    return out + (f"<p class='note'>Evidence by channel: {esc(evidence)}.</p>" if evidence else "")
+
+
+def _does(d: Difference) -> str:
+    c = d.consequences
+    told = _consequences(c, "without", "with", with_gaps=True) if c is not None else ""
+    return f"<div>{told}</div>" if told else "<p class='note'>What it does could not be measured.</p>"
+
+
+def _calibration(v: Verdict) -> str:
+    numbers = sorted(v.calibration.numbers, key=lambda n: not n.stands_out)
+    n_out = sum(n.stands_out for n in numbers)
+    first = max(n_out, MOST_NUMBERS)
     about = (
-        f"The policy runs in closed loop on the nominal model and on the corrected one. {fitted} 100 % means that the "
-        f"simulator is as close to the robot as {own} are to each other{alone}."
+        f"{counted(len(numbers), 'number')} of the robot's own beside the nominal ones; {n_out} stand out. The axis "
+        "counts published standard deviations; the shade is two of them, the line is the nominal number."
     )
-    left = bars.shrink_line(s) or "<p>The gap does not exceed its floor: there is nothing to shrink.</p>"
-    placebo = ""
-    if s.placebo is not None:
-        placebo = (
-            f"<p class='note'>For comparison, {esc(words.plain(s.placebo.name))} close {100 * s.placebo.s:.0f} %.</p>"
-        )
-    key = legend(
+    shown = _numbers(numbers[:first]) if numbers else ""
+    if numbers[first:]:
+        shown += f"<details><summary>{len(numbers) - first} more</summary>{_numbers(numbers[first:])}</details>"
+    c = v.calibration.consequences
+    if c is not None and shown and v.differences:
+        told = "; ".join(map(words.gap_told, c.gaps))
+        shown += f"<p>Without any difference, these numbers alone: {esc(told)}.</p>" if told else ""
+    return boxed("Calibration", about, shown)
+
+
+def _numbers(numbers: Iterable[CalibratedNumber]) -> str:
+    numbers = list(numbers)
+    rows = [
         (
-            ("var(--nominal)", "nominal"),
-            ("var(--corrected)", "with the effects"),
-            ("var(--floor)", own),
+            n.title,
+            words.place(n.where),
+            f"{n.nominal:.4g} {n.unit}".rstrip(),
+            f"{n.value:.4g} ({n.low:.4g} to {n.high:.4g})",
+            Html(bars.interval(n)),
         )
+        for n in numbers
+    ]
+    return _table(
+        ("number", "where", "nominal", "robot (90 %)", ""), rows, ["out" if n.stands_out else "" for n in numbers]
     )
-    content = f"<div class='two' style='margin:0'><div>{left}{placebo}</div><div>{key}{bars.gap_bars(s)}</div></div>"
-    return boxed("How much of the gap closes", about, content)
 
 
-def _effects(v: Verdict) -> str:
-    return boxed("The effects found", "", "".join(_effect(e) for e in v.effects)) if v.effects else ""
-
-
-def _effect(e: FoundEffect) -> str:
-    group = ""
-    if len(e.group) > 1:
-        hand = f" Besides: {esc(e.split.by_hand)}." if e.split is not None and e.split.by_hand else ""
-        command = f"<pre>{esc(e.split.command)}</pre>" if e.split is not None and e.split.command else ""
-        group = (
-            f"<p>These logs cannot rule out <b>{esc(', '.join(words.plain(n) for n in e.group[1:]))}</b>. "
-            f"To distinguish them: {esc(e.split_by)}{hand}</p>{command}"
-        )
-    total = sum(g for g in e.channels.values() if g > 0.0)
-    channels = ", ".join(
-        f"{CHANNEL_TITLES.get(c, c)} {100 * g / total:.0f} %"
-        for c, g in sorted(e.channels.items(), key=lambda x: -x[1])
-        if g > 0.005 * total
-    )
-    evidence = f"<p class='note'>Where it shows: {esc(channels)}</p>" if channels else ""
-    return (
-        f"<h3>{esc(e.title or words.plain(e.name))} <code>{esc(e.name)}</code> at {esc(joints_in_short(e.joints))}, "
-        f"probability {e.probability:.2f}</h3>{bars.parameters(e)}{group}{evidence}"
-    )
+def _remains(v: Verdict) -> str:
+    rows = [
+        (g.gap, f"{words.number(g.left)} {g.unit}", words.number(g.floor), "—" if g.ratio is None else f"{g.ratio:.1f}")
+        for g in v.remainder
+    ]
+    content = _table(("gap", "left", "floor", "times its floor"), rows) if rows else ""
+    return boxed("What remains", "What the corrected model leaves of each gap.", content + _unknown(v))
 
 
 def _unknown(v: Verdict) -> str:
     u = v.unknown
     if u is None or not u.joints:
         return ""
+    depends = f" predictable from {' and '.join(u.depends_on)}" if u.depends_on else " predictable"
     about = (
-        f"At {joints_in_short(u.joints)}, largest in {u.regime or 'all regimes'}; {100 * u.predictable_share:.0f} % of "
-        f"the rest is predictable from {' and '.join(u.depends_on)}."
+        f"<h3>What no effect explains</h3><p>At {esc(words.joints_in_short(u.joints))}, largest in "
+        f"{esc(u.regime or 'all regimes')}; {esc(words.percent(u.predictable_share) + ' of the rest is' + depends)}. "
+        f"Probability of an effect that the library lacks: {v.probability_unknown:.2f}.</p>"
     )
-    told = "<p>Write it as an effect, and diagnose again with <code>--add-effect module:Class</code>.</p>"
+    said = "<p>Write it as an effect, and diagnose again with <code>--add-effect module:Class</code>.</p>"
     if u.formula is not None:
-        told = (
+        said = (
             f"<p><b>{esc(formula_text(u.formula))}</b> (q angle in rad, v speed in rad/s, τ torque) predicts "
-            f"{100 * u.formula.predicted_share:.0f} % of it, in runs that it was not fitted to. Diagnose again with "
+            f"{words.percent(u.formula.predicted_share)} of it, in runs that it was not fitted to. Diagnose again with "
             "<code>--add-effect unknown_effect:UnknownTorque</code>.</p>"
         )
-    figures = "".join(f"<div>{dependence(c, u.unit)}</div>" for c in u.curves)
-    return boxed("What no effect explains", about, f"{told}<div class='two' style='margin:0'>{figures}</div>")
-
-
-def _seen(v: Verdict) -> str:
-    if not v.seen:
-        return ""
-    told = []
-    for s in v.seen:
-        values = ", ".join(f"{words.parameter(n)} {p.value:.3g} {p.unit}".strip() for n, p in s.parameters.items())
-        told.append(f"{s.title or words.plain(s.name)} at {joints_in_short(s.joints)}: {values}.")
-    about = "The logs show these, but they hardly change the simulated motion."
-    return boxed("Seen, does not matter here", about, _list(told))
+    return about + said + _two(*bars.dependences(u.curves, u.unit))
 
 
 def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
-    found = trace_figure(result, {j: c.ratio or c.gap for j, c in by_joint.items()}, named)
+    found = trace_figures(result, {j: c.ratio or c.gap for j, c in by_joint.items()}, named)
     if found is None:
         return ""
-    where, figure, shift = found
-    has_corrected = bool(result.simulated.get("corrected"))
-    key = legend(COLOURS if has_corrected else COLOURS[:2])
-    return boxed("Traces", f"{where}. {shift}", key + figure)
+    about, figures = found
+    key = legend(COLOURS if result.simulated.get("corrected") else COLOURS[:2])
+    return boxed("Traces", about, key + _two(*figures))
 
 
 def _limits(v: Verdict) -> str:
@@ -238,27 +304,20 @@ def _limits(v: Verdict) -> str:
     if v.invisible:
         chips = "".join(f"<span class='chip off'>{esc(words.plain(n))}</span>" for n in v.invisible)
         content += f"<h3>Invisible in these logs</h3><p class='note'>No signal shows these effects.</p>{chips}"
-    return boxed("What these logs cannot tell, and what to record next", "", content) if content else ""
+    return boxed("Limits", "", content)
 
 
 def _channels(v: Verdict) -> str:
-    rows = []
-    total = sum(max(0.0, g) for e in v.effects for g in e.channels.values())
-    for name, state in v.channels.items():
-        gain = sum(max(0.0, e.channels.get(name, 0.0)) for e in v.effects)
-        evidence = f"{100 * gain / total:.0f} % of the evidence for what was found" if gain > 0.005 * total else ""
-        mark = "<b style='color:var(--good)'>on</b>" if state == "used" else f"<span>{esc(state)}</span>"
-        title = esc(CHANNEL_TITLES.get(name, name))
-        rows.append(f"<tr><th>{title}</th><td>{mark}</td><td>{evidence}</td></tr>")
-    return boxed("Channels", "", f"<table>{''.join(rows)}</table>")
+    rows = [
+        (CHANNEL_TITLES.get(name, name), Html("<b style='color:var(--good)'>on</b>") if state == "used" else state)
+        for name, state in v.channels.items()
+    ]
+    return boxed("Channels", "", facts(rows))
 
 
 def _timeline(result: Diagnosis) -> str:
-    key = legend(
-        (
-            ("var(--corrected)", "used"),
-            ("var(--nominal)", "carries much of the gap"),
-            ("var(--empty)", "cut out: no command, start, fall, not following"),
-        )
-    )
-    return boxed("Logs over time", "", key + strips(result.runs, result.verdict.timeline))
+    kinds = {s.kind == "gap" for s in result.verdict.timeline}
+    entries = [("var(--corrected)", "used")]
+    entries += [("var(--nominal)", "carries much of the gap")] if True in kinds else []
+    entries += [("var(--empty)", "cut out")] if False in kinds else []
+    return boxed("Logs over time", "", legend(entries) + strips(result.runs, result.verdict.timeline))

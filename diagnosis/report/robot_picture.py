@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.report.scale import scale_bar
+from diagnosis.report.gap_map import scale_bar
 from spot_log.page.svg import disc, heat, line, on_heat, svg, text
 from spot_model.robot import facts
 
-WIDTH: Final = 620
-HEIGHT: Final = 500
-SCALE: Final = 500.0
+WIDTH: Final = 480
+HEIGHT: Final = 400
+SCALE: Final = 370.0
 """Picture units a metre."""
 TURN_RAD: Final = float(np.radians(74.0))
 TILT_RAD: Final = float(np.radians(38.0))
@@ -43,9 +43,9 @@ def picture(shares: Mapping[str, float], tips: Mapping[str, str], named: frozens
         for kind, point in zip(facts.JOINT_TYPES, legs[leg][:3], strict=True):
             parts.append(_joint(f"{leg}_{kind}", kind, _screen(point), shares, tips, named))
         x, y = _screen(legs[leg][3])
-        parts.append(text(x, y + 26, leg, size=13, anchor="middle", css="soft", weight=600))
+        parts.append(text(x, y + 26, leg, size=13.5, anchor="middle", css="soft", weight=600))
     x, y = _screen(np.array([0.56, 0.0, 0.02]))
-    parts.append(text(x, y, "front", size=12, anchor="middle", css="soft"))
+    parts.append(text(x, y, "front", size=13, anchor="middle", css="soft"))
     parts.append(scale_bar(0.5 * WIDTH - 120, HEIGHT - 32, 240, in_floors=in_floors))
     return svg(WIDTH, HEIGHT, parts, "Spot, joints coloured by their gap")
 
@@ -76,7 +76,7 @@ def _screen(point: np.ndarray) -> tuple[float, float]:
     x, y, z = (float(v) for v in point)
     right = -x * np.sin(TURN_RAD) + y * np.cos(TURN_RAD)
     up = z * np.cos(TILT_RAD) - _nearness(point) * np.sin(TILT_RAD)
-    return 0.46 * WIDTH + SCALE * right, 0.27 * HEIGHT - SCALE * up
+    return 0.48 * WIDTH + SCALE * right, 0.27 * HEIGHT - SCALE * up
 
 
 def _nearness(point: np.ndarray) -> float:
@@ -97,7 +97,7 @@ def _leg(points: list[np.ndarray], opacity: float) -> str:
 
 def _shadow() -> str:
     x, y = _screen(np.array([0.0, 0.0, _points(0)[3][2]]))
-    return f'<ellipse cx="{x:.0f}" cy="{y:.0f}" rx="270" ry="135" style="fill:var(--empty)"/>'
+    return f'<ellipse cx="{x:.0f}" cy="{y:.0f}" rx="200" ry="100" style="fill:var(--empty)"/>'
 
 
 def _body() -> str:
@@ -130,5 +130,5 @@ def _joint(
     ring, width = ("var(--none)", 5.0) if name in named else ("var(--card)", 2.0)
     ink = "var(--soft)" if share is None else on_heat(share)
     tip = tips.get(name, f"{name}: not measured")
-    words = text(x, y + 4, kind, size=11, anchor="middle", weight=600, fill=ink)
+    words = text(x, y + 4, kind, size=12, anchor="middle", weight=600, fill=ink)
     return disc(x, y, RADIUS, fill, tip, ring, width) + words.replace("<text", '<text pointer-events="none"', 1)

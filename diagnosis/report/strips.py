@@ -9,8 +9,8 @@ from diagnosis.document import Stretch
 from spot_log.page.svg import nice_ticks, rect, svg, text
 from spot_log.read.run import Run
 
-WIDTH: Final = 1160
-LEFT: Final = 190
+WIDTH: Final = 560
+LEFT: Final = 170
 ROW: Final = 22
 MAX_LOGS: Final = 40
 
@@ -24,7 +24,7 @@ def strips(runs: Sequence[Run], stretches: Sequence[Stretch]) -> str:
     for i, run in enumerate(shown):
         y = 4 + ROW * i
         name = run.header.command_sequence or run.path.stem
-        parts.append(text(LEFT - 10, y + 13, f"{name[:18]}, repeat {run.header.repeat}", size=12, anchor="end"))
+        parts.append(text(LEFT - 10, y + 13, f"{name[:18]}, repeat {run.header.repeat}", size=12.5, anchor="end"))
         parts.append(rect(LEFT, y, scale * run.duration_s, ROW - 6, "var(--corrected)", run.path.name, radius=3))
         for s in stretches:
             if s.log != run.header.run_id:
@@ -35,7 +35,7 @@ def strips(runs: Sequence[Run], stretches: Sequence[Stretch]) -> str:
             parts.append(rect(LEFT + scale * s.start_s, y, scale * (end - s.start_s), ROW - 6, fill, tip, radius=1))
     bottom = 4 + ROW * len(shown)
     parts += [
-        text(LEFT + scale * tick, bottom + 12, f"{tick:g} s", size=11, anchor="middle", css="soft")
-        for tick in nice_ticks(0.0, longest, 10)
+        text(LEFT + scale * tick, bottom + 12, f"{tick:g} s", size=12.5, anchor="middle", css="soft")
+        for tick in nice_ticks(0.0, longest, 5)
     ]
     return svg(WIDTH, bottom + 20, parts, "Logs over time")

@@ -1,52 +1,53 @@
-"""The verdict in plain sentences; the first says what to do next."""
+"""The verdict in sentences. Each is made from figures of the verdict, and says no more than they do.
+
+A change whose interval holds 0 is *not shown*; a share that is null is not told; a gap closes only if it is smaller
+afterwards. ``tests/diagnosis/test_words.py`` reads the sentences back and compares them with the figures.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
-from diagnosis.document import FoundEffect, Shrink, Verdict
-from diagnosis.library.registry import LIBRARY
-from diagnosis.terminal import joints_in_short
+import numpy as np
 
-WIDEST: Final = 1.0
-"""An interval of S wider than this tells nothing: from no change at all to the whole gap."""
-BADGES: Final = {
+from diagnosis.decision_constants import RUNS_APART
+from diagnosis.document import (
+    CalibratedNumber,
+    Consequences,
+    Difference,
+    GapChange,
+    GapLeft,
+    Number,
+    QuantityChange,
+    Status,
+    Verdict,
+)
+from diagnosis.library.registry import LIBRARY
+from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
+
+BADGES: Final[dict[Status, str]] = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
     "unknown_effect": "Unknown effect",
+    "calibration": "Calibration",
     "no_gap": "No gap",
     "cannot_tell": "Cannot tell",
 }
+PLACES: Final = {"hx": "sideways hips (hx)", "hy": "forward hips (hy)", "kn": "knees"}
+NOTICED: Final = {"m/s": 0.1, "rad": 0.1}
+"""Changes that a person notices, by unit; of others :data:`NOTICED_SHARE`."""
+NOTICED_SHARE: Final = 0.05
+LIKELY: Final = 0.5
+UNITS: Final = (
+    *("_nm_s_per_rad", "_v_s_per_rad", "_k_per_nm2_s", "_rad_per_nm", "_w_per_nm2", "_nm_per_v", "_cycles_per_rad"),
+    *("_kg_m2", "_rad_s", "_m_s2", "_per_k", "_m_s", "_kg", "_nm", "_rad", "_ohm", "_w", "_v", "_s", "_m", "_k"),
+)
 
 
 def plain(name: str) -> str:
     """What an effect is called among people; the name as words where it is none of the library's."""
     return LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
-
-
-UNITS: Final = (
-    "_nm_s_per_rad",
-    "_v_s_per_rad",
-    "_k_per_nm2_s",
-    "_rad_per_nm",
-    "_w_per_nm2",
-    "_nm_per_v",
-    "_cycles_per_rad",
-    "_kg_m2",
-    "_rad_s",
-    "_m_s2",
-    "_per_k",
-    "_m_s",
-    "_kg",
-    "_nm",
-    "_rad",
-    "_ohm",
-    "_w",
-    "_v",
-    "_s",
-    "_m",
-    "_k",
-)
 
 
 def parameter(name: str) -> str:
@@ -55,79 +56,290 @@ def parameter(name: str) -> str:
     return name.removesuffix(end).replace("_", " ")
 
 
-CERTAIN: Final = 0.8
-CLOSES: Final = 0.7
-"""A verdict is green from this probability and this share of the gap on."""
+def number(value: float, unit: str = "") -> str:
+    """Three digits and the unit; angles in degrees."""
+    value, unit = (float(np.degrees(value)), "°") if unit == "rad" else (value, unit)
+    return f"{float(f'{value:.3g}') + 0.0:g} {unit}".rstrip()
 
 
-def is_green(v: Verdict) -> bool:
-    """Whether the verdict is right by both: every cause is probable, and the model with them closes the gap."""
-    if v.status != "explained" or not v.effects or v.shrink is None or v.shrink.s is None:
-        return False
-    return all(e.probability >= CERTAIN for e in v.effects) and v.shrink.s >= CLOSES
+def percent(share: float) -> str:
+    """A share of one."""
+    return f"{round(100.0 * share):d} %"
+
+
+def joints_in_short(joints: Sequence[str]) -> str:
+    """Joints in few words."""
+    if set(joints) == set(JOINT_NAMES):
+        return "all joints"
+    by_type = {kind: {n for n in JOINT_NAMES if n.endswith(kind)} for kind in JOINT_TYPES}
+    whole = [kind for kind, members in by_type.items() if members <= set(joints)]
+    rest = [j for j in joints if not any(j in by_type[kind] for kind in whole)]
+    return ", ".join([f"all {PLACES[kind]}" for kind in whole] + rest)
+
+
+def is_shown(low: float | None, high: float | None) -> bool:
+    """Whether an interval leaves out 0; without one the figure stands for itself."""
+    return low is None or high is None or low > 0.0 or high < 0.0
+
+
+def closes(g: GapChange) -> bool:
+    """Whether a share of the gap closes that can be told."""
+    return (
+        g.share is not None
+        and g.share >= 0.005
+        and g.after < g.before
+        and g.floor < g.before
+        and (g.low is None or g.low > 0.0)
+    )
+
+
+def grows(g: GapChange) -> bool:
+    """Whether the gap is shown to be larger afterwards."""
+    return g.after > g.before and (g.high is None or g.high < 0.0)
+
+
+def gap_told(g: GapChange) -> str:
+    """What becomes of a gap, in a few words."""
+    if closes(g) and g.share is not None:
+        return f"{percent(g.share)} of the {g.gap} gap closes{_interval(g.low, g.high)}"
+    if grows(g):
+        return f"the {g.gap} gap grows"
+    if g.before <= g.floor:
+        return f"the {g.gap} gap was within its floor"
+    return f"a change of the {g.gap} gap is not shown"
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f" (90 %: {percent(low)} to {percent(high)})"
+
+
+def change_told(c: QuantityChange) -> str:
+    """What becomes of a quantity; empty where it is not known on both sides."""
+    if c.before is None or c.after is None:
+        return ""
+    title, before, after = c.title.split(",")[0], c.before, c.after
+    if c.quantity == "fall_share":
+        if percent(before) == percent(after):
+            return f"falls in {percent(after)} of runs, as without"
+        shown = "" if is_shown(c.low, c.high) else ", a change that is not shown"
+        return f"falls in {percent(after)} of runs instead of {percent(before)}{shown}"
+    if before == after or not is_shown(c.low, c.high) or float(f"{abs(after - before):.3g}") == 0.0:
+        return f"a change of the {title} is not shown"
+    size = number(abs(after - before), c.unit)
+    if c.quantity in ("top_speed", "mean_speed"):
+        return f"{'slower' if after < before else 'faster'} by {size} ({title})"
+    return f"the {title} {'falls' if after < before else 'rises'} by {size}"
+
+
+def largest_change(consequences: Sequence[Consequences]) -> QuantityChange | None:
+    """Falls if their share changes, else the largest change that a person notices; None if none is shown."""
+    known = [
+        (_noticed(c, c.before, c.after), c)
+        for part in consequences
+        for c in part.changes
+        if c.before is not None and c.after is not None and is_shown(c.low, c.high)
+    ]
+    size, found = max(known, key=lambda item: item[0], default=(0.0, None))
+    return found if size >= 1.0 else None
+
+
+def _noticed(c: QuantityChange, before: float, after: float) -> float:
+    """How many times what a person notices."""
+    if c.quantity == "fall_share":
+        return np.inf if percent(before) != percent(after) else 0.0
+    return abs(after - before) / NOTICED.get(c.unit, max(NOTICED_SHARE * abs(before), 1e-12))
+
+
+def left_told(g: GapLeft) -> str:
+    """What is left of a gap, in its floor where there is one."""
+    times = "" if g.ratio is None else f", {g.ratio:.1f} times its floor"
+    return f"{g.gap} {number(g.left)} {g.unit}{times}"
+
+
+def found(d: Difference) -> str:
+    """A difference and where it is."""
+    title = " or ".join(plain(n) for n in d.group) if len(d.group) > 1 else d.title or plain(d.name)
+    return title + (f" at {joints_in_short(d.joints)}" if d.joints and len(d.joints) < len(JOINT_NAMES) else "")
+
+
+def size_told(name: str, p: Number) -> str:
+    """A fitted number with its interval."""
+    unit = "" if p.unit == "1" else p.unit
+    return f"{parameter(name)} {p.value:.3g} ({p.low:.3g} to {p.high:.3g}) {unit}".rstrip()
+
+
+def place(where: str) -> str:
+    """Joint type, leg or body in words."""
+    return PLACES.get(where, where)
+
+
+def calibration_told(numbers: Sequence[CalibratedNumber]) -> str:
+    """The numbers that stand out, in a phrase: torque gains first, since they are what a person asks for."""
+    out = [n for n in numbers if n.stands_out]
+    gains = [n for n in out if (n.effect, n.parameter) == ("torque_gain", "gain")]
+    if gains:
+        first, *rest = sorted(gains, key=lambda n: n.value)
+        told = f"{place(first.where)} give {percent(first.value)} of the torque asked"
+        return ", ".join([told, *(f"{place(n.where)} {percent(n.value)}" for n in rest)])
+    if not numbers:
+        return "no number of the robot's own is known"
+    if not out:
+        return "no number of the robot's own stands out"
+    n = out[0]
+    unit = "" if n.unit in ("", "1") else f" {n.unit}"
+    return f"{n.title} of {place(n.where)} is {n.value:.3g}{unit}, nominal {n.nominal:.3g}"
+
+
+def whole(v: Verdict) -> Consequences | None:
+    """What the corrected model changes."""
+    return v.consequences or v.calibration.consequences
+
+
+def is_far(v: Verdict) -> list[GapLeft]:
+    """Gaps of which more is left than runs of a right model leave, largest first."""
+    return sorted((g for g in v.remainder if (g.ratio or 0.0) > RUNS_APART), key=lambda g: -(g.ratio or 0.0))
+
+
+def is_good(v: Verdict) -> bool:
+    """Whether the corrected model is shown to be nearer to the robot, in no gap farther, and nothing warns of it."""
+    all_ = whole(v)
+    return (
+        not v.warnings
+        and all_ is not None
+        and any(map(closes, all_.gaps))
+        and not any(g.after > g.before for g in all_.gaps)
+    )
 
 
 def headline(v: Verdict) -> str:
-    """What a person should do next, and why, in one sentence."""
-    told = " and ".join(_found(e) for e in v.effects[:3])
-    split = next((e.split for e in v.effects if len(e.group) > 1 and e.split is not None), None)
+    """The largest consequence and what to do next, in a sentence."""
+    told = f"{_answer(v)}; next: {next_step(v)}"
+    return told[:1].upper() + told[1:]
+
+
+def _answer(v: Verdict) -> str:
+    if v.status == "cannot_tell":
+        return "these logs cannot tell"
     if v.status == "no_gap":
-        return "Train on this model: the robot differs from it by ordinary errors alone"
-    if v.status == "unknown_effect":
-        where = f" at {joints_in_short(v.unknown.joints)}" if v.unknown and v.unknown.joints else ""
-        what = f"something acts{where} that no effect of the library explains"
-        if v.unknown is not None and v.unknown.formula is not None:
-            return f"Diagnose again with unknown_effect.py: {what}, and a formula predicts it"
-        return f"Look at the robot{where}: something acts there that no effect of the library explains"
-    if v.status == "cannot_tell" or not v.effects:
-        return "Record more: these logs cannot tell"
-    if is_green(v):
-        return f"Train on the corrected model: {told} explains the gap"
+        return _no_gap(v)
+    if v.status == "unknown_effect" or (v.status == "calibration" and v.probability_unknown > LIKELY):
+        return f"something {_acts(v)} that no effect of the library explains (P {v.probability_unknown:.2f})"
+    if not v.differences:
+        return f"calibration: {calibration_told(v.calibration.numbers)}{_closed(v)}"
+    names = " and ".join(found(d) for d in v.differences[:2])
+    names += f" and {len(v.differences) - 2} more" if len(v.differences) > 2 else ""
+    change = largest_change([d.consequences for d in v.differences[:2] if d.consequences is not None])
+    does = f": {change_told(change)}" if change is not None else ""
+    return f"{names}{does}{_closed(v)}{_rest(v)}"
+
+
+def is_near(v: Verdict) -> bool:
+    """Whether the nominal model itself is as near to the robot as floors allow."""
+    all_ = whole(v)
+    return all_ is not None and bool(all_.gaps) and all(g.before <= RUNS_APART * g.floor for g in all_.gaps)
+
+
+def _no_gap(v: Verdict) -> str:
+    if v.differences:
+        return f"{found(v.differences[0])}{_closed(v)}"
+    gaps = [] if (all_ := whole(v)) is None else all_.gaps
+    if is_near(v):
+        return f"no gap: the nominal model is as near to the robot in {_listed([g.gap for g in gaps])} as floors allow"
+    far = [
+        f"; the {g.gap} gap of the nominal model is above its floor" for g in gaps if g.before > RUNS_APART * g.floor
+    ]
+    return "no difference is shown" + "".join(far[:1])
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _where(v: Verdict) -> str:
+    return f" at {joints_in_short(v.unknown.joints)}" if v.unknown is not None and v.unknown.joints else ""
+
+
+def _acts(v: Verdict) -> str:
+    return f"{'acts' if v.probability_unknown > LIKELY else 'may act'}{_where(v)}"
+
+
+def _closed(v: Verdict) -> str:
+    """The gap of which the corrected model closes most, or that none is shown to close."""
+    all_ = whole(v)
+    if all_ is None or not all_.gaps:
+        return ""
+    best = max((g for g in all_.gaps if closes(g)), key=lambda g: g.share or 0.0, default=None)
+    if best is None:
+        return "; that the corrected model closes a gap is not shown"
+    return f"; corrected, {percent(best.share or 0.0)} of the {best.gap} gap closes"
+
+
+def _rest(v: Verdict) -> str:
+    """What is there beside the differences."""
+    if v.status != "partly_explained":
+        return ""
+    if v.probability_unknown > LIKELY:
+        return f"; something else {_acts(v)} (P {v.probability_unknown:.2f})"
+    far = is_far(v)
+    return f"; {far[0].gap} is left at {far[0].ratio:.1f} times its floor" if far else ""
+
+
+def next_step(v: Verdict) -> str:
+    """What to do next."""
+    split = next((d.split for d in v.differences if len(d.group) > 1 and d.split is not None), None)
+    if v.warnings:
+        return "read the warnings"
+    if v.status == "cannot_tell":
+        return "record more"
+    if v.status == "no_gap" and not v.differences:
+        return "train on the nominal model" if is_near(v) else "record more"
     if split is not None:
-        return f"{split.text.split(':')[0].rstrip('.')} and record it: it is {told}, and these logs cannot tell"
-    if v.status == "partly_explained":
-        return f"Train on the corrected model, and look further: {told}, and something unknown"
-    return f"Record more to be sure: it may be {told}"
+        return (
+            f"{_lowered(split.text.split(':')[0])} and record it, to tell {_listed([plain(n) for n in _of(v)])} apart"
+        )
+    if v.probability_unknown > LIKELY or v.status == "unknown_effect":
+        if v.unknown is not None and v.unknown.formula is not None:
+            return "diagnose again with unknown_effect.py, whose formula predicts it"
+        return f"look at the robot{_where(v)}"
+    if is_good(v):
+        return "train on the corrected model" + (", and look further" if is_far(v) else "")
+    return "record more before training on the corrected model"
 
 
-def _found(e: FoundEffect) -> str:
-    title = " or ".join(plain(n) for n in e.group) if len(e.group) > 1 else e.title or plain(e.name)
-    at = f" at {joints_in_short(e.joints)}" if e.joints and len(e.joints) < 12 else ""
-    return title + at
+def _of(v: Verdict) -> tuple[str, ...]:
+    return next(d.group for d in v.differences if len(d.group) > 1 and d.split is not None)
 
 
-def second_line(v: Verdict) -> str:
-    """The size of it, and how far the gap shrinks."""
-    parts = []
-    for e in v.effects[:2]:
-        if v.status in ("explained", "partly_explained") and e.parameters:
-            name, p = next(iter(e.parameters.items()))
-            unit = f" {p.unit}" if p.unit not in ("", "1") else ""
-            parts.append(
-                f"{parameter(name).capitalize()} {p.value:.3g}{unit} (90 % interval {p.low:.3g} to {p.high:.3g})."
-            )
-    if v.unknown is not None and v.unknown.depends_on:
-        parts.append(f"What is left depends most on {' and '.join(v.unknown.depends_on)}.")
-    s = v.shrink
-    if s is not None and s.s is not None and v.effects:
-        what = "Added to the simulator, it closes"
-        if v.status == "unknown_effect":
-            what = f"The best that the library has, {_found(v.effects[0])}, closes"
-        elif len(v.effects) > 1:
-            what = "Added to the simulator, they close"
-        parts.append(f"{what} {_share(s)}.")
-    named = "; ".join(f"{_found(e)} {100 * e.probability:.0f} %" for e in v.effects[:2])
-    none = f"no effect {100 * v.probability_none:.0f} %; an unknown one{', alone or beside these,' if named else ''}"
-    parts.append(f"Probabilities: {named + '; ' if named else ''}{none} {100 * v.probability_unknown:.0f} %.")
-    return " ".join(parts)
+def _lowered(text: str) -> str:
+    return text[:1].lower() + text[1:].rstrip(".")
 
 
-def _share(shrink: Shrink) -> str:
-    """How much of the gap closes; an interval as wide as the gap itself is told as what it is."""
-    assert shrink.s is not None  # noqa: S101  (the caller asks)
-    told = f"{100 * shrink.s:.0f} % of the gap"
-    if shrink.s_low is None or shrink.s_high is None:
-        return told
-    if shrink.s_high - shrink.s_low > WIDEST:
-        return f"{told}; with so few runs, this is uncertain"
-    return f"{told} (90 %: {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %)"
+def probabilities(v: Verdict) -> str:
+    """Probabilities, each by itself."""
+    named = [f"{found(d)} {d.probability:.2f}" for d in v.differences]
+    told = [*named, f"an effect that the library lacks {v.probability_unknown:.2f}"]
+    told.append(f"nothing beside the robot's own calibration {v.probability_none:.2f}")
+    return f"Probability that it is there, each by itself: {'; '.join(told)}."
+
+
+def measured_on(v: Verdict, c: Consequences) -> str:
+    """How consequences were measured."""
+    if c.loop == "open":
+        return "Logged signals are predicted from each other, in folds that nothing was fitted to."
+    if v.shrink is not None and not v.shrink.held_out:
+        return "The policy runs on both models, on the commands of the logs to which the corrected one was fitted."
+    return "The policy runs on both models, on command sequences that nothing was fitted to."
+
+
+def sentence(told: str) -> str:
+    """With a capital and a full stop."""
+    return f"{told[:1].upper()}{told[1:].rstrip('.')}."
+
+
+def floor_of(v: Verdict, consequences: Consequences | None) -> str:
+    """What a floor is."""
+    if consequences is not None and consequences.loop == "open":
+        return "what formulas and noise leave"
+    if v.shrink is None:
+        return "floor"
+    return "two runs of the robot" if v.shrink.floor_of == "robot" else "two simulated runs"

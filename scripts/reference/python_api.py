@@ -11,7 +11,20 @@ from typing import Any, ForwardRef, get_args
 import spot_rl
 from compare.differences import Differences, SignalDifference
 from compare.tracks import Track
-from diagnosis.document import FoundEffect, GapCell, Number, SeenEffect, Shrink, Status, Verdict
+from diagnosis.document import (
+    CalibratedNumber,
+    Calibration,
+    Consequences,
+    Difference,
+    GapCell,
+    GapChange,
+    GapLeft,
+    Number,
+    QuantityChange,
+    Shrink,
+    Status,
+    Verdict,
+)
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
 from spot_log.tools.gaits import GaitSpan
@@ -48,9 +61,14 @@ ARRAYS = (
     ("an entry of Differences.signals", SignalDifference),
     ("Verdict", Verdict),
     ("an entry of Verdict.where", GapCell),
-    ("an entry of Verdict.effects", FoundEffect),
-    ("an entry of Verdict.seen", SeenEffect),
-    ("a value of FoundEffect.parameters", Number),
+    ("an entry of Verdict.differences", Difference),
+    ("a value of Difference.parameters", Number),
+    ("Difference.consequences", Consequences),
+    ("an entry of Consequences.gaps", GapChange),
+    ("an entry of Consequences.changes", QuantityChange),
+    ("Verdict.calibration", Calibration),
+    ("an entry of Calibration.numbers", CalibratedNumber),
+    ("an entry of Verdict.remainder", GapLeft),
     ("Verdict.shrink", Shrink),
     ("ResultData", ResultData),
     ("an entry of ResultData.parameters", ParameterVerdict),

@@ -11,12 +11,16 @@ from diagnosis.channels.channel import Channel
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.document import (
+    CalibratedNumber,
+    Calibration,
+    Consequences,
     Dependence,
-    FoundEffect,
+    Difference,
     GapCell,
+    GapChange,
+    GapLeft,
     Number,
-    OtherGap,
-    Placebo,
+    QuantityChange,
     Shrink,
     Split,
     Stretch,
@@ -64,9 +68,71 @@ def cells(rng: np.random.Generator, joints: tuple[str, ...]) -> tuple[GapCell, .
     return tuple(sorted(found, key=lambda c: -(c.ratio or 0.0)))
 
 
+def consequences(**changes: Any) -> Consequences:
+    """A torque gap that closes, one that is not shown to, one that grows; slower, and falls more often."""
+    data: dict[str, Any] = {
+        "loop": "closed",
+        "gaps": (
+            GapChange(gap="torque", unit="N·m", before=4.2, after=1.0, floor=0.4, share=0.84, low=0.77, high=0.9),
+            GapChange(
+                gap="joint motion", unit="rad/s", before=0.31, after=0.29, floor=0.2, share=0.18, low=-0.1, high=0.4
+            ),
+            GapChange(
+                gap="body motion", unit="m/s", before=0.04, after=0.06, floor=0.03, share=-2.0, low=-3.0, high=-0.8
+            ),
+        ),
+        "changes": (
+            change("top_speed", "top speed, held for 1 s", "m/s", 1.52, 1.31, low=-0.25, high=-0.18, robot=1.3),
+            change("power", "mechanical power, mean of what the joints give", "W", 210.0, 214.0, low=-9.0, high=17.0),
+            change("lean", "largest lean of the body", "rad", 0.12, 0.15, low=0.01, high=0.05, robot=0.16),
+            change("fall_share", "share of runs that fall", "", 0.0, 0.0, robot=0.0),
+            change("time_to_fall", "mean time to a fall, within the commands", "s", None, 6.0),
+        ),
+    }
+    return Consequences(**(data | changes))
+
+
+def change(name: str, title: str, unit: str, before: float | None, after: float | None, **more: Any) -> QuantityChange:
+    """One quantity."""
+    return QuantityChange(quantity=name, title=title, unit=unit, before=before, after=after, **more)
+
+
+def calibration() -> Calibration:
+    """Torque gains by joint type that stand out, and a friction that does not."""
+    gains = {"kn": 0.86, "hy": 0.95, "hx": 0.98}
+    numbers = [
+        CalibratedNumber(
+            effect="torque_gain",
+            parameter="gain",
+            title="torque gain",
+            where=where,
+            nominal=1.0,
+            value=gain,
+            low=gain - 0.01,
+            high=gain + 0.01,
+            spread=0.015,
+            stands_out=gain < 0.96,
+        )
+        for where, gain in gains.items()
+    ]
+    friction = CalibratedNumber(
+        effect="coulomb_friction",
+        parameter="level_nm",
+        title="dry friction",
+        where="hy",
+        nominal=0.0,
+        value=0.12,
+        low=-0.05,
+        high=0.3,
+        unit="N·m",
+        spread=0.15,
+    )
+    return Calibration(numbers=(*numbers, friction), consequences=consequences(changes=()))
+
+
 def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
-    """A verdict with everything in it: long names, a group, an unknown part, a placebo."""
-    effect = FoundEffect(
+    """A verdict with everything in it: long names, a group, numbers by joint type, an unknown part."""
+    difference = Difference(
         name="coulomb_friction",
         title="dry friction",
         probability=0.71,
@@ -75,20 +141,29 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
         split_by="Walk slowly: what acts near standstill grows.",
         split=Split(
             name="slow",
-            text="Walk slowly.",
+            text="Walk slowly: what acts near standstill grows.",
             command="spot-rl collect --robot HOST --out MORE",
             sequence_file="experiments/slow_walk.yaml",
         ),
         parameters={"level_nm": Number(value=2.02, low=1.91, high=2.13, unit="N·m")},
-        rivals={"coulomb_friction": 0.71, "stribeck_friction": 0.2, "load_friction": 0.05, "torque_gain": 0.01},
+        by_type={"kn": {"level_nm": Number(value=2.4, low=2.2, high=2.6, unit="N·m")}},
+        rivals={"coulomb_friction": 0.51, "stribeck_friction": 0.2, "load_friction": 0.001},
         gain_nats=512.0,
         channels={Channel.SET_POINT_TO_LOAD: 498.0, Channel.LOAD_TO_MOTION: 14.0},
+        consequences=consequences(),
     )
     curve = Dependence(quantity="velocity", importance=0.6, at=(-4.0, -1.0, 1.0, 4.0), residual=(-1.0, -0.4, 0.5, 1.1))
     data: dict[str, Any] = {
         "status": "partly_explained",
         "where": where[:60],
-        "effects": (effect,),
+        "differences": (difference,),
+        "calibration": calibration(),
+        "consequences": consequences(),
+        "remainder": (
+            GapLeft(gap="torque", unit="N·m", left=1.0, floor=0.4, ratio=2.5),
+            GapLeft(gap="joint motion", unit="rad/s", left=0.21, floor=0.2, ratio=1.05),
+            GapLeft(gap="body motion", unit="m/s", left=0.04, floor=0.0, ratio=None),
+        ),
         "probability_none": 0.001,
         "probability_unknown": 0.35,
         "unknown": UnknownEffect(
@@ -98,7 +173,7 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
             channel=Channel.SET_POINT_TO_LOAD,
             unit="N·m",
             predictable_share=0.4,
-            curves=(curve, curve.model_copy(update={"quantity": "torque"})),
+            curves=(curve, curve.model_copy(update={"quantity": "torque", "residual": (-0.2, -0.1, 0.1, 0.3)})),
         ),
         "channels": {
             Channel.SET_POINT_TO_LOAD: "used",
@@ -107,17 +182,7 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
             Channel.TIME_STAMPS: "off: no receipts of commands",
         },
         "invisible": ("power_limit", "bus_sag", "command_delay"),
-        "shrink": Shrink(
-            d0=4.1,
-            d1=1.5,
-            floor=1.0,
-            s=0.84,
-            s_low=0.77,
-            s_high=0.9,
-            held_out=("a", "b"),
-            placebo=Placebo(name="armature", s=0.21),
-            beside=(OtherGap(name="load", unit="N·m", before=1.4, after=0.5, floor=0.3),),
-        ),
+        "shrink": Shrink(d0=4.1, d1=1.5, floor=1.0, s=0.84, s_low=0.77, s_high=0.9, held_out=("a", "b")),
         "log_advice": ("Record each command sequence five times.", "Record a sprint."),
         "timeline": (
             Stretch(log="simulated-a-1", kind="start", start_s=0.0, end_s=0.2, reason="settling"),

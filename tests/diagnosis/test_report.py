@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from diagnosis.document import Calibration
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report import words
 from diagnosis.report.output import check_free, write_all
-from diagnosis.report.page import _shrink, _which_note, page
-from diagnosis.terminal import twelve_lines
+from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.svg import heat, nice_ticks
 from spot_model.errors import BadInputError
 
-from .report_case import a_diagnosis, verdict
+from .report_case import a_diagnosis, change, consequences, verdict
 
 CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
@@ -50,6 +50,7 @@ document.getElementById('found').textContent = JSON.stringify(
    getComputedStyle(document.body).backgroundColor});
 </script>
 """
+FALLS = change("fall_share", "share of runs that fall", "", 0.0, 0.867, low=0.6, high=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -82,69 +83,70 @@ def test_it_asks_for_nothing_from_outside_and_is_small(text: str) -> None:
 def test_everything_is_on_it(text: str) -> None:
     for said in (
         "Partly explained",
-        "Dry friction",
-        "dry friction",
-        "0.71",
-        "84 %",
-        "rotor inertia",
-        "Gap map",
-        "Traces",
-        "level",
+        "Dry friction or friction near standstill (Stribeck) at fl_kn: slower by 0.21 m/s (top speed)",
+        "P 0.71",
+        "84 % of the torque gap closes (90 %: 77 % to 90 %)",
+        "A change of the joint motion gap is not shown",
+        "the body motion gap grows",
+        "each by itself",
         "2.02",
         "1.91 to 2.13",
+        "2.2 to 2.6",
+        "Probability of each in this place: dry friction 0.51; friction near standstill (Stribeck) 0.20.",
+        "Evidence by channel: set-point to load 97 %",
+        "4 numbers of the robot&#x27;s own beside the nominal ones; 2 stand out",
+        "0.86 (0.85 to 0.87)",
+        "Gap map",
+        "Traces",
         "Record a sprint.",
         "limit of the total power",
         "off: no battery record",
         "spot-rl collect",
+        "What remains",
         "What no effect explains",
-        "depends",
+        "predictable from velocity and torque",
         "A note with &lt;markup&gt; &amp; more.",
     ):
-        assert said in text or said.lower() in text, said
-    for label in ("Spot, joints coloured", "Probability of each effect", "Gap before and after", "Logs over time"):
+        assert said in text, said
+    for label in ("Spot, joints coloured", "Three gaps, before and after", "torque gain of kn", "Logs over time"):
         assert label in text
 
 
-def test_the_floor_is_said_to_be_of_whom_it_is(diagnosed: Diagnosis) -> None:
-    told = diagnosed.verdict
-    assert told.shrink is not None
-    assert "as two runs of the robot are to each other." in page(diagnosed)
-    single = told.model_copy(update={"shrink": told.shrink.model_copy(update={"floor_of": "model", "beside": ()})})
-    found = _shrink(single)
-    assert "as two simulated runs are to each other (the robot repeated no command sequence)." in found
-    assert "two runs of the robot" not in found
-    assert "floor of simulated runs 1.00" in "\n".join(twelve_lines(single, {}))
-    assert "simulated runs" not in "\n".join(twelve_lines(told, {}))
-
-
-def test_sequences_are_said_to_be_fitted_as_they_were(diagnosed: Diagnosis) -> None:
-    told = diagnosed.verdict
-    assert told.shrink is not None
-    found = page(diagnosed)
-    assert "For each command sequence (a, b), the sizes of the effects were fitted to the other ones" in found
-    assert "not used for fitting (" not in found
-    own = told.model_copy(update={"shrink": told.shrink.model_copy(update={"held_out": ()})})
-    assert "The corrected model was fitted to these same logs." in page(replace(diagnosed, verdict=own))
-
-
 @pytest.mark.parametrize(
-    ("rivals", "group", "told", "not_told"),
+    ("changes", "floor", "measured"),
     [
-        ({"coulomb_friction": 0.7}, ("coulomb_friction",), "Red: found. Several", "Grey"),
-        ({"coulomb_friction": 0.6, "armature": 0.1}, ("coulomb_friction",), "Red: found. Grey: tried", "Orange"),
-        ({"coulomb_friction": 0.6, "armature": 0.1}, ("coulomb_friction", "armature"), "Red: found. Orange", "Grey"),
-        ({"coulomb_friction": 0.6, "armature": 0.001}, ("coulomb_friction",), "Red: found. Several", "Grey"),
+        ({}, "two runs of the robot", "on command sequences that nothing was fitted to"),
+        ({"floor_of": "model"}, "two simulated runs", "on command sequences that nothing was fitted to"),
+        (
+            {"held_out": ()},
+            "two runs of the robot",
+            "on the commands of the logs to which the corrected one was fitted",
+        ),
     ],
 )
-def test_the_legend_explains_the_bars_that_are_there(
-    rivals: dict[str, float], group: tuple[str, ...], told: str, not_told: str
+def test_floor_and_sequences_are_said_to_be_what_they_are(
+    diagnosed: Diagnosis, changes: dict[str, object], floor: str, measured: str
 ) -> None:
-    base = verdict(())
-    effect = base.effects[0].model_copy(update={"rivals": rivals, "group": group})
-    note = _which_note(base.model_copy(update={"effects": (effect,)}))
-    assert told in note
-    assert not_told not in note
-    assert "need not add up to 1" in note
+    told = diagnosed.verdict
+    assert told.shrink is not None
+    found = page(replace(diagnosed, verdict=told.model_copy(update={"shrink": told.shrink.model_copy(update=changes)})))
+    assert f"</i>{floor}</span>" in found
+    assert measured in found
+    opened = told.model_copy(update={"consequences": consequences(loop="open", changes=())})
+    found = page(replace(diagnosed, verdict=opened))
+    assert "</i>what formulas and noise leave</span>" in found
+    assert "predicted from each other" in found
+
+
+def test_the_legend_of_time_explains_the_colours_that_are_there(diagnosed: Diagnosis) -> None:
+    assert "carries much of the gap" in page(diagnosed)
+    assert "carries much of the gap" not in page(replace(diagnosed, verdict=verdict((), timeline=())))
+
+
+def test_numbers_that_do_not_stand_out_are_folded_away(diagnosed: Diagnosis) -> None:
+    own = diagnosed.verdict.calibration
+    many = own.model_copy(update={"numbers": own.numbers + own.numbers[-1:] * 20})
+    assert "<summary>12 more</summary>" in page(replace(diagnosed, verdict=verdict((), calibration=many)))
 
 
 def test_text_of_a_log_cannot_become_markup(diagnosed: Diagnosis) -> None:
@@ -155,32 +157,63 @@ def test_text_of_a_log_cannot_become_markup(diagnosed: Diagnosis) -> None:
     assert evil not in page(replace(diagnosed, runs=(marked,), verdict=told))
 
 
-def test_the_first_line_says_what_to_do_and_green_needs_probability_and_shrink() -> None:
-    """By hand: green from 0.8 and 70 % on, and never with one of the two alone."""
+def test_the_first_line_says_what_it_does_and_what_to_do() -> None:
+    """By hand, from the figures of the case: 4.2 of 0.4 becomes 1.0, 84 %; 1.52 becomes 1.31 m/s."""
     told = verdict((), status="explained", unknown=None)
-    effect, shrink = told.effects[0], told.shrink
-    assert shrink is not None
-    sure = (effect.model_copy(update={"probability": 0.95, "group": (effect.name,)}),)
-    good = told.model_copy(update={"effects": sure})
-    assert words.is_green(good)
-    assert words.headline(good) == "Train on the corrected model: dry friction at fl_kn explains the gap"
-    assert not words.is_green(told)
-    assert words.headline(told).startswith("Walk slowly and record it: it is ")
-    weak = good.model_copy(update={"shrink": shrink.model_copy(update={"s": 0.5})})
-    assert not words.is_green(weak)
-    assert words.headline(weak) == "Record more to be sure: it may be dry friction at fl_kn"
+    one = told.differences[0].model_copy(update={"group": ("coulomb_friction",)})
+    good = consequences(gaps=told.consequences.gaps[:2] if told.consequences else ())
+    near = tuple(g.model_copy(update={"ratio": 1.1}) for g in told.remainder)
+    sure = told.model_copy(update={"differences": (one,), "consequences": good, "remainder": near})
+    does = "Dry friction at fl_kn: slower by 0.21 m/s (top speed); corrected, 84 % of the torque gap closes"
+    assert words.headline(sure) == f"{does}; next: train on the corrected model"
+    assert words.is_good(sure)
+    far = sure.model_copy(update={"remainder": told.remainder})
+    assert words.headline(far) == f"{does}; next: train on the corrected model, and look further"
+    worse = sure.model_copy(update={"consequences": told.consequences})
+    assert not words.is_good(worse)
+    assert words.headline(worse) == f"{does}; next: record more before training on the corrected model"
+    warned = sure.model_copy(update={"warnings": ("it leans",)})
+    assert words.headline(warned) == f"{does}; next: read the warnings"
+    assert words.headline(told).endswith(
+        "next: walk slowly and record it, to tell dry friction and friction near standstill (Stribeck) apart"
+    )
+    falls = one.model_copy(update={"consequences": consequences(changes=(FALLS, *consequences().changes))})
+    assert "fl_kn: falls in 87 % of runs instead of 0 %;" in words.headline(
+        sure.model_copy(update={"differences": (falls,)})
+    )
 
 
-@pytest.mark.parametrize("status", ["explained", "unknown_effect", "no_gap", "cannot_tell"])
+def test_calibration_alone_is_told_by_joint_type() -> None:
+    told = verdict((), status="calibration", differences=(), unknown=None)
+    assert words.headline(told).startswith(
+        "Calibration: knees give 86 % of the torque asked, forward hips (hy) 95 %; "
+        "corrected, 84 % of the torque gap closes; next: "
+    )
+
+
+@pytest.mark.parametrize("status", ["explained", "unknown_effect", "calibration", "no_gap", "cannot_tell"])
 def test_a_verdict_with_little_in_it_still_makes_a_page(diagnosed: Diagnosis, status: str) -> None:
-    bare = verdict((), status=status, effects=(), unknown=None, shrink=None, log_advice=(), invisible=(), timeline=())
+    nothing: tuple[()] = ()
+    bare = verdict(
+        nothing,
+        status=status,
+        differences=nothing,
+        calibration=Calibration(),
+        consequences=None,
+        remainder=nothing,
+        unknown=None,
+        shrink=None,
+        log_advice=nothing,
+        invisible=nothing,
+        timeline=nothing,
+    )
     found = page(replace(diagnosed, verdict=bare, map=None, simulated={}))
     assert "Gap map" not in found
     assert "None" not in found
 
 
 def test_a_robot_without_a_picture_gets_bars() -> None:
-    found = page(a_diagnosis(("hip", "knee"), effects=(), unknown=None))
+    found = page(a_diagnosis(("hip", "knee"), differences=(), unknown=None))
     assert "Gap by joint" in found
     assert "Spot, joints" not in found
 
