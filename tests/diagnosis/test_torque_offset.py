@@ -28,8 +28,8 @@ from .planted import Truth, planted_runs, walk_sequence
 ALIKE = ("torque_offset", "torque_ripple", "load_sensor_gain", "torque_gain", "encoder_offset", "payload_mass")
 
 
-def _board(*effects: Effect, channels: tuple[Channel, ...] = tuple(Channel)) -> Board:
-    runs = planted_runs(Truth(effects=effects), 2, sequence=walk_sequence(3.0))
+def _board(*effects: Effect, channels: tuple[Channel, ...] = tuple(Channel), duration_s: float = 3.0) -> Board:
+    runs = planted_runs(Truth(effects=effects), 2, sequence=walk_sequence(duration_s))
     logs = stack([record(run) for run in runs])
     views, _ = build_views(logs, NOMINAL)
     robot = Robot(logs.recordings[0].joint_names, views[Channel.SET_POINT_TO_LOAD].leg_of_joint)
@@ -69,7 +69,7 @@ def test_between_set_point_and_load_alone_a_torque_and_a_cells_zero_are_one() ->
 def test_grip_shows_where_feet_slip() -> None:
     # The gait asks for less grip than either ground has, until it has nearly none.
     assert "ground_friction" in cannot_show(_board())
-    assert "ground_friction" not in cannot_show(_board(GroundFriction(scale=0.12)))
+    assert "ground_friction" not in cannot_show(_board(GroundFriction(scale=0.25), duration_s=8.0))
 
 
 def test_what_shows_in_a_channel_is_shown_and_what_has_none_is_not() -> None:
