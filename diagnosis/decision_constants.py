@@ -34,6 +34,8 @@ class ErrorScale:
 ERROR_SCALES: Final[Mapping[str, ErrorScale]] = {
     # Set-point to load differs by 5 to 20 % between joints and joint types of real legs, range; a third of it.
     "torque_gain": ErrorScale({"gain": 0.06}),
+    # Zeros of Hall current sensors are specified to 0.5 to 1 % of full scale, some 50 N·m of a joint; half of it.
+    "torque_offset": ErrorScale({"offset_nm": 0.2}, alike=0.3),
     # Strain-gauge cells are specified to 1 to 3 % of the reading.
     "load_sensor_gain": ErrorScale({"gain": 0.02, "bias_nm": 0.3}, alike=0.3, acts_in_closed_loop=False),
     # Joints of legged robots scatter by 0.1 to 0.3 N·m in dry friction, and by several per cent of the load.

@@ -57,6 +57,7 @@ SIZES = {
     "torque_delay": {"delay_s": 0.015},
     "torque_gain": {"gain": 0.7},
     "torque_limit": {"limit_nm": 30.0},
+    "torque_offset": {"offset_nm": 8.0},
     "torque_ripple": {"amplitude_nm": 5.0, "cycles_per_rad": 6.0},
     "velocity_estimate": {"scale": 0.8},
     "velocity_filter": {"time_constant_s": 0.01},

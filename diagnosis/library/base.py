@@ -85,6 +85,8 @@ class LibraryEffect(ABC):
     coefficients: ClassVar[tuple[Coefficient, ...]]
     least: ClassVar[Mapping[str, float]] = {}
     """Parameters by name, and the size under which the effect is not there, whatever its other columns explain."""
+    largest: ClassVar[Mapping[str, float]] = {}
+    """Largest realistic size of coefficients, by name, where that is no multiple of ordinary errors."""
     contains: ClassVar[tuple[str, ...]] = ()
     """Names of effects that this one can be, with some of its numbers at zero: they are not looked for beside it."""
     confused_with: ClassVar[tuple[str, ...]] = ()

@@ -14,6 +14,7 @@ from diagnosis.library.effects.drive import (
     RippleEntry,
     ThermalEntry,
     TorqueGainEntry,
+    TorqueOffsetEntry,
 )
 from diagnosis.library.effects.estimator import ContactDelayEntry, ImuTiltEntry, VelocityEstimateEntry
 from diagnosis.library.effects.friction import CoulombEntry, LoadFrictionEntry, StribeckEntry, ViscousEntry
@@ -30,6 +31,7 @@ from diagnosis.library.effects.limits import PositionLimitEntry, SpeedCurveEntry
 from diagnosis.library.effects.rigid_body import ComEntry, InertiaEntry, LegMassEntry, PayloadEntry
 from diagnosis.library.effects.software import ActionScaleEntry, DefaultPoseEntry, JointSwapEntry
 from diagnosis.library.effects.supply import BusSagEntry, PowerLimitEntry
+from diagnosis.library.effects.swinging_mass import SwingingMassEntry
 
 LIBRARY: Final[dict[str, LibraryEffect]] = {
     entry.name: entry
@@ -49,6 +51,7 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
         CommandJitterEntry(),
         CommandDropEntry(),
         ThermalEntry(),
+        TorqueOffsetEntry(),
         RippleEntry(),
         PowerLimitEntry(),
         BusSagEntry(),
@@ -61,6 +64,7 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
         VelocityFilterEntry(),
         VelocityEstimateEntry(),
         PayloadEntry(),
+        SwingingMassEntry(),
         ComEntry(),
         InertiaEntry(),
         LegMassEntry(),
@@ -74,5 +78,5 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
         JointSwapEntry(),
     )
 }
-"""37 effects. A leg that differs from the others is any of them at that leg's joints; a robot that does not follow its
+"""40 effects. A leg that differs from the others is any of them at that leg's joints; a robot that does not follow its
 commands is no effect but a cut (:mod:`diagnosis.read.segments`)."""

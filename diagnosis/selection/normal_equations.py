@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from diagnosis.channels.channel_view import Array, Ints
-from diagnosis.selection.bounded_least_squares import solve_bounded
 
 Factor = tuple[Array, bool]
+SWEEPS: Final = 60
+RIDGE: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -146,3 +147,37 @@ def solved(
     reduced = np.tensordot(weights, tried.own, 1) - mixed.T @ found[:, :k]
     beta = solve_bounded(reduced, weights @ tried.with_y - mixed.T @ found[:, k], low, high)
     return np.asarray(found[:, k] - found[:, :k] @ beta), beta
+
+
+def solve_bounded(gram: Array, right: Array, low: Array, high: Array) -> Array:
+    """Minimise ½ bᵀGb − rᵀb within bounds.
+
+    Args:
+        gram: Shape (..., k, k), symmetric, positive semi-definite.
+        right: Shape (..., k).
+        low: Shape (k,).
+        high: Shape (k,), may equal ``low``.
+
+    Returns:
+        Shape (..., k). A column of zeros gets the bound nearest to 0.
+    """
+    k = gram.shape[-1]
+    if k == 0:
+        return np.zeros_like(right)
+    diagonal = np.einsum("...ii->...i", gram)
+    scale = np.sqrt(np.maximum(diagonal, 1e-30))
+    unit = gram / (scale[..., :, None] * scale[..., None, :]) + RIDGE * np.eye(k)
+    target = right / scale
+    b_low, b_high = low * scale, high * scale
+    b = np.linalg.solve(unit, target[..., None])[..., 0]
+    if np.all((b >= b_low) & (b <= b_high)):
+        return np.asarray(b / scale)
+    b = np.clip(b, b_low, b_high)
+    for _ in range(SWEEPS):
+        before = b.copy()
+        for i in range(k):
+            slope = target[..., i] - np.einsum("...j,...j->...", unit[..., i, :], b)
+            b[..., i] = np.clip(b[..., i] + slope / unit[..., i, i], b_low[..., i], b_high[..., i])
+        if np.max(np.abs(b - before)) < 1e-7 * (1.0 + np.max(np.abs(b))):
+            break
+    return np.asarray(b / scale)

@@ -17,9 +17,8 @@ from scipy.linalg import cho_solve
 
 from diagnosis.channels.channel_view import Array, Ints, Shape
 from diagnosis.library.base import LibraryEffect
-from diagnosis.selection.bounded_least_squares import solve_bounded
 from diagnosis.selection.evidence import Board, Columns
-from diagnosis.selection.normal_equations import OrdinarySums, solved, tried_by_fold
+from diagnosis.selection.normal_equations import OrdinarySums, solve_bounded, solved, tried_by_fold
 
 ROUNDS: Final = 4
 """Rounds of weights and fit: weights follow the residuals."""

@@ -62,6 +62,8 @@ CASES = (
     Case("torque_bandwidth", ALL, {"time_constant_s": 0.005}),
     Case("torque_delay", ("kn",), {"delay_s": 0.006}),
     Case("thermal_derating", ("kn",), {"loss_per_k": 0.02}),
+    Case("torque_offset", ("hl_hy",), {"offset_nm": 3.0}),
+    Case("torque_offset", ("fr_kn",), {"offset_nm": -2.0}),
     Case(
         "torque_ripple",
         ("hy",),
@@ -120,7 +122,8 @@ CASES = (
     Case("com_offset", ALL, {"x_m": 0.03, "y_m": -0.015, "z_m": 0.0}, {"y_m": 0.2}),
     Case("body_inertia", ALL, {"scale": 1.3}, {"scale": 0.07}),
     Case("leg_mass", ("kn",), {"scale": 1.3}, {"scale": 0.06}),
-    Case("leg_mass", ("fl_hy",), {"scale": 1.2}, {"scale": 0.04}),
+    Case("leg_mass", ("fl_hy",), {"scale": 1.2}, {"scale": 0.04}, unchecked=("down_m",)),
+    Case("leg_mass", ("hr_kn",), {"scale": 2.5, "down_m": 0.25}),
     Case("foot_radius", ("fl",), {"change_m": 0.006}, {"change_m": 0.2}),
     Case("ground_friction", ALL, {"scale": 0.3}),
     Case(

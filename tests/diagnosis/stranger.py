@@ -30,6 +30,7 @@ STEP_MS = 1
 START_NS = 1_650_000_000_000_000_000
 TICK_STATES = (7, 7, 6)
 TEETH_NM_PER_RAD, TEETH_NM_S_PER_RAD, ROTOR_KG_M2 = 4e3, 8.0, 0.04
+BOOT_M = 0.2
 STAND_S = 0.6
 """The robot stands under the default pose before the policy takes over."""
 
@@ -63,6 +64,8 @@ class Faults:
     spring_nm_per_rad: Mapping[str, float] = field(default_factory=dict)
     encoder_rad: Mapping[str, float] = field(default_factory=dict)
     payload_kg: float = 0.0
+    boot_kg: Mapping[str, float] = field(default_factory=dict)
+    """By leg, a point on the lower leg, :data:`BOOT_M` below the knee."""
     command_delay_s: float = 0.0
     effort_delay_s: float = 0.0
     play_rad: Mapping[str, float] = field(default_factory=dict)
@@ -75,6 +78,15 @@ def _by_joint(values: Mapping[str, float], otherwise: float) -> Array:
     for key, value in values.items():
         out[[name.endswith(key) for name in facts.JOINT_NAMES]] = value
     return out
+
+
+def _add_point(model: Any, body: int, kg: float, place: Array) -> None:
+    """A point mass on a body: mass, centre of mass and inertia by the parallel-axis theorem."""
+    whole = model.body_mass[body] + kg
+    arm = place - model.body_ipos[body]
+    model.body_inertia[body] += model.body_mass[body] * kg / whole * (arm @ arm - arm**2)
+    model.body_ipos[body] += kg / whole * arm
+    model.body_mass[body] = whole
 
 
 class Stranger:
@@ -115,6 +127,8 @@ class Stranger:
         scale = self.mass[: model.nbody]
         model.body_mass[:] *= scale
         model.body_inertia[:] *= scale[:, None]
+        for leg, kg in self.faults.boot_kg.items():
+            _add_point(model, model.body(f"{leg}_lleg").id, kg, np.array([0.0, 0.0, -BOOT_M]))
         body = model.body("body").id
         if self.faults.payload_kg:
             share = self.faults.payload_kg / (model.body_mass[body] + self.faults.payload_kg)

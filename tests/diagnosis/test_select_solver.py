@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.bounded_least_squares import solve_bounded
+from diagnosis.selection.normal_equations import solve_bounded
 from diagnosis.selection.places import Robot
 from spot_model.robot.facts import JOINT_NAMES
 

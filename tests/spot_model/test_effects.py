@@ -41,6 +41,7 @@ from spot_model.effects.drive.stribeck_friction import StribeckFriction
 from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
 from spot_model.effects.drive.torque_delay import TorqueDelay
 from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drive.torque_offset import TorqueOffset
 from spot_model.effects.drive.torque_ripple import TorqueRipple
 from spot_model.effects.drive.viscous_friction import ViscousFriction
 from spot_model.effects.limits.bus_sag import BusSag
@@ -206,6 +207,7 @@ ACTIVE = (
     TorqueDelay(delay_s=0.01),
     TorqueBandwidth(time_constant_s=0.01),
     ThermalDerating(loss_per_k=0.004, heating_k_per_nm2_s=0.5, cooling_time_s=2.0),
+    TorqueOffset(offset_nm=0.5),
     TorqueRipple(amplitude_nm=0.5, cycles_per_rad=50.0, phase_rad=0.5, second_nm=0.2, second_phase_rad=-0.4),
     PowerLimit(power_w=1500.0, copper_w_per_nm2=0.01),
     BusSag(
@@ -220,7 +222,7 @@ ACTIVE = (
     PayloadMass(mass_kg=3.0, x_m=0.1, y_m=0.05, z_m=0.1),
     ComOffset(x_m=0.02, y_m=0.01, z_m=0.01),
     BodyInertia(scale=1.2),
-    LegMass(scale=1.2),
+    LegMass(scale=1.2, down_m=0.25),
     FootRadius(change_m=0.003),
     GroundFriction(scale=0.5),
     GroundCompliance(time_constant_s=0.01, damping_ratio=0.3),

@@ -12,12 +12,13 @@ from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Vi
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, STEPS, Coefficient, Grid, LibraryEffect, on_joints
 from diagnosis.library.effects.order_spectrum import slow_orders, strongest_orders
-from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, Experiment
+from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, STAND, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
 from spot_model.effects.drive.torque_delay import TorqueDelay
 from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drive.torque_offset import TorqueOffset
 from spot_model.effects.drive.torque_ripple import TorqueRipple
 from spot_model.effects.limits.thermal_derating import ThermalDerating
 
@@ -92,6 +93,21 @@ class ThermalEntry(LibraryEffect):
     split_by: ClassVar[Experiment] = LONG_WALK
 
 
+class TorqueOffsetEntry(LibraryEffect):
+    """A constant beside what is asked for: there while the robot stands, too, unlike a ripple.
+
+    The load is right and so is the motion it makes: a load cell's zero shows in the body's channels as well, an
+    encoder's in those alone. Without them, or where the load is computed from the motor's own current, a torque and a
+    zero are one. Where the asked torque hardly changes, a gain is the same.
+    """
+
+    title: ClassVar[str] = "constant torque"
+    effect: ClassVar[type[Effect]] = TorqueOffset
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("offset_nm", "N·m", -20.0, 20.0),)
+    confused_with: ClassVar[tuple[str, ...]] = ("load_sensor_gain", "torque_gain", "torque_ripple", "encoder_offset")
+    split_by: ClassVar[Experiment] = STAND
+
+
 class RippleEntry(LibraryEffect):
     """a·sin(n·q + φ) and its second harmonic: lines in the order spectrum."""
 
@@ -103,7 +119,7 @@ class RippleEntry(LibraryEffect):
         Coefficient("second_sine_nm", "N·m", -5.0, 5.0),
         Coefficient("second_cosine_nm", "N·m", -5.0, 5.0),
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction",)
+    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_offset")
     split_by: ClassVar[Experiment] = SLOW_WALK
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:

@@ -52,6 +52,8 @@ class GroundFrictionEntry(LibraryEffect):
     channels: ClassVar[tuple[Channel, ...]] = (Channel.CONTACT_EVENTS,)
     location: ClassVar[Location] = Location.LEG
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.95, 2.0),)
+    # Wet tiles, 0.3, against the simulator's 0.8.
+    largest: ClassVar[Mapping[str, float]] = {"scale": 0.6}
     confused_with: ClassVar[tuple[str, ...]] = ("velocity_estimate", "encoder_offset")
     split_by: ClassVar[Experiment] = OTHER_GROUND
 

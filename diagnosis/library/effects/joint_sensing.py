@@ -256,6 +256,8 @@ class SensorNoiseEntry(LibraryEffect):
         Coefficient("velocity", "usual variances", 0.0, 1e5),
         Coefficient("load", "usual variances", 0.0, 1e5),
     )
+    # Ten times the usual noise.
+    largest: ClassVar[Mapping[str, float]] = {"position": 100.0, "velocity": 100.0, "load": 100.0}
     confused_with: ClassVar[tuple[str, ...]] = ("torque_ripple", "backlash")
     split_by: ClassVar[Experiment] = TURN
 

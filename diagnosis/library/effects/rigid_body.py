@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from diagnosis.channels.body.dynamics import DynamicsSignals, Residuals
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
-from diagnosis.library.base import Coefficient, LibraryEffect, Location
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
+from diagnosis.library.base import Coefficient, Grid, LibraryEffect, Location
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.body.body_inertia import BodyInertia
@@ -18,6 +18,9 @@ from spot_model.effects.body.com_offset import ComOffset
 from spot_model.effects.body.leg_mass import LegMass
 from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.robot.facts import JOINT_NAMES
+
+KNOTS_M: Final = (0.1, 0.2, 0.3)
+"""Places of a point mass on a link whose columns give those of all others."""
 
 
 def joint_names(joints: Flags) -> tuple[str, ...]:
@@ -50,18 +53,38 @@ class _BodyEntry(LibraryEffect):
 
 
 class LegMassEntry(LibraryEffect):
-    """Mass and inertia of the links that the joints move, scaled."""
+    """Mass of the links that the joints move, scaled: spread as the link's own, or a point so far down from the joint.
+
+    The torque of a swing goes with the square of that distance: half a kilogram at the foot is as hard to swing as two
+    halfway up.
+    """
 
     title: ClassVar[str] = "mass of leg links"
     effect: ClassVar[type[Effect]] = LegMass
     channels: ClassVar[tuple[Channel, ...]] = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.6, 0.6),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.6, 4.0),)
+    nearby: ClassVar[Grid] = {"down_m": (0.8, 1.25)}
     confused_with: ClassVar[tuple[str, ...]] = ("payload_mass", "encoder_offset", "load_sensor_gain")
     split_by: ClassVar[Experiment] = Experiment("swing_legs", "Walk fast: swinging legs weigh their links.", WALK)
 
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Spread as the link's own mass, which is one number less, and points halfway down and near the link's end."""
+        return ({}, {"down_m": 0.15}, {"down_m": 0.3})
+
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        """Points nearby."""
+        return super().neighbours(shape) if shape else ()
+
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The torque that the links' own mass and inertia take."""
-        return derivative(view, LegMass(joints=joint_names(joints), scale=1.1), 0.1)[:, :, None]
+        """The torque that mass and inertia of what is added take, for each time the links' own mass."""
+        names = joint_names(joints)
+        if not shape:
+            return derivative(view, LegMass(joints=names, scale=1.1), 0.1)[:, :, None]
+        down_m = shape["down_m"]
+        # A point's weight, moment and inertia go with powers of its distance up to the second: three places tell all.
+        parts = [derivative(view, LegMass(joints=names, scale=1.1, down_m=k), 0.1) for k in KNOTS_M]
+        shares = [np.prod([(down_m - k) / (at - k) for k in KNOTS_M if k != at]) for at in KNOTS_M]
+        return np.asarray(sum(share * part for share, part in zip(shares, parts, strict=True)))[:, :, None]
 
 
 class PayloadEntry(_BodyEntry):

@@ -1,0 +1,40 @@
+"""A boot on a lower leg beside a payload: robots of another hand, what residuals alone name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from diagnosis.library.registry import LIBRARY
+from diagnosis.verdict.explain import explain
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import load_policy
+
+from .stranger import SEQUENCES, Errors, Faults, Stranger
+
+POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
+ERRORS = Errors(gain=0.03, mass=0.03, load_lag_s=(0.001, 0.002), friction_nm=(0.02, 0.1), estimator_lag_s=(0.0, 0.005))
+LOWER_LEG_KG = 0.33
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kg", "payload_kg"), [(0.5, 5.0), (0.8, 0.0)])
+def test_a_boot_is_named_with_its_mass_and_nothing_in_its_place(kg: float, payload_kg: float) -> None:
+    policy = load_policy(POLICY)
+    robot = Stranger(policy, 1028, Faults(boot_kg={"hl": kg}, payload_kg=payload_kg), ERRORS)
+    runs = robot.walk(SEQUENCES, 1, 5.0)
+    found = explain(runs, RobotModel((CommandDelay(delay_s=0.004),)), policy, LIBRARY, lambda _: None)
+    best = found.selection.best
+    assert best is not None
+    named = {
+        t.effect.name: (found.board.robot.named(found.board.robot.joints_of(t.effect, t.place)), t, c)
+        for t, c in zip(best.terms, best.coefficients, strict=True)
+    }
+    assert set(named) == {"leg_mass", *(["payload_mass"] if payload_kg else [])}
+    joints, term, coefficients = named["leg_mass"]
+    assert joints == ("hl_kn",)
+    added_kg = LOWER_LEG_KG * (term.effect.values(coefficients, term.shape)["scale"] - 1.0)
+    # Nearer to the foot less mass swings alike.
+    assert added_kg == pytest.approx(kg, rel=0.4)

@@ -1,0 +1,86 @@
+"""A mass on springs that the plant does not know pulls at the body; the channel of the body's wrench tells it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from diagnosis.channels.build import build_views
+from diagnosis.channels.channel import Channel
+from diagnosis.channels.stack import stack
+from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.library.registry import LIBRARY
+from diagnosis.read.recording import record
+from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.places import Robot
+from diagnosis.selection.search import ranked
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.io.model_file import RobotModel
+from spot_model.robot import facts
+from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
+
+from .cases import NOMINAL
+from .planted import Truth, _Recorder, walk_sequence
+from .scripted_gait import ScriptedGait
+
+MASS_KG, FREQUENCY_HZ, DAMPING, PLACE_M = 4.0, 1.5, 0.1, np.array([0.05, 0.0, 0.1])
+RIVALS = ("swinging_mass", "payload_mass", "com_offset", "leg_mass", "body_inertia")
+
+
+class Swinging(_Recorder):
+    """Across the body the mass moves against a spring; along the vertical it is fixed."""
+
+    def __init__(self, *given: object) -> None:
+        super().__init__(*given)  # type: ignore[arg-type]
+        self.pull = self.plant.batch.bind("xfrc_applied")
+        self.body = self.plant.model.body("body").id
+        self.off, self.speed, self.was = np.zeros((self.n, 3)), np.zeros((self.n, 3)), np.zeros((self.n, 3))
+
+    def _step(self, step: int) -> None:
+        dt, omega = self.plant.timestep_s, 2.0 * np.pi * FREQUENCY_HZ
+        velocity, attitude = self.plant.linear_vel_of_body_in_world_m_s, self.plant.world_from_body_wxyz
+        felt = (velocity - self.was) / dt + np.array([0.0, 0.0, 9.81])
+        self.was = velocity.copy()
+        felt = np.asarray(rotate_inverse_wxyz(attitude, felt))
+        self.speed += dt * (-felt - omega**2 * self.off - 2.0 * DAMPING * omega * self.speed)
+        self.off += dt * self.speed
+        force = MASS_KG * (omega**2 * self.off + 2.0 * DAMPING * omega * self.speed)
+        force[:, 2] = -MASS_KG * felt[:, 2] / (1.0 + MASS_KG / facts.TOTAL_MASS_KG)
+        self.pull[:, self.body, :3] = rotate_wxyz(attitude, force)
+        self.pull[:, self.body, 3:] = rotate_wxyz(attitude, np.cross(PLACE_M, force))
+        super()._step(step)
+
+
+def _board(recorder: type[_Recorder], truth: Truth) -> Board:
+    runs = recorder(truth, 3, walk_sequence(5.0), ScriptedGait(), 4).runs()
+    logs = stack([record(run) for run in runs])
+    views, _ = build_views(logs, NOMINAL)
+    view = views[Channel.BASE_WRENCH]
+    robot = Robot(logs.recordings[0].joint_names, view.leg_of_joint)
+    return lay_out(views, robot, [0, 1, 2], ["0", "1", "2"], library=LIBRARY, scales=ERROR_SCALES)
+
+
+def test_a_mass_that_swings_is_no_fixed_one() -> None:
+    board = _board(Swinging, Truth())
+    best, second = ranked(board, (), {name: LIBRARY[name] for name in RIVALS})[:2]
+    term = best.scored.terms[-1]
+    assert term.effect.name == "swinging_mass"
+    assert best.value > second.value + 3.0
+    values = term.effect.values(best.scored.coefficients[-1], term.shape)
+    assert values["frequency_hz"] == pytest.approx(FREQUENCY_HZ, rel=0.2)
+    assert values["mass_kg"] == pytest.approx(MASS_KG, rel=0.3)
+
+
+def test_a_fixed_mass_does_not_swing() -> None:
+    payload = PayloadMass(mass_kg=MASS_KG, x_m=0.05, z_m=0.1)
+    board = _board(_Recorder, dataclasses.replace(Truth(), effects=(payload,)))
+    ranking = ranked(board, (), {name: LIBRARY[name] for name in RIVALS})
+    assert ranking[0].scored.terms[-1].effect.name == "payload_mass"
+
+
+def test_a_simulator_gets_the_mass_fixed() -> None:
+    values = {"mass_kg": 3.0, "x_m": 0.1, "y_m": 0.0, "z_m": 0.2, "frequency_hz": 2.0, "damping": 0.1, "bounces": 0.0}
+    made = LIBRARY["swinging_mass"].add_to(RobotModel(), values, ("all",)).effects
+    assert made == (PayloadMass(mass_kg=3.0, x_m=0.1, y_m=0.0, z_m=0.2),)
