@@ -78,8 +78,8 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
         )
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
-        effects = tuple(e.model_copy(update={"split": None}) for e in result.verdict.effects)
-        result = replace(result, verdict=result.verdict.model_copy(update={"effects": effects}))
+        differences = tuple(d.model_copy(update={"split": None}) for d in result.verdict.differences)
+        result = replace(result, verdict=result.verdict.model_copy(update={"differences": differences}))
     told = tuple(dict.fromkeys((*warnings, *notes, *result.verdict.notes)))
     result = replace(result, verdict=result.verdict.model_copy(update={"notes": told}))
     progress("writing the report")

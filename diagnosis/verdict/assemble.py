@@ -11,6 +11,7 @@ from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.decision_constants import NAMED, RUNS_APART
 from diagnosis.document import Calibration, Difference, Shrink, Status, Stretch, Verdict
+from diagnosis.report.words import headline
 from diagnosis.selection.cannot_show import cannot_show
 from diagnosis.selection.fitted import numbers
 from diagnosis.selection.scoring import Scorer, null_of
@@ -77,7 +78,7 @@ def assemble(
     # Channels that cannot tell say nothing for or against either.
     none, unknown_too = (0.5, 0.5) if status == "cannot_tell" else (belief.none, belief.unknown)
     best = found.selection.best or null_of(board)
-    return Verdict(
+    verdict = Verdict(
         status=status,
         warnings=tuple(worse_gaps(measured.whole)),
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
@@ -90,7 +91,7 @@ def assemble(
         probability_unknown=unknown_too,
         unknown=unknown,
         channels={**{str(name): "used" for name in found.views}, **off},
-        invisible=cannot_show(board),
+        invisible=tuple(sorted(cannot_show(board))),
         shrink=shrink,
         log_advice=advice(found.stack, found.views, found.off, differences, unknown),
         timeline=tuple(_timeline(found)),
@@ -98,6 +99,7 @@ def assemble(
         nominal=nominal_name,
         notes=tuple(dict.fromkeys(notes)),
     )
+    return verdict.model_copy(update={"headline": headline(verdict)})
 
 
 def _differences(causes: Causes, measured: Measured) -> list[Difference]:

@@ -20,6 +20,7 @@ from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.progress import Progress
 from diagnosis.read.recording import record
+from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import by_joint, model_of
 from diagnosis.selection.one_thread import one_thread
@@ -95,7 +96,7 @@ def diagnose(
     with one_thread():
         causes = decide(found, nominal, bench, library, rng, lambda share: tell(0.7 * share))
     board = causes.found.board
-    best = causes.found.selection.best or null_of(board)
+    best = calibrated(board, causes.found.selection.best or null_of(board))
     corrected = by_joint(model_of(nominal, board, best), facts.JOINT_NAMES) if is_spot else nominal
     notes = [n for view in found.views.values() for n in view.notes]
     map_: GapMap | None = None
@@ -107,7 +108,7 @@ def diagnose(
         notes.append(WITHOUT_RUNS)
     else:
         bench = with_environment(bench, causes.found, nominal)
-        models, like = compared_models(best, causes.stated)
+        models, like = compared_models(board, best, causes.stated)
         trials = run_trials(bench, nominal, board, models, like, rng, lambda share: tell(0.7 + 0.3 * share))
         around = bench.around(causes.stated).overall
         corrected = around.around(corrected)

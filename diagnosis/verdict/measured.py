@@ -10,8 +10,10 @@ import numpy as np
 from diagnosis.closed_loop.consequences import consequences, remainder
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
 from diagnosis.document import Consequences, GapLeft
+from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.scoring import Scored, Scorer, null_of, without
+from diagnosis.selection.fitted import without_effect
+from diagnosis.selection.scoring import Scored, Scorer, null_of
 from diagnosis.verdict.causes import CALIBRATED
 from diagnosis.verdict.open_loop import gap_changes
 
@@ -29,10 +31,11 @@ class Measured:
     left: tuple[GapLeft, ...] = ()
 
 
-def compared_models(best: Scored, stated: str) -> tuple[dict[str, Scored], dict[str, str]]:
+def compared_models(board: Board, best: Scored, stated: str) -> tuple[dict[str, Scored], dict[str, str]]:
     """The corrected model, the same without each difference, and without all of them.
 
     Args:
+        board: The evidence.
         best: Differences with the ordinary errors that were fitted beside them.
         stated: Name of the corrected model.
 
@@ -40,12 +43,13 @@ def compared_models(best: Scored, stated: str) -> tuple[dict[str, Scored], dict[
         Models by name; and by name of all but the corrected one the name of the model whose surroundings it shares.
     """
     models = {stated: best}
+    names = [term.effect.name for term in best.terms]
     nothing = best
-    for _ in best.terms:
-        nothing = without(nothing, 0)
+    for name in names:
+        nothing = without_effect(board, nothing, name)
     models[CALIBRATED] = nothing
-    if len(best.terms) > 1:
-        models |= {_less(term.effect.name): without(best, i) for i, term in enumerate(best.terms)}
+    if len(names) > 1:
+        models |= {_less(name): without_effect(board, best, name) for name in names}
     return models, {name: stated for name in models if name != stated}
 
 
@@ -71,7 +75,7 @@ def measured_by_simulation(
 
 def measured_by_prediction(board: Board, best: Scored) -> Measured:
     """In open loop: logged signals predicted from each other, in folds that nothing was fitted to."""
-    nothing = null_of(board)
+    nothing = calibrated(board, null_of(board))
     changes = gap_changes(board, None, best)
     left = tuple(
         GapLeft(gap=g.gap, unit=g.unit, left=g.after, floor=g.floor, ratio=g.after / g.floor if g.floor > 0.0 else None)
@@ -80,7 +84,7 @@ def measured_by_prediction(board: Board, best: Scored) -> Measured:
     each = {}
     for term in best.terms:
         # Errors refitted without it: what they can take up of it, it does not close.
-        less = Scorer(board, [t for t in best.terms if t is not term]).now
+        less = calibrated(board, Scorer(board, [t for t in best.terms if t is not term]).now)
         each[term.effect.name] = Consequences(loop="open", gaps=gap_changes(board, less, best))
     return Measured(
         Consequences(loop="open", gaps=changes),
