@@ -35,7 +35,11 @@ td:last-child, th:last-child { padding-right: 0; } td:has(code) { min-width: 0 !
 @media (max-width: 700px) { section { background: var(--card); padding: 14px 12px; } section svg { min-width: 0; }
   td, th { padding-right: 8px; font-size: 13px; } td svg { width: 90px; } h1 { font-size: 21px; } }
 @media print { main { padding: 0; } section { break-inside: auto; margin: 8px 0; padding: 10px 12px; }
-  svg, tr, pre, h3 { break-inside: avoid; } h2, h3, .note { break-after: avoid; } .two { gap: 8px; margin: 8px 0; } }
+  svg, tr, pre, h3 { break-inside: avoid; } h2, h3, .note { break-after: avoid; }
+  .two { grid-template-columns: 1fr 1fr; gap: 8px; margin: 8px 0; }
+  main > section:last-of-type { display: none; } td, th { padding: 2px 8px 2px 0; font-size: 12px; }
+  body { font-size: 13px; line-height: 1.35; } h1 { font-size: 19px; }
+  .lead { font-size: 14px; } td svg { width: 110px; } }
 """
 """What this page has beyond the look of all pages: figures shrink to a narrow window, and print flows over pages."""
 MOST_NAMED: Final = 6
