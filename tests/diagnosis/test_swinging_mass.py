@@ -80,6 +80,17 @@ def test_a_fixed_mass_does_not_swing() -> None:
     assert ranking[0].scored.terms[-1].effect.name == "payload_mass"
 
 
+def test_without_an_inertial_unit_it_cannot_be_seen() -> None:
+    run = _Recorder(Truth(), 1, walk_sequence(1.0), ScriptedGait(), 4).runs()[0]
+    imu = run.states.imu
+    none = dataclasses.replace(imu, **{f.name: getattr(imu, f.name)[:0] for f in dataclasses.fields(imu)})
+    blind = dataclasses.replace(run, states=dataclasses.replace(run.states, imu=none))
+    for log, channels in ((run, (Channel.BASE_WRENCH,)), (blind, ())):
+        views, _ = build_views(stack([record(log)]), NOMINAL)
+        assert Channel.BASE_WRENCH in views
+        assert LIBRARY["swinging_mass"].show(views) == channels
+
+
 def test_a_simulator_gets_the_mass_fixed() -> None:
     values = {"mass_kg": 3.0, "x_m": 0.1, "y_m": 0.0, "z_m": 0.2, "frequency_hz": 2.0, "damping": 0.1, "bounces": 0.0}
     made = LIBRARY["swinging_mass"].add_to(RobotModel(), values, ("all",)).effects

@@ -12,7 +12,7 @@ from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.vectors import cross
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.library.base import WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location
 from diagnosis.library.effects.rigid_body import PayloadEntry
 from diagnosis.library.experiments import STAND, Experiment
@@ -53,6 +53,11 @@ class SwingingMassEntry(LibraryEffect):
         "bounces": (0.0, 1.0),
     }
     nearby: ClassVar[Grid] = {"frequency_hz": (0.85, 0.93, 1.07, 1.16), "damping": WIDE_STEPS}
+
+    def show(self, views: Views) -> tuple[Channel, ...]:
+        """Only by an inertial unit's acceleration: that of a differentiated velocity is ten times as noisy."""
+        view = views.get(Channel.BASE_WRENCH)
+        return super().show(views) if view is not None and view.signals.uses_imu else ()
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """All rows."""
