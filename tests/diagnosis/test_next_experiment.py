@@ -64,7 +64,7 @@ def posterior(**weights: float) -> Posterior:
             terms = [{"effect": name, "joints": ["knees"], "shape": {}, "mean": mean, "covariance": cov}]
         data = RobotModel().to_data()
         possibilities.append({"weight": weight, "distance_floors": None, "model": data, "terms": terms})
-    return Posterior.model_validate({"schema": "spot-rl/posterior/1", "possibilities": possibilities})
+    return Posterior.model_validate({"schema": "spot-rl/posterior/2", "possibilities": possibilities})
 
 
 # What an experiment tells --------------------------------------------------------------------------------------------

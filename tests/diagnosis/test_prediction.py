@@ -136,7 +136,7 @@ def test_a_prediction_that_is_there_serves_what_it_is_of_alone(made: Prediction,
 
 
 SOUND: dict[str, Any] = {
-    "schema": "spot-rl/posterior/1",
+    "schema": "spot-rl/posterior/2",
     "possibilities": [
         {
             "weight": 1.0,

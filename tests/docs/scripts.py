@@ -26,6 +26,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/claims/loop.py": ("--seconds 2 --plain",),
     "benchmarks/claims/fakes.py": ("--seconds 0.2 --most 2",),
     "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),
+    "benchmarks/calibrate_formulas.py": ("--seed 41 --robots 1 --workers 1",),
     "benchmarks/check_experiments.py": (
         "--policy policies/walk.onnx --out found.json --robots 2 --only squat --once --figure found.svg",
     ),
