@@ -26,10 +26,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from calibration_forms import NOTHING, fit
 from numpy.typing import NDArray
-from sklearn.linear_model import LogisticRegression
-from sklearn.metrics import log_loss
-from sklearn.model_selection import GroupKFold, cross_val_predict
 
 from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.trials import NOMINAL, Bench
@@ -52,22 +50,12 @@ from withheld.cases.draw import Case, draw, kind_of
 from withheld.cases.source import Source, source_of
 from withheld.measuring.distances import TWIN_REPEATS, make_runs, moved
 from withheld.plan import Fault, Reality, RecordingPlan
-from withheld.scoring.sizes import LARGE
-from withheld.scoring.statistics import calibration_error
 from withheld.simulator.simulation import RealityDivergedError
 
 Array = NDArray[np.float64]
 KINDS: Final = ("single", "double", "outside", "left_out", "short")
 """Beside the faultless ones."""
 POLICIES: Final = Path("policies")
-NOTHING: Final = 0.5
-"""A fault that moves its robot by fewer floors is left out of no library, and not asked for as something unknown."""
-EXPLAINED: Final = -1.0
-"""No smaller excess says anything: a program that is replayed to the bit leaves next to nothing."""
-LEAST_SPREAD: Final = 0.25
-"""Of the excess of robots without a fault."""
-FOLDS: Final = 10
-SMALLEST_NATS: Final = 0.1
 
 
 def ensemble(seed: int) -> Iterator[int]:
@@ -260,155 +248,6 @@ def _said(done: Any) -> str:
 
 def _unless_late(until_s: float, seed: int, number: int, out: Path) -> str:
     return robot(seed, number, out) if time.monotonic() < until_s else f"{number}: left for another time"
-
-
-def fit(given: Namespace) -> None:
-    """Print the numbers."""
-    rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
-    clean = [r["whole"] for r in rows if not r["faults"]]
-    if len(clean) < FOLDS or len(rows) < 2 * len(clean):
-        raise SystemExit(f"{len(clean)} faultless of {len(rows)} robots are too few; make more of them")
-    print(f"{len(rows)} robots, {len(clean)} of them faultless")
-    usual = {}
-    for channel in sorted({c for own in clean for c in own["excess"]}):
-        over = np.maximum([own["excess"][channel] for own in clean if channel in own["excess"]], EXPLAINED)
-        usual[channel] = (float(np.median(over)), max(float(np.std(over)), LEAST_SPREAD))
-        print(f"ORDINARY_EXCESS {channel}: median {usual[channel][0]:.2f}, deviation {usual[channel][1]:.2f}")
-    most = {}
-    for channel in sorted({c for own in clean for c in own["left_nats"]}):
-        left = [own["left_nats"].get(channel, 0.0) for own in clean]
-        most[channel] = float(np.quantile(left, 0.95))
-        print(f"USUAL_LEFT {channel}: 50 and 95 %: {np.median(left):.1f}, {most[channel]:.1f} nats")
-    there(rows, usual)
-    unknown(rows, usual, most)
-
-
-def _explanations(row: Mapping[str, Any]) -> list[dict[str, Any]]:
-    return [row[library] for library in ("whole", "less") if library in row]
-
-
-def odd(over: Mapping[str, float], usual: Mapping[str, tuple[float, float]]) -> float:
-    """The largest excess in deviations above the median of robots without a fault, at least -3."""
-    z = [(max(e, EXPLAINED) - usual[c][0]) / usual[c][1] for c, e in over.items() if c in usual]
-    return float(max(z, default=-3.0))
-
-
-def there(rows: Sequence[Mapping[str, Any]], usual: Mapping[str, tuple[float, float]]) -> None:
-    """Whether an effect is there, by several forms of its evidence.
-
-    Effects of the best set count, and the one that was rejected first; a group that holds the truth counts as true.
-    """
-    told, right, groups, is_found = [], [], [], []
-    for row in rows:
-        for own in _explanations(row):
-            for effect in [*own["effects"], *filter(None, [own["rejected"]])]:
-                nearer = effect["nearer"]
-                told.append(
-                    {
-                        "log nats": np.log(max(effect["nats"], SMALLEST_NATS)),
-                        "log nats a run": np.log(max(effect["nats"], SMALLEST_NATS) / row["n_runs"]),
-                        "log share": np.log(max(effect["nats"], SMALLEST_NATS) / max(effect["n_free"], 1.0)),
-                        "log samples": np.log(max(effect["n_free"], 1.0)),
-                        "nearer": np.nan if nearer is None else float(np.clip(nearer, -10.0, 10.0)),
-                        "own excess": max(0.0, odd(effect["own_excess"], usual)),
-                        "errors": np.log(max(own["errors"], 0.05)),
-                    }
-                )
-                right.append(effect["is_in_group"])
-                groups.append(row["number"])
-                is_found.append(effect is not own["rejected"])
-    forms = (
-        ("log nats",),
-        ("log share",),
-        ("log nats", "log samples"),
-        ("log nats", "own excess"),
-        ("log nats", "log samples", "own excess", "errors"),
-        ("log nats", "nearer"),
-        ("log nats", "log samples", "nearer", "own excess"),
-    )
-    print(f"\nTHERE: {len(told)} effects, {sum(is_found)} of them found, {sum(right)} there")
-    _print_forms(told, np.array(right), np.array(groups), forms, "found", np.array(is_found))
-
-
-def unknown(
-    rows: Sequence[Mapping[str, Any]], usual: Mapping[str, tuple[float, float]], most: Mapping[str, float]
-) -> None:
-    """Whether something is there that the library lacks, by what the best set leaves.
-
-    Where it moves the robot by less than :data:`NOTHING` floors the robot is left out; *clear* are robots without it,
-    and those that it moves by :data:`LARGE`.
-    """
-    told, right, groups, is_clear = [], [], [], []
-    for row in rows:
-        for own in _explanations(row):
-            lacking = [f["moved"] for f in row["faults"] if not {*f["names"]} & {*own["library"]}]
-            by = max((m or 0.0 for m in lacking), default=0.0)
-            if lacking and by < NOTHING:
-                continue
-            beyond = sum(max(0.0, nats - most.get(c, 0.0)) for c, nats in own["left_nats"].items())
-            left = own["distances"].get(own["best"])
-            told.append(
-                {
-                    "excess": odd(own["excess"], usual),
-                    "log beyond": np.log1p(beyond),
-                    "log beyond share": np.log1p(beyond) - np.log1p(max(own["explained_nats"], 0.0)),
-                    "log left": np.nan if left is None else np.log(max(left, 0.1)),
-                    "errors": np.log(max(own["errors"], 0.05)),
-                }
-            )
-            right.append(bool(lacking))
-            groups.append(row["number"])
-            is_clear.append(not lacking or by >= LARGE)
-    forms = (
-        ("excess",),
-        ("log beyond",),
-        ("excess", "log beyond"),
-        ("excess", "log beyond", "log beyond share"),
-        ("excess", "log beyond", "errors"),
-        ("excess", "log beyond", "log left"),
-        ("excess", "log beyond", "log left", "errors"),
-    )
-    print(f"\nUNKNOWN: {len(told)} explanations, {sum(right)} lack something that moves the robot")
-    _print_forms(told, np.array(right), np.array(groups), forms, "clear", np.array(is_clear))
-
-
-def _print_forms(
-    told: Sequence[Mapping[str, float]],
-    right: NDArray[np.bool_],
-    groups: NDArray[np.intp],
-    forms: Sequence[tuple[str, ...]],
-    title: str,
-    counts: NDArray[np.bool_],
-) -> None:
-    """Coefficients, and log loss and calibration error on folds of other robots, of rows whose numbers are all known.
-
-    Args:
-        told: Numbers of each row by name; NaN for unknown.
-        right: Whether it was so, by row.
-        groups: Number of the robot, by row: a robot's rows are in one fold.
-        forms: Names of the numbers that each regression takes.
-        title: Of the rows of ``counts``.
-        counts: Rows for which losses are printed a second time, by themselves.
-    """
-    for form in forms:
-        x = np.array([[row[name] for name in form] for row in told])
-        has = np.isfinite(x).all(axis=1)
-        x, y, own, said = x[has], right[has], groups[has], counts[has]
-        if len(set(own)) < FOLDS or len(set(y)) < 2:
-            print(f"  {', '.join(form)}: too few")
-            continue
-        model = LogisticRegression(C=100.0)
-        p = cross_val_predict(model, x, y, groups=own, cv=GroupKFold(FOLDS), method="predict_proba")[:, 1]
-        model.fit(x, y)
-        numbers = ", ".join(f"{v:.2f}" for v in (*model.intercept_, *model.coef_[0]))
-        print(
-            f"  1, {', '.join(form)}: ({numbers}); {len(y)} rows: {_losses(p, y)}; {title}: {_losses(p[said], y[said])}"
-        )
-
-
-def _losses(p: Array, y: NDArray[np.bool_]) -> str:
-    error = calibration_error(np.stack([p, y.astype(np.float64)], axis=1))
-    return f"log loss {log_loss(y, p, labels=[False, True]):.3f}, calibration error {error:.3f}"
 
 
 def two_steps(

@@ -140,7 +140,6 @@ NOT_RUN = {
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
     "spot-rl bench ordinary": CORES,
-    "python benchmarks/calibrate_formulas.py --seed 41 --robots 24": CORES,
     "spot-rl bench ordinary --runs 10 --policy policies/NAME.onnx --out NAME.jsonl": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --stops 11": "floods a service for minutes in real time, as the line above",
