@@ -48,7 +48,7 @@ def diagnose(
     seed: int = 0,
     progress: bool = False,
 ) -> Verdict:
-    """Explain the gap between logs and a simulator: where it is, which effect causes it, how far it shrinks.
+    """Say how a robot differs from its simulator, what its own numbers are, and what both change.
 
     Takes about a minute for a few short logs, several for twenty of half a minute.
 
@@ -63,8 +63,8 @@ def diagnose(
         progress: Whether to show stage, share and time left on stderr.
 
     Returns:
-        The verdict: ``status``, ``effects`` (name, joints, probability, parameters), ``seen``
-        (effects that the logs show and that move the robot no differently), ``shrink``, ``log_advice``.
+        The verdict: ``status``, ``headline``, ``differences`` (effects that the logs show: name, joints, probability,
+        parameters, consequences), ``calibration`` (the robot's own numbers), ``consequences``, ``remainder``.
 
     Raises:
         SpotRlError: A file is missing or not valid, or ``out`` holds a diagnosis.
