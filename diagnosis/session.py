@@ -17,6 +17,7 @@ from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT, load_robot
 from diagnosis.read.signal_checks import plausible
 from diagnosis.report.output import write_all
+from diagnosis.report.words import headline
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.io.model_file import RobotModel
 
@@ -81,6 +82,7 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
         differences = tuple(d.model_copy(update={"split": None}) for d in result.verdict.differences)
         result = replace(result, verdict=result.verdict.model_copy(update={"differences": differences}))
     told = tuple(dict.fromkeys((*warnings, *notes, *result.verdict.notes)))
-    result = replace(result, verdict=result.verdict.model_copy(update={"notes": told}))
+    verdict = result.verdict.model_copy(update={"notes": told})
+    result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     progress("writing the report")
     return result, write_all(result, request.out, request.library)

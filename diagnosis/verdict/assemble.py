@@ -11,13 +11,12 @@ from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.decision_constants import NAMED, RUNS_APART
 from diagnosis.document import Calibration, Difference, Shrink, Status, Stretch, Verdict
-from diagnosis.report.words import headline
-from diagnosis.selection.cannot_show import cannot_show
 from diagnosis.selection.fitted import numbers
 from diagnosis.selection.scoring import Scorer, null_of
 from diagnosis.selection.unexplained import describe
 from diagnosis.verdict.advice import advice, split
 from diagnosis.verdict.calibration import by_type, calibrated_numbers
+from diagnosis.verdict.cannot_show import cannot_show
 from diagnosis.verdict.causes import Causes
 from diagnosis.verdict.explain import Explained
 from diagnosis.verdict.measured import Measured
@@ -78,7 +77,7 @@ def assemble(
     # Channels that cannot tell say nothing for or against either.
     none, unknown_too = (0.5, 0.5) if status == "cannot_tell" else (belief.none, belief.unknown)
     best = found.selection.best or null_of(board)
-    verdict = Verdict(
+    return Verdict(
         status=status,
         warnings=tuple(worse_gaps(measured.whole)),
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
@@ -99,7 +98,6 @@ def assemble(
         nominal=nominal_name,
         notes=tuple(dict.fromkeys(notes)),
     )
-    return verdict.model_copy(update={"headline": headline(verdict)})
 
 
 def _differences(causes: Causes, measured: Measured) -> list[Difference]:

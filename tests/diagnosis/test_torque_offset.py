@@ -11,10 +11,10 @@ from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES, GROUP_ODDS
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.recording import record
-from diagnosis.selection.cannot_show import cannot_show
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.search import Rival, ranked
+from diagnosis.verdict.cannot_show import cannot_show
 from spot_model.effects.base import Effect
 from spot_model.effects.body.ground_friction import GroundFriction
 from spot_model.effects.drive.torque_offset import TorqueOffset
