@@ -142,10 +142,9 @@ def _waited_too_long(memory: WatchMemory, phase: Phase, robot_ns: int, config: R
     reason, detail = answer
     if phase.mode is Mode.READY and memory.newest is not None:
         stale = check_age(memory.states, robot_ns, config.safety)
-        if stale is None:
-            reason, detail = StopReason.ACTIVATION_FAILED, "it did not come to rest"
-        elif stale.reason is StopReason.STATE_STALE:
+        if stale is not None:
             return (Stop(stale.reason, detail, stale.values),)
+        reason, detail = StopReason.ACTIVATION_FAILED, "it did not come to rest"
     return (Stop(reason, detail, {"waited_s": waited_s, "bound_s": bound_s}),)
 
 
