@@ -409,7 +409,7 @@ def test_a_state_that_is_too_old_to_begin_with_is_named(dogs: Dogs, make_state: 
     assert stop.values["age_s"] == pytest.approx(0.06)
     dogs.screen([make_state(late_ns + 3 * MS)], late_ns + 3 * MS)
     (stop,) = look(dogs, Mode.READY, late_ns + 3 * MS, mode_since_ns=START_NS)
-    assert stop.reason is StopReason.STATE_LOST
+    assert (stop.reason, stop.detail) == (StopReason.ACTIVATION_FAILED, "it did not come to rest")
 
 
 def test_a_battery_that_charges_while_the_robot_walks_ends_the_run(dogs: Dogs, robot: Any) -> None:

@@ -139,11 +139,12 @@ def _waited_too_long(memory: WatchMemory, phase: Phase, robot_ns: int, config: R
     has_answered = phase.mode is Mode.ACTIVATING and phase.held_since_ns > 0
     if answer is None or has_answered or waited_s <= bound_s:
         return ()
-    if phase.mode is Mode.READY:
-        stale = check_age(memory.states, robot_ns, config.safety)
-        if stale is not None and stale.reason is StopReason.STATE_STALE:
-            return (Stop(stale.reason, "before joint control", stale.values),)
     reason, detail = answer
+    if phase.mode is Mode.READY and memory.newest is not None:
+        stale = check_age(memory.states, robot_ns, config.safety)
+        if stale is not None:
+            return (Stop(stale.reason, detail, stale.values),)
+        reason, detail = StopReason.ACTIVATION_FAILED, "it did not come to rest"
     return (Stop(reason, detail, {"waited_s": waited_s, "bound_s": bound_s}),)
 
 
