@@ -91,6 +91,6 @@ def test_the_bundle_is_built_but_for_the_download(tmp_path: Path, programs: Path
 def test_what_the_quota_would_delete(tmp_path: Path) -> None:
     (tmp_path / "old.mcap").write_bytes(b"log")
     words = next(words for words in spans_of(REPOSITORY / "docs" / "deploy.md") if words[1:2] == ["prune-logs"])
-    line = " ".join(words).replace("/var/log/spot-rl", f"'{tmp_path}'").replace("20", "0.000000001")
+    line = " ".join(words).replace("20", "0.000000001").replace("/var/log/spot-rl", f"'{tmp_path}'")
     assert "would delete" in bash(line, tmp_path)
     assert (tmp_path / "old.mcap").is_file()
