@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.document import CalibratedNumber, Consequences, Dependence
-from diagnosis.report.words import number, percent
+from diagnosis.report.words import number
 from spot_log.page.svg import disc, heat, line, nice_ticks, rect, svg, text
 
 WIDTH: Final = 480
@@ -82,11 +82,6 @@ def interval(n: CalibratedNumber) -> str:
         disc(at(n.value), height / 2, 4.5, colour, f"{n.title} of {n.where}: {n.value:.4g} {n.unit}"),
     ]
     return svg(width, height, parts, f"{n.title} of {n.where}")
-
-
-def share_line(share: float, low: float | None, high: float | None) -> str:
-    """A share with its interval, in words; for tables."""
-    return percent(share) + ("" if low is None or high is None else f" ({percent(low)} to {percent(high)})")
 
 
 def dependence(curve: Dependence, unit: str, low: float, high: float) -> str:

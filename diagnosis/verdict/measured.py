@@ -24,8 +24,8 @@ class Measured:
 
     whole: Consequences
     """Of the corrected model against the nominal one."""
-    calibration: Consequences
-    """Of the robot's own numbers, without any difference."""
+    calibration: Consequences | None
+    """Of the robot's own numbers, without any difference; None where that model could not be simulated."""
     each: Mapping[str, Consequences] = field(default_factory=dict)
     """By difference, of the corrected model against the same without it."""
     left: tuple[GapLeft, ...] = ()
@@ -64,10 +64,9 @@ def measured_by_simulation(
         less = _less(term.effect.name) if len(best.terms) > 1 else CALIBRATED
         if less in trials.runs:
             each[term.effect.name] = consequences(bench, trials, less, stated, rng)
-    before_calibration = CALIBRATED if CALIBRATED in trials.runs else stated
     return Measured(
         consequences(bench, trials, NOMINAL, stated, rng),
-        consequences(bench, trials, NOMINAL, before_calibration, rng),
+        consequences(bench, trials, NOMINAL, CALIBRATED, rng) if CALIBRATED in trials.runs else None,
         each,
         remainder(bench, trials, stated),
     )

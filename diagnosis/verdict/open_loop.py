@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.stats import t as student
 
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, Ints, Views
+from diagnosis.channels.channel_view import Array, Ints
 from diagnosis.document import GapCell, GapChange, GapName
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.scoring import Scored, term_columns
@@ -170,20 +170,3 @@ def _left(board: Board, scored: Scored | None) -> list[Array]:
         of_errors = np.einsum("mq,mq->m", z, scored.fold_pulls[b.fold][:, at])
         out.append(b.weight * (b.y - of_terms - of_errors))
     return out
-
-
-def load_error_share(views: Views) -> float:
-    """Load error over load, root mean square, the median joint's; 0 without *set-point to load*."""
-    view = views.get(Channel.SET_POINT_TO_LOAD)
-    if view is None:
-        return 0.0
-    signals: Any = view.signals
-    load = signals.finish(signals.load_nm)
-    shares = []
-    for row in range(view.response.shape[1]):
-        rows = view.usable[:, row]
-        size = float(np.sqrt(np.mean(load[rows, row] ** 2))) if rows.any() else 0.0
-        # Under this a joint carries next to nothing, and its error is the sensor's.
-        if size > 5.0 * view.noise[row]:
-            shares.append(float(np.sqrt(np.mean(view.response[rows, row] ** 2))) / size)
-    return float(np.median(shares)) if shares else 0.0
