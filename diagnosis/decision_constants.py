@@ -178,16 +178,8 @@ effect that moved the robot. On 76 diagnoses of 60 others, those of seed 40961 w
 not, it is right for 93 % and calls none unknown wrongly; a fit to those is (−3.15, 2.23, 0.99), right for 89 %.
 All were fitted when 2.3 floors were ordinary for every robot.
 """
-GAP_SPREAD: Final = 0.25
-"""Standard deviation of a distance between a robot and its right model, over draws of noise and of environments."""
-THERE: Final = (-4.6, 1.47, 2.1)
-"""Log odds that an effect is there: at one nat, for each e-fold of nats, for each floor that closed loops are nearer.
-
-Logistic regression over 129 effects that residuals of 150 robots showed, of which 78 were there
-(``benchmarks/calibrate_diagnosis.py``, kinds of the calibrating catalogue).
-"""
-THERE_BY_RESIDUALS: Final = (-3.5, 1.28)
-"""The same without closed loops."""
+THERE: Final = (-3.5, 1.28)
+"""Log odds that an effect is there: at one nat, and for each e-fold of nats."""
 USUAL_LEFT: Final[Mapping[str, float]] = {
     Channel.SET_POINT_TO_LOAD: 9.0,
     Channel.BASE_WRENCH: 7.0,

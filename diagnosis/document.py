@@ -149,8 +149,6 @@ class Difference(Settings):
     """Probability of each effect in this place, adding up to ``probability`` with the other members."""
     gain_nats: float = 0.0
     """Evidence for it: what it adds to the log-likelihood of data not used for fitting, nats (3: odds of 20 to 1)."""
-    nearer_floors: float | None = None
-    """How much closer closed loops come to the robot with it, in floors; null if nothing was simulated."""
     channels: dict[str, float] = Field(default_factory=dict)
     """The same evidence by channel, in nats."""
     consequences: Consequences | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from diagnosis.channels.channel import Channel
 from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.decision_constants import NAMED, RUNS_APART
-from diagnosis.document import Calibration, Difference, Shrink, Status, Stretch, Verdict
+from diagnosis.document import Calibration, Difference, GapChange, Shrink, Status, Stretch, Verdict
 from diagnosis.selection.fitted import numbers
-from diagnosis.selection.scoring import Scorer, null_of
+from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.unexplained import describe
 from diagnosis.verdict.advice import advice, split
 from diagnosis.verdict.calibration import by_type, calibrated_numbers
@@ -21,6 +21,7 @@ from diagnosis.verdict.causes import Causes
 from diagnosis.verdict.explain import Explained
 from diagnosis.verdict.measured import Measured
 from diagnosis.verdict.open_loop import open_loop_cells
+from diagnosis.verdict.posterior import is_none
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 
@@ -28,26 +29,34 @@ N_WHERE = 60
 """Cells that the verdict lists; the report has them all."""
 CARRIES = 1.75
 """A second whose residual is this many times the usual carries much of the gap."""
+MOST = 0.5
+"""More than half of a gap is most of it."""
 FORCES = frozenset({Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION})
 
 
-def status_of(causes: Causes, measured: Measured) -> Status:
+def status_of(causes: Causes, measured: Measured, unknown: float, is_simulated: bool) -> Status:
     """The verdict in a word."""
-    found, is_unknown = causes.found, causes.belief.unknown > NAMED
-    if not found.views.keys() & FORCES and not causes.distances:
+    found, gaps = causes.found, measured.whole.gaps
+    if not found.views.keys() & FORCES and not is_simulated:
         return "cannot_tell"
     if found.selection.best is not None:
-        return "partly_explained" if is_unknown else "explained"
-    if is_unknown:
+        return "partly_explained" if unknown > NAMED or any(map(is_open, gaps)) else "explained"
+    if unknown > NAMED:
         return "unknown_effect"
-    gaps = measured.whole.gaps
     return "no_gap" if gaps and all(g.before <= RUNS_APART * g.floor for g in gaps) else "calibration"
+
+
+def is_open(gap: GapChange) -> bool:
+    """Whether most of a gap is left, and the corrected model is not as near as repeats are."""
+    return gap.after > RUNS_APART * gap.floor and (gap.share is None or gap.share < MOST)
 
 
 def assemble(
     causes: Causes,
     nominal: RobotModel,
     measured: Measured,
+    unknown_effect: float,
+    distances: Mapping[str, float],
     map_: GapMap | None,
     shrink: Shrink | None,
     notes: Sequence[str],
@@ -60,6 +69,8 @@ def assemble(
         causes: What was decided.
         nominal: The simulator's model.
         measured: What differences and calibration do.
+        unknown_effect: Probability of something that no effect of the library is.
+        distances: Of closed loops from the robot's, by name of the model, in floors; empty where none were run.
         map_: Of closed loops; without it the map is that of open-loop prediction.
         shrink: Of the corrected model.
         notes: Sentences for the reader.
@@ -67,7 +78,7 @@ def assemble(
         nominal_name: As it was asked for.
     """
     found, belief, board = causes.found, causes.belief, causes.found.board
-    status = status_of(causes, measured)
+    status = status_of(causes, measured, unknown_effect, bool(distances))
     differences = tuple(_differences(causes, measured))
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
@@ -75,17 +86,20 @@ def assemble(
     off = {str(c.name): f"off: {c.reason}" for c in found.off}
     cells = map_.cells if map_ is not None else open_loop_cells(found)
     # Channels that cannot tell say nothing for or against either.
-    none, unknown_too = (0.5, 0.5) if status == "cannot_tell" else (belief.none, belief.unknown)
-    best = found.selection.best or null_of(board)
+    none, unknown_too = is_none(belief.there.values(), unknown_effect, found.n_runs), unknown_effect
+    if status == "cannot_tell":
+        none = unknown_too = 0.5
     return Verdict(
         status=status,
         warnings=tuple(worse_gaps(measured.whole)),
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
         differences=differences,
-        calibration=Calibration(numbers=calibrated_numbers(board, best, nominal), consequences=measured.calibration),
+        calibration=Calibration(
+            numbers=calibrated_numbers(board, causes.best, nominal), consequences=measured.calibration
+        ),
         consequences=measured.whole,
         remainder=measured.left,
-        distances=dict(causes.distances),
+        distances=dict(distances),
         probability_none=none,
         probability_unknown=unknown_too,
         unknown=unknown,
@@ -116,7 +130,6 @@ def _differences(causes: Causes, measured: Measured) -> list[Difference]:
         group = belief.group(name) or {name: 1.0}
         names = (name, *(n for n in group if n != name))
         probability = float(np.clip(belief.there[name], 0.0, 1.0))
-        nearer = belief.nearer.get(name)
         out.append(
             Difference(
                 name=name,
@@ -130,7 +143,6 @@ def _differences(causes: Causes, measured: Measured) -> list[Difference]:
                 by_type=by_type(scorer, scored),
                 rivals={n: probability * w for n, w in group.items()},
                 gain_nats=float(gain),
-                nearer_floors=nearer if nearer is not None and np.isfinite(nearer) else None,
                 channels={c: v for c, v in by_channel.items() if abs(v) >= 1.0},
                 consequences=measured.each.get(name),
             )

@@ -14,7 +14,7 @@ from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.engine import Engine, LocalEngine
 from diagnosis.closed_loop.gap_map import GapMap, Side, gap_map
 from diagnosis.closed_loop.surroundings import Surroundings
-from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
+from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, measure_shrink, run_trials
 from diagnosis.document import Shrink, Verdict
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
@@ -24,11 +24,16 @@ from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import by_joint, model_of
 from diagnosis.selection.one_thread import one_thread
-from diagnosis.selection.scoring import null_of
 from diagnosis.verdict.assemble import assemble
-from diagnosis.verdict.causes import Causes, decide, with_environment
+from diagnosis.verdict.causes import CALIBRATED, Causes, decide
 from diagnosis.verdict.explain import Say, explain
-from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation
+from diagnosis.verdict.left_over import unknown_beside
+from diagnosis.verdict.measured import (
+    compared_models,
+    measured_by_prediction,
+    measured_by_simulation,
+    with_environment,
+)
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
@@ -91,25 +96,25 @@ def diagnose(
     found = explain(runs, nominal, policy, library, say, limits_rad)
     is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
     bench = Bench.of(runs, policy, engine or LocalEngine(policy)) if policy is not None and is_spot else None
-    if bench is not None:
-        say("simulating the models through the same commands")
     with one_thread():
-        causes = decide(found, nominal, bench, library, rng, lambda share: tell(0.7 * share))
-    board = causes.found.board
-    best = calibrated(board, causes.found.selection.best or null_of(board))
+        causes = decide(found, library)
+        board = found.board
+        best = calibrated(board, causes.best)
     corrected = by_joint(model_of(nominal, board, best), facts.JOINT_NAMES) if is_spot else nominal
     notes = [n for view in found.views.values() for n in view.notes]
     map_: GapMap | None = None
     shrink: Shrink | None = None
+    trials: Trials | None = None
     simulated: dict[str, tuple[Run, ...]] = {}
     around = Surroundings()
     measured = measured_by_prediction(board, best)
     if bench is None:
         notes.append(WITHOUT_RUNS)
     else:
-        bench = with_environment(bench, causes.found, nominal)
+        say("simulating the models through the same commands")
+        bench = with_environment(bench, board, best, nominal)
         models, like = compared_models(board, best, causes.stated)
-        trials = run_trials(bench, nominal, board, models, like, rng, lambda share: tell(0.7 + 0.3 * share))
+        trials = run_trials(bench, nominal, board, models, like, rng, tell)
         around = bench.around(causes.stated).overall
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
@@ -123,8 +128,10 @@ def diagnose(
         shrink = measure_shrink(bench, trials, causes.stated, rng)
         measured = measured_by_simulation(bench, trials, best, causes.stated, rng) or measured
         simulated = {"nominal": tuple(trials.runs[NOMINAL]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
-        notes += [*causes.notes, *trials.notes, *_about(bench, trials.is_crossed), *([map_.note] if map_.note else [])]
-    verdict = assemble(causes, nominal, measured, map_, shrink, notes, runs, nominal_name)
+        notes += [*trials.notes, *_about(bench, trials.is_crossed), *([map_.note] if map_.note else [])]
+    unknown = unknown_beside(causes.first, bench, trials, CALIBRATED, causes.stated)
+    distances = trials.distances() if trials is not None else {}
+    verdict = assemble(causes, nominal, measured, unknown, distances, map_, shrink, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
     if with_synthesis and verdict.differences and policy is not None and is_spot:
         from diagnosis.verdict.synthesis import synthesis_check
@@ -132,7 +139,7 @@ def diagnose(
         say("synthesis check")
         check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
         verdict = verdict.model_copy(update={"synthesis": check})
-    posterior = posterior_of(causes, nominal, around) if is_spot else None
+    posterior = posterior_of(causes, nominal, around, unknown, distances) if is_spot else None
     return Diagnosis(verdict, corrected, map_, simulated, tuple(runs), found.board, causes, posterior)
 
 

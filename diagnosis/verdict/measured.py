@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from diagnosis.closed_loop.consequences import consequences, remainder
+from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
 from diagnosis.document import Consequences, GapLeft
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.fitted import without_effect
+from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Scored, Scorer, null_of
 from diagnosis.verdict.causes import CALIBRATED
 from diagnosis.verdict.open_loop import gap_changes
+from spot_model.io.model_file import RobotModel
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,13 @@ def compared_models(board: Board, best: Scored, stated: str) -> tuple[dict[str, 
     if len(names) > 1:
         models |= {_less(name): without_effect(board, best, name) for name in names}
     return models, {name: stated for name in models if name != stated}
+
+
+def with_environment(bench: Bench, board: Board, best: Scored, nominal: RobotModel) -> Bench:
+    """The bench; where the ground, a foot or the estimator was found, all models share the corrected one's."""
+    if not any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms):
+        return bench
+    return replace(bench, shared=model_of(nominal, board, best))
 
 
 def measured_by_simulation(

@@ -91,8 +91,18 @@ class Posterior(_Part):
         return model
 
 
-def posterior_of(causes: Causes, nominal: RobotModel, around: Surroundings) -> Posterior:
-    """What was decided, as data; of Spot alone, since only Spot is simulated."""
+def posterior_of(
+    causes: Causes, nominal: RobotModel, around: Surroundings, unknown: float, distances: Mapping[str, float]
+) -> Posterior:
+    """What was decided, as data; of Spot alone, since only Spot is simulated.
+
+    Args:
+        causes: What was decided.
+        nominal: The simulator's model.
+        around: Surroundings that suit the corrected model.
+        unknown: Probability of something that no effect of the library is.
+        distances: Of closed loops by name of the model, in floors.
+    """
     board, belief = causes.found.board, causes.belief
     odds = {name: is_right(belief, frozenset(t.effect.name for t in s.terms)) for name, s in causes.hypotheses.items()}
     total = sum(odds.values())
@@ -109,10 +119,10 @@ def posterior_of(causes: Causes, nominal: RobotModel, around: Surroundings) -> P
             )
             for i, (t, own) in enumerate(zip(scored.terms, scored.coefficients, strict=True))
         )
-        far = causes.distances.get(name)
+        far = distances.get(name)
         weight = odds[name] / total
         found.append(Possibility(weight=weight, distance_floors=far, model=base.to_data(), terms=terms))
-    return Posterior(possibilities=tuple(found), unknown=belief.unknown)
+    return Posterior(possibilities=tuple(found), unknown=unknown)
 
 
 def is_right(belief: Belief, effects: frozenset[str]) -> float:

@@ -1,14 +1,9 @@
-"""Which effects are causes where closed loops cannot be run."""
+"""Which effects are differences."""
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-import pytest
-
 from diagnosis.library.registry import LIBRARY
-from diagnosis.verdict import causes
+from diagnosis.verdict.causes import CALIBRATED, decide
 from diagnosis.verdict.explain import explain
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 
@@ -16,19 +11,19 @@ from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence
 
 
-def test_a_set_that_cannot_be_simulated_is_judged_by_the_residuals_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_residuals_decide_what_is_there() -> None:
     friction = CoulombFriction(joints=("knees",), level_nm=3.0)
     runs = planted_runs(Truth((friction,)), 3, sequence=walk_sequence(3.0))
     few = {name: LIBRARY[name] for name in ("coulomb_friction", "armature")}
     found = explain(runs, NOMINAL, None, few, lambda _: None)
-    assert found.effects == ("coulomb_friction",)
-
-    def tried(*_: Any) -> causes.Tried:
-        return causes.Tried({"nominal": 3.0, causes.CALIBRATED: 2.9}, ("coulomb_friction cannot be simulated: bounds",))
-
-    monkeypatch.setattr(causes, "try_out", tried)
-    bench: Any = object()
-    decided = causes.decide(found, NOMINAL, bench, few, np.random.default_rng(0))
+    decided = decide(found, few)
+    assert decided.stated == "coulomb_friction"
     assert decided.belief.there["coulomb_friction"] > 0.8
-    assert not decided.belief.nearer
-    assert "cannot be simulated" in decided.notes[0]
+    assert set(decided.hypotheses) == {"coulomb_friction", CALIBRATED}
+
+
+def test_what_is_probably_not_there_is_left_out() -> None:
+    runs = planted_runs(Truth(()), 3, sequence=walk_sequence(3.0))
+    decided = decide(explain(runs, NOMINAL, None, LIBRARY, lambda _: None), LIBRARY)
+    assert decided.stated == CALIBRATED
+    assert decided.found.selection.best is None

@@ -11,7 +11,6 @@ import pytest
 from diagnosis.channels.channel import Channel
 from diagnosis.decision_constants import (
     GAP_SLOPE,
-    GAP_SPREAD,
     LARGEST_ERRORS,
     LEFT_SHARE,
     ODD_RUN,
@@ -24,10 +23,9 @@ from diagnosis.decision_constants import (
 from diagnosis.document import Consequences, GapChange
 from diagnosis.verdict.assemble import status_of
 from diagnosis.verdict.measured import Measured
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, is_there, is_unknown, ordinary_gap, shares
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, is_none, is_there, is_unknown, ordinary_gap, shares
 
 ORDINARY_GAP = 2.3
-FAR = ORDINARY_GAP + 3.0
 
 
 def test_no_run_tells_more_than_its_odds_of_being_odd() -> None:
@@ -50,38 +48,35 @@ def test_one_run_leaves_all_rivals_together_the_odds_of_an_odd_run(n_rivals: int
 
 
 def test_one_run_alone_proves_no_cause() -> None:
-    assert is_there(1e5, None, 1) == pytest.approx(1.0 - ODD_RUN)
-    assert is_there(1e5, 3.0, 1) == pytest.approx(1.0 - ODD_RUN)
-    assert is_there(1e5, None, 9) > 0.999
-    # A set that was not simulated says nothing of where closed loops lie.
-    assert is_there(20.0, float("inf"), 9) == is_there(20.0, None, 9)
+    assert is_there(1e5, 1) == pytest.approx(1.0 - ODD_RUN)
+    assert is_there(1e5, 9) > 0.999
 
 
-def test_evidence_counts_by_its_logarithm_and_closed_loops_for_or_against() -> None:
-    offset, by_nats, by_floors = THERE
-    assert is_there(np.e, 0.5, 9) == pytest.approx(1.0 / (1.0 + np.exp(-(offset + by_nats + 0.5 * by_floors))))
-    assert is_there(20.0, -1.0, 9) < is_there(20.0, 0.0, 9) < is_there(20.0, 1.0, 9)
-    assert is_there(0.0, 0.0, 9) < 1e-6
+def test_evidence_counts_by_its_logarithm() -> None:
+    offset, by_nats = THERE
+    assert is_there(np.e, 9) == pytest.approx(1.0 / (1.0 + np.exp(-(offset + by_nats))))
+    assert is_there(10.0, 9) < is_there(20.0, 9) < is_there(200.0, 9)
+    assert is_there(0.0, 9) < 1e-6
 
 
-def _believed(hypotheses: tuple[Hypothesis, ...], best: tuple[str, ...], beyond_nats: float = 0.0) -> Belief:
+def _believed(hypotheses: tuple[Hypothesis, ...], best: tuple[str, ...], alike: float = 0.0) -> Belief:
     """Of nine logs; what each effect adds is what the hypotheses differ by."""
     nats = {frozenset(h.effects): h.nats for h in hypotheses}
     gains = {n: nats[frozenset(best)] - nats.get(frozenset(best) - {n}, 0.0) for n in best}
-    return believe(hypotheses, best, gains, 9, beyond_nats, ORDINARY_GAP)
+    return believe(hypotheses, best, gains, 9, dict.fromkeys(best, alike))
 
 
 def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
     def group(rival: float) -> dict[str, float]:
         hypotheses = (
-            Hypothesis((), 0.0, FAR),
-            Hypothesis(("torque_delay",), 300.0, 1.2),
-            Hypothesis(("torque_bandwidth",), rival, 1.2),
+            Hypothesis((), 0.0),
+            Hypothesis(("torque_delay",), 300.0),
+            Hypothesis(("torque_bandwidth",), rival),
         )
         return _believed(hypotheses, ("torque_delay",)).group("torque_delay")
 
     # 46 nats of 300 are one nat: FORMULA_ERROR is 0.15. An odd one of the nine runs points to either of two others.
-    runs = np.exp(np.array([0.0, -1.0, -300.0 / 46.0 - (FAR - 1.2) / GAP_SPREAD]) / 9.0)
+    runs = np.exp(np.array([0.0, -1.0, -300.0 / 46.0]) / 9.0)
     p = runs / runs.sum()
     delay, bandwidth, _ = ((1.0 - ODD_RUN) * p + ODD_RUN * (1.0 - p) / 2.0) ** 9
     assert group(300.0 - 46.0) == pytest.approx(
@@ -90,53 +85,18 @@ def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
     assert list(group(100.0)) == ["torque_delay"]
 
 
-def test_a_single_effect_is_judged_once() -> None:
-    hypotheses = (Hypothesis((), 0.0, 2.4), Hypothesis(("command_delay",), 10.0, 1.8))
-    found = _believed(hypotheses, ("command_delay",))
-    assert found.there["command_delay"] == pytest.approx(is_there(10.0, 0.6, 9))
-
-
-def test_an_effect_that_closes_the_gap_is_its_cause() -> None:
-    hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("payload_mass",), 20.0, 1.2))
-    found = _believed(hypotheses, ("payload_mass",))
-    assert found.there["payload_mass"] > 0.95
-    assert found.nearer["payload_mass"] == pytest.approx(FAR - 1.2)
-    assert found.unknown < 0.05
-    assert found.none < 0.01
-
-
 def test_an_effect_that_is_only_alike_is_not_there() -> None:
-    sets = (Hypothesis((), 0.0, 4.0 * ORDINARY_GAP), Hypothesis(("torque_gain",), 200.0, 2.0 * ORDINARY_GAP))
-
-    def found(alike: float) -> Belief:
-        gains = {"torque_gain": 200.0}
-        return believe(sets, ("torque_gain",), gains, 9, 0.0, ORDINARY_GAP, {"torque_gain": alike})
-
-    assert found(0.0).there["torque_gain"] > 0.95
-    assert found(0.6).there["torque_gain"] == pytest.approx(0.4 * found(0.0).there["torque_gain"])
+    sets = (Hypothesis((), 0.0), Hypothesis(("torque_gain",), 200.0))
+    right, alike = (_believed(sets, ("torque_gain",), p).there["torque_gain"] for p in (0.0, 0.6))
+    assert right > 0.9
+    assert alike == pytest.approx(0.4 * right)
 
 
-def test_an_effect_with_which_closed_loops_lie_farther_off_needs_so_much_more_evidence() -> None:
-    doubtful, clear = (
-        _believed(
-            (Hypothesis((), 0.0, ORDINARY_GAP), Hypothesis(("leg_mass",), nats, ORDINARY_GAP + 1.0)),
-            ("leg_mass",),
-        )
-        for nats in (10.0, 1000.0)
-    )
-    assert doubtful.there["leg_mass"] < 0.1
-    assert clear.there["leg_mass"] > 0.9
-
-
-def test_effects_that_make_up_for_each_other_and_lead_away_from_the_robot_are_not_there() -> None:
-    both = ("leg_mass", "torque_gain")
-    hypotheses = (
-        Hypothesis((), 0.0, ORDINARY_GAP),
-        Hypothesis(both, 100.0, ORDINARY_GAP + 3.0),
-        Hypothesis(("leg_mass",), 60.0, ORDINARY_GAP + 8.0),
-        Hypothesis(("torque_gain",), 60.0, ORDINARY_GAP + 8.0),
-    )
-    assert max(_believed(hypotheses, both).there.values()) < 0.05
+def test_what_an_effect_adds_to_the_others_decides() -> None:
+    both = ("armature", "leg_mass")
+    found = _believed((Hypothesis((), 0.0), Hypothesis(both, 300.0), Hypothesis(("armature",), 298.0)), both)
+    assert found.there["leg_mass"] == pytest.approx(is_there(2.0, 9))
+    assert found.there["armature"] == pytest.approx(is_there(300.0, 9))
 
 
 def test_a_robot_that_repeats_itself_well_keeps_more_floors_from_its_model() -> None:
@@ -173,34 +133,19 @@ def test_the_right_effects_may_leave_a_share_of_what_they_close() -> None:
     assert is_unknown(after, 10.0, 30.0, ORDINARY_GAP) < is_unknown(after, 0.0, 30.0, ORDINARY_GAP)
 
 
-def test_rivals_that_come_as_near_share_a_place() -> None:
+def test_rivals_that_explain_as_much_share_a_place() -> None:
     hypotheses = (
-        Hypothesis((), 0.0, FAR),
-        Hypothesis(("coulomb_friction",), 30.0, 1.2),
-        Hypothesis(("stribeck_friction",), 29.0, 1.2),
-        Hypothesis(("armature",), 29.0, 1.2 + 20.0 * GAP_SPREAD),
+        Hypothesis((), 0.0),
+        Hypothesis(("coulomb_friction",), 30.0),
+        Hypothesis(("stribeck_friction",), 29.0),
+        Hypothesis(("armature",), 2.0),
     )
     found = _believed(hypotheses, ("coulomb_friction",))
     group = found.group("coulomb_friction")
     assert list(group) == ["coulomb_friction", "stribeck_friction"]
     assert group["stribeck_friction"] > 0.2
     # What is said of the place holds for the group as a whole.
-    assert found.there["coulomb_friction"] == pytest.approx(is_there(30.0, FAR - 1.2, 9))
-
-
-def test_without_the_smaller_set_nearer_is_infinite() -> None:
-    both = ("armature", "coulomb_friction")
-    found = _believed((Hypothesis((), 0.0, FAR), Hypothesis(both, 60.0, 1.0)), both)
-    assert found.nearer == dict.fromkeys(both, float("inf"))
-
-
-def test_what_is_beyond_doubt_is_there_though_nothing_moves() -> None:
-    near = ORDINARY_GAP - 1.0
-    hypotheses = (Hypothesis((), 0.0, near), Hypothesis(("command_jitter",), 200.0, near - 0.1))
-    found = _believed(hypotheses, ("command_jitter",))
-    assert found.there["command_jitter"] > 0.95
-    assert found.unknown < 0.05
-    assert found.none < 0.05
+    assert found.there["coulomb_friction"] == pytest.approx(is_there(30.0, 9))
 
 
 def test_what_stays_of_gap_and_residuals_is_unknown() -> None:
@@ -215,18 +160,16 @@ def test_what_stays_of_gap_and_residuals_is_unknown() -> None:
     assert is_unknown(0.3 * ORDINARY_GAP, 0.0, 50.0, ORDINARY_GAP) < 0.3
 
 
-@pytest.mark.parametrize("distance", [None, 0.5])
-def test_one_run_does_not_prove_that_nothing_is_wrong(distance: float | None) -> None:
-    def none(n_runs: int) -> float:
-        return believe((Hypothesis((), 0.0, distance),), (), {}, n_runs, 0.0, ORDINARY_GAP).none
-
-    assert none(1) == pytest.approx(1.0 - ODD_RUN)
-    assert none(3) > 0.95
+def test_one_run_does_not_prove_that_nothing_is_wrong() -> None:
+    assert is_none((), 0.01, 1) == pytest.approx(1.0 - ODD_RUN)
+    assert is_none((), 0.01, 3) > 0.95
+    assert is_none((0.5, 0.5), 0.2, 9) == pytest.approx(0.25 * 0.8)
 
 
-def _measured(before: float, floor: float = 1.0) -> Measured:
+def _measured(before: float, share: float | None) -> Measured:
+    left = 1.0 + (before - 1.0) * (1.0 - (share or 0.0))
     gaps = tuple(
-        GapChange(gap=gap, unit="", before=before, after=before, floor=floor, share=None)
+        GapChange(gap=gap, unit="", before=before, after=left, floor=1.0, share=share)
         for gap in ("torque", "joint motion", "body motion")
     )
     whole = Consequences(loop="closed", gaps=gaps)
@@ -234,24 +177,24 @@ def _measured(before: float, floor: float = 1.0) -> Measured:
 
 
 @pytest.mark.parametrize(
-    ("best", "unknown", "before", "status"),
+    ("best", "unknown", "before", "share", "status"),
     [
-        (None, 0.1, 1.1, "no_gap"),
-        (None, 0.1, 1.3, "calibration"),
-        (None, 0.6, 1.1, "unknown_effect"),
-        (object(), 0.1, 1.1, "explained"),
-        (object(), 0.6, 3.0, "partly_explained"),
+        (None, 0.1, 1.1, None, "no_gap"),
+        (None, 0.1, 1.3, 0.0, "calibration"),
+        (None, 0.6, 1.1, 0.0, "unknown_effect"),
+        (object(), 0.1, 1.1, None, "explained"),
+        (object(), 0.1, 9.0, 0.6, "explained"),
+        (object(), 0.1, 9.0, 0.4, "partly_explained"),
+        (object(), 0.6, 9.0, 0.9, "partly_explained"),
     ],
 )
-def test_there_is_no_gap_only_where_the_nominal_model_is_as_near_as_repeats_are(
-    best: Any, unknown: float, before: float, status: str
+def test_a_status_follows_from_what_is_left_of_the_gaps(
+    best: Any, unknown: float, before: float, share: float | None, status: str
 ) -> None:
     views = {Channel.SET_POINT_TO_LOAD: None}
-    causes: Any = SimpleNamespace(
-        found=SimpleNamespace(views=views, selection=SimpleNamespace(best=best)),
-        belief=Belief((), 0.5, unknown, {}),
-        distances={"nominal": 2.0},
-    )
-    assert status_of(causes, _measured(before)) == status
-    causes.found.views, causes.distances = {}, {}
-    assert status_of(causes, _measured(before)) == "cannot_tell"
+    causes: Any = SimpleNamespace(found=SimpleNamespace(views=views, selection=SimpleNamespace(best=best)))
+    measured = _measured(before, share)
+    assert status_of(causes, measured, unknown, is_simulated=True) == status
+    assert status_of(causes, measured, unknown, is_simulated=False) == status
+    causes.found.views = {}
+    assert status_of(causes, measured, unknown, is_simulated=False) == "cannot_tell"

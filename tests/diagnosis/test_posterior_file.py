@@ -45,8 +45,8 @@ def test_a_file_comes_back_as_it_was() -> None:
 def test_a_set_is_as_likely_as_each_of_its_effects_is_there_and_the_others_are_not() -> None:
     """Drag, or a gain in its place with half its weight, 0.9; a payload 0.9 beside it."""
     weights: dict[tuple[str, ...], float] = {("drag", "load"): 2.0, ("gain", "load"): 1.0}
-    belief = Belief(("drag", "load"), 0.0, 0.0, {"drag": 0.9, "load": 0.9}, weights)
+    belief = Belief(("drag", "load"), {"drag": 0.9, "load": 0.9}, weights)
     odds = [is_right(belief, frozenset(s)) for s in ({"drag", "load"}, {"gain", "load"}, {"load"}, {"drag"}, set())]
     assert odds == pytest.approx([0.54, 0.27, 0.09, 0.06, 0.01])
-    sure = Belief(("drag",), 0.0, 0.0, {"drag": 1.0}, {("drag",): 1.0})
+    sure = Belief(("drag",), {"drag": 1.0}, {("drag",): 1.0})
     assert is_right(sure, frozenset()) == LEAST
