@@ -3,10 +3,11 @@
     python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out FOLDER [--workers 2] [--until 3600]
     python benchmarks/calibrate_diagnosis.py fit FOLDER
 
-``robots`` draws cases as the withheld check does, but of its calibrating catalogue; every third has no fault. Of each
-it keeps the evidence that a diagnosis compares: of every effect of the best set, and of the first that was rejected.
-A robot that its fault moves is explained a second time by a library without that fault's effects. One robot is one
-file; ``robots`` can be interrupted and goes on, and ``--first`` and ``--to`` divide an ensemble between machines.
+``robots`` draws cases as the withheld check does, but of its calibrating catalogue; of every eight, two have no fault,
+four have one, one has two and one has a fault outside the library. Of each it keeps the evidence of every effect of the
+best set, and how far closed loops of the corrected model are from the robot. A robot that its fault moves is explained
+a second time by a library without that fault's effects. One robot is one file; ``robots`` can be interrupted and goes
+on, and ``--first`` and ``--to`` divide an ensemble between machines.
 
 ``fit`` prints what faultless robots leave by channel, and for both probabilities logistic regressions of several forms
 with log loss and expected calibration error on robots that were not fitted (ten folds).
@@ -30,18 +31,20 @@ from calibration_forms import NOTHING, fit
 from numpy.typing import NDArray
 
 from diagnosis.closed_loop.engine import LocalEngine
-from diagnosis.closed_loop.trials import NOMINAL, Bench
+from diagnosis.closed_loop.trials import Bench, run_trials
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
+from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.nuisance_model import size_of_errors
 from diagnosis.selection.one_thread import one_thread
-from diagnosis.selection.scoring import Placed, Scored, null_of
-from diagnosis.selection.search import LEAST_NATS, Rival, beside, price, ranked, search
-from diagnosis.verdict.causes import candidates_of, name_of, try_out
+from diagnosis.selection.scoring import Placed, null_of
+from diagnosis.selection.search import search
+from diagnosis.verdict.causes import CALIBRATED, candidates_of, decide, name_of, own_nats
 from diagnosis.verdict.explain import Explained, explain
-from diagnosis.verdict.left_over import EXACT_LAWS, excess, only_alike, shown_in
+from diagnosis.verdict.left_over import excess, only_alike
+from diagnosis.verdict.measured import with_environment
 from spot_log import read_run
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
@@ -53,17 +56,16 @@ from withheld.plan import Fault, Reality, RecordingPlan
 from withheld.simulator.simulation import RealityDivergedError
 
 Array = NDArray[np.float64]
-KINDS: Final = ("single", "double", "outside", "left_out", "short")
-"""Beside the faultless ones."""
+ORDER: Final = ("faultless", "single", "single", "faultless", "single", "double", "outside", "single")
+"""Of a block of robots."""
 POLICIES: Final = Path("policies")
 
 
 def ensemble(seed: int) -> Iterator[int]:
-    """Numbers of the cases of an endless draw: every third without a fault, from the first on."""
-    none = (n for n in count() if kind_of(seed, n) == "faultless")
-    some = (n for n in count() if kind_of(seed, n) in KINDS)
+    """Numbers of the cases of an endless draw, kinds in :data:`ORDER`."""
+    pools = {kind: (n for n in count() if kind_of(seed, n) == kind) for kind in set(ORDER)}
     while True:
-        yield from (next(none), next(some), next(some))
+        yield from (next(pools[kind]) for kind in ORDER)
 
 
 def robot(seed: int, number: int, out: Path) -> str:
@@ -132,84 +134,53 @@ def recorded(case: Case, source: Source, policy: Policy) -> tuple[Reality, list[
 def evidence(
     found: Explained, reality: Reality, bench: Bench | None, library: Mapping[str, LibraryEffect], seed: int
 ) -> dict[str, Any]:
-    """What residuals and closed loops say of the best set, of each of its effects, and of the first rejected one."""
-    board, best = found.board, found.selection.best or null_of(found.board)
-    candidates, extra = candidates_of(found), first_rejected(found, library)
-    # Rivals are told by name alone.
-    run = {n: s for n, s in candidates.items() if n == name_of(best) or len(s.terms) != len(best.terms)}
-    if extra is not None:
-        run.setdefault(name_of(extra.scored), extra.scored)
-    distances = simulated(found, reality.nominal, run, bench, seed)
-    whole = distances.get(name_of(best))
-    value = best.score - price(best.terms, board) if best.terms else 0.0
-
-    def nearer(less: str, more: float | None) -> float | None:
-        return distances[less] - more if less in distances and more is not None else None
-
-    alike = only_alike(board, best)
+    """What residuals say of each effect of the best set, and what its model leaves in closed loop."""
+    board, best, own = found.board, found.selection.best or null_of(found.board), own_nats(found)
+    alike, candidates = only_alike(board, best), candidates_of(found)
     effects = []
-    for i, (term, nats) in enumerate(zip(best.terms, found.selection.gains, strict=True)):
-        less = replace(best, terms=best.terms[:i] + best.terms[i + 1 :])
-        tried = [r.scored.terms[-1].effect.name for r in found.selection.rivals[i] if name_of(r.scored) in candidates]
-        told = of_effect(found, best, term, reality.truth.faults, [n for n in tried if n in library])
-        effects.append(told | {"nats": nats, "nearer": nearer(name_of(less), whole), "alike": alike[term.effect.name]})
-    rejected = None
-    if extra is not None:
-        term = extra.scored.terms[-1]
-        rejected = of_effect(found, extra.scored, term, reality.truth.faults, []) | {
-            "nats": extra.value - value,
-            "nearer": nearer(name_of(best), distances.get(name_of(extra.scored))),
-            "alike": only_alike(board, extra.scored)[term.effect.name],
-        }
-    rest, beyond = found.remainder(), dict[str, float]()
+    for term, nats, rivals in zip(best.terms, found.selection.gains, found.selection.rivals, strict=True):
+        names = [r.scored.terms[-1].effect.name for r in rivals if name_of(r.scored) in candidates]
+        told = of_effect(found, term, reality.truth.faults, names)
+        effects.append(told | {"nats": nats, "own_nats": own[term.effect.name], "alike": alike[term.effect.name]})
+    rest, left = found.remainder(), dict[str, float]()
     for channel, nats in zip(rest.channels, rest.nats, strict=True):
-        beyond[channel] = beyond.get(channel, 0.0) + float(nats)
+        left[channel] = left.get(channel, 0.0) + float(nats)
     return {
         "library": sorted(library),
         "effects": effects,
-        "rejected": rejected,
-        "explained_nats": value,
         "excess": excess(board, best),
-        "left_nats": beyond,
+        "left_nats": left,
         "errors": size_of_errors(board, best.pulls),
-        "best": name_of(best),
-        "distances": distances,
+        "closed": simulated(found, reality.nominal, bench, library, seed),
     }
 
 
-def first_rejected(found: Explained, library: Mapping[str, LibraryEffect]) -> Rival | None:
-    """The best of the effects beside the best set that are not in it."""
-    best = found.selection.best
-    if best is None:
-        return next(iter(found.selection.first), None)
-    seen = {r.scored.terms[-1].effect.name for r in found.selection.first if r.scored.score > LEAST_NATS}
-    rest = beside({n: e for n, e in library.items() if n in seen}, best.terms)
-    return next(iter(ranked(found.board, best.terms, rest)), None)
-
-
 def simulated(
-    found: Explained, nominal: RobotModel, candidates: Mapping[str, Scored], bench: Bench | None, seed: int
+    found: Explained, nominal: RobotModel, bench: Bench | None, library: Mapping[str, LibraryEffect], seed: int
 ) -> dict[str, float]:
-    """Distances from the robot by name of a set of effects, in floors; empty without a policy."""
+    """How far models are from the robot, in floors, and what runs scatter by; empty without a policy."""
     if bench is None:
         return {}
+    causes, board = decide(found, library), found.board
+    best = calibrated(board, causes.best)
+    models = {"stated": best, CALIBRATED: calibrated(board, null_of(board))}
     # Surroundings are chosen for each explanation anew.
-    own = replace(bench, surroundings={})
-    distances = dict(try_out(found, nominal, candidates, own, np.random.default_rng(seed)).distances)
-    nothing = next(name for name, scored in candidates.items() if not scored.terms)
-    if {nothing, NOMINAL} <= distances.keys():
-        # A robot that lies where the plain nominal model lies has no gap either.
-        distances[nothing] = min(distances[nothing], distances[NOMINAL])
-    return distances
+    own = with_environment(replace(bench, surroundings={}), board, best, nominal)
+    trials = run_trials(
+        own, nominal, board, models, {CALIBRATED: "stated"}, np.random.default_rng(seed), only_ticks=True
+    )
+    if "stated" not in trials.runs:
+        return {}
+    return {
+        **trials.distances(),
+        "scatter_nm": trials.scatter_nm(),
+        "model_scatter": trials.scatter_of("stated", bench.policy),
+    }
 
 
-def of_effect(
-    found: Explained, scored: Scored, term: Placed, faults: Sequence[Fault], rivals: Sequence[str]
-) -> dict[str, Any]:
-    """One effect, whether it is there, and how well its own signals are explained."""
-    board, shown = found.board, shown_in(found.board, term)
-    joints = set(board.robot.named(board.robot.joints_of(term.effect, term.place)))
-    exact = {n for c in EXACT_LAWS for n in board.by_channel.get(c, ())}
+def of_effect(found: Explained, term: Placed, faults: Sequence[Fault], rivals: Sequence[str]) -> dict[str, Any]:
+    """One effect, and whether it or a rival in its place is there."""
+    joints = set(found.board.robot.named(found.board.robot.joints_of(term.effect, term.place)))
 
     def is_there(name: str) -> bool:
         """At least half of the joints are right."""
@@ -218,11 +189,8 @@ def of_effect(
     return {
         "name": term.effect.name,
         "joints": sorted(joints),
-        "is_true": is_there(term.effect.name),
-        "is_in_group": any(map(is_there, (term.effect.name, *rivals))),
         "rivals": list(rivals),
-        "n_free": float(board.dof[shown].sum()),
-        "own_excess": excess(board, scored, exact & {*shown}),
+        "is_in_group": any(map(is_there, (term.effect.name, *rivals))),
     }
 
 

@@ -13,7 +13,10 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import log_loss
 from sklearn.model_selection import GroupKFold, cross_val_predict
 
-from withheld.scoring.sizes import LARGE
+from diagnosis.decision_constants import LEFT_SHARE
+from diagnosis.verdict.causes import CALIBRATED
+from diagnosis.verdict.left_over import is_odd
+from diagnosis.verdict.posterior import ordinary_gap
 from withheld.scoring.statistics import calibration_error
 
 Array = NDArray[np.float64]
@@ -44,7 +47,7 @@ def fit(given: Namespace) -> None:
         left = [own["left_nats"].get(channel, 0.0) for own in clean]
         most[channel] = float(np.quantile(left, 0.95))
         print(f"USUAL_LEFT {channel}: 50 and 95 %: {np.median(left):.1f}, {most[channel]:.1f} nats")
-    there(rows, usual)
+    there(rows)
     unknown(rows, usual, most)
 
 
@@ -58,41 +61,30 @@ def odd(over: Mapping[str, float], usual: Mapping[str, tuple[float, float]]) -> 
     return float(max(z, default=-3.0))
 
 
-def there(rows: Sequence[Mapping[str, Any]], usual: Mapping[str, tuple[float, float]]) -> None:
-    """Whether an effect is there, by several forms of its evidence.
-
-    Effects of the best set count, and the one that was rejected first; a group that holds the truth counts as true.
-    """
-    told, right, groups, is_found = [], [], [], []
+def there(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Whether an effect of the best set is there, by forms of its evidence; a group that holds the truth counts."""
+    told, right, groups = [], [], []
     for row in rows:
         for own in _explanations(row):
-            for effect in [*own["effects"], *filter(None, [own["rejected"]])]:
-                nearer = effect["nearer"]
+            for effect in own["effects"]:
                 told.append(
                     {
                         "log nats": np.log(max(effect["nats"], SMALLEST_NATS)),
-                        "log nats a run": np.log(max(effect["nats"], SMALLEST_NATS) / row["n_runs"]),
-                        "log share": np.log(max(effect["nats"], SMALLEST_NATS) / max(effect["n_free"], 1.0)),
-                        "log samples": np.log(max(effect["n_free"], 1.0)),
-                        "nearer": np.nan if nearer is None else float(np.clip(nearer, -10.0, 10.0)),
-                        "own excess": max(0.0, odd(effect["own_excess"], usual)),
-                        "errors": np.log(max(own["errors"], 0.05)),
+                        "log own nats": np.log(max(effect["own_nats"], SMALLEST_NATS)),
+                        "log runs": np.log(row["n_runs"]),
+                        "log joints": np.log(len(effect["joints"])),
                     }
                 )
                 right.append(effect["is_in_group"])
                 groups.append(row["number"])
-                is_found.append(effect is not own["rejected"])
     forms = (
         ("log nats",),
-        ("log share",),
-        ("log nats", "log samples"),
-        ("log nats", "own excess"),
-        ("log nats", "log samples", "own excess", "errors"),
-        ("log nats", "nearer"),
-        ("log nats", "log samples", "nearer", "own excess"),
+        ("log own nats",),
+        ("log own nats", "log runs"),
+        ("log own nats", "log joints"),
     )
-    print(f"\nTHERE: {len(told)} effects, {sum(is_found)} of them found, {sum(right)} there")
-    _print_forms(told, np.array(right), np.array(groups), forms, "found", np.array(is_found))
+    print(f"\nTHERE: {len(told)} effects, {sum(right)} there")
+    _print_forms(told, np.array(right), np.array(groups), forms)
 
 
 def unknown(
@@ -100,41 +92,46 @@ def unknown(
 ) -> None:
     """Whether something is there that the library lacks, by what the best set leaves.
 
-    Where it moves the robot by less than :data:`NOTHING` floors the robot is left out; *clear* are robots without it,
-    and those that it moves by :data:`LARGE`.
+    Where it moves the robot by less than :data:`NOTHING` floors the robot is left out.
     """
-    told, right, groups, is_clear = [], [], [], []
+    told, right, groups = [], [], []
     for row in rows:
         for own in _explanations(row):
             lacking = [f["moved"] for f in row["faults"] if not {*f["names"]} & {*own["library"]}]
-            by = max((m or 0.0 for m in lacking), default=0.0)
-            if lacking and by < NOTHING:
+            if lacking and max(m or 0.0 for m in lacking) < NOTHING:
                 continue
             beyond = sum(max(0.0, nats - most.get(c, 0.0)) for c, nats in own["left_nats"].items())
-            left = own["distances"].get(own["best"])
             told.append(
                 {
                     "excess": odd(own["excess"], usual),
                     "log beyond": np.log1p(beyond),
-                    "log beyond share": np.log1p(beyond) - np.log1p(max(own["explained_nats"], 0.0)),
-                    "log left": np.nan if left is None else np.log(max(left, 0.1)),
-                    "errors": np.log(max(own["errors"], 0.05)),
+                    "log left nats": np.log1p(sum(own["left_nats"].values())),
+                    "gap": _gap(own),
                 }
             )
             right.append(bool(lacking))
             groups.append(row["number"])
-            is_clear.append(not lacking or by >= LARGE)
     forms = (
-        ("excess",),
         ("log beyond",),
+        ("log left nats",),
         ("excess", "log beyond"),
-        ("excess", "log beyond", "log beyond share"),
-        ("excess", "log beyond", "errors"),
-        ("excess", "log beyond", "log left"),
-        ("excess", "log beyond", "log left", "errors"),
+        ("gap",),
+        ("gap", "log beyond"),
+        ("gap", "log left nats"),
+        ("gap", "log beyond", "excess"),
     )
     print(f"\nUNKNOWN: {len(told)} explanations, {sum(right)} lack something that moves the robot")
-    _print_forms(told, np.array(right), np.array(groups), forms, "clear", np.array(is_clear))
+    _print_forms(told, np.array(right), np.array(groups), forms)
+
+
+def _gap(own: Mapping[str, Any]) -> float:
+    """Logarithm of the distance that is left over the ordinary one; NaN where nothing was simulated."""
+    closed = own["closed"]
+    if not {"stated", "nominal", CALIBRATED} <= closed.keys():
+        return float("nan")
+    ordinary = ordinary_gap(closed["scatter_nm"], own["errors"], is_odd(own["excess"]), closed["model_scatter"])
+    explained = max(min(closed["nominal"], closed[CALIBRATED]) - closed["stated"], 0.0)
+    return float(np.log(max(closed["stated"], 1e-3) / (ordinary + LEFT_SHARE * explained)))
 
 
 def _print_forms(
@@ -142,8 +139,6 @@ def _print_forms(
     right: NDArray[np.bool_],
     groups: NDArray[np.intp],
     forms: Sequence[tuple[str, ...]],
-    title: str,
-    counts: NDArray[np.bool_],
 ) -> None:
     """Coefficients, and log loss and calibration error on folds of other robots, of rows whose numbers are all known.
 
@@ -152,13 +147,11 @@ def _print_forms(
         right: Whether it was so, by row.
         groups: Number of the robot, by row: a robot's rows are in one fold.
         forms: Names of the numbers that each regression takes.
-        title: Of the rows of ``counts``.
-        counts: Rows for which losses are printed a second time, by themselves.
     """
     for form in forms:
         x = np.array([[row[name] for name in form] for row in told])
         has = np.isfinite(x).all(axis=1)
-        x, y, own, said = x[has], right[has], groups[has], counts[has]
+        x, y, own = x[has], right[has], groups[has]
         if len(set(own)) < FOLDS or len(set(y)) < 2:
             print(f"  {', '.join(form)}: too few")
             continue
@@ -166,9 +159,7 @@ def _print_forms(
         p = cross_val_predict(model, x, y, groups=own, cv=GroupKFold(FOLDS), method="predict_proba")[:, 1]
         model.fit(x, y)
         numbers = ", ".join(f"{v:.2f}" for v in (*model.intercept_, *model.coef_[0]))
-        print(
-            f"  1, {', '.join(form)}: ({numbers}); {len(y)} rows: {_losses(p, y)}; {title}: {_losses(p[said], y[said])}"
-        )
+        print(f"  1, {', '.join(form)}: ({numbers}); {len(y)} rows: {_losses(p, y)}")
 
 
 def _losses(p: Array, y: NDArray[np.bool_]) -> str:

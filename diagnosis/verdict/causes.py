@@ -1,5 +1,6 @@
 """Which of the effects that residuals show are differences between the robot and its model.
 
+An effect counts by what it adds to the others, beyond what the formulas of stronger effects like it may leave.
 The best set of effects is compared with itself less each effect, with rivals in each place, and with the robot's own
 calibration alone. A model that loses an effect keeps the ordinary errors that were fitted beside it: refitted, they
 would stretch until they stand in for it.
@@ -14,11 +15,12 @@ import numpy as np
 
 from diagnosis.decision_constants import GROUP_ODDS, NAMED
 from diagnosis.library.base import LibraryEffect
+from diagnosis.selection.likeness import likeness
 from diagnosis.selection.scoring import Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
 from diagnosis.verdict.left_over import only_alike
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, beyond_formulas
 
 CALIBRATED = "calibration alone"
 
@@ -57,13 +59,20 @@ def decide(found: Explained, library: Mapping[str, LibraryEffect]) -> Causes:
         Hypothesis(tuple(t.effect.name for t in s.terms), _refitted_nats(found, s)) for s in hypotheses.values()
     ]
     best = found.selection.best or null_of(found.board)
-    gains = dict(zip(found.effects, found.selection.gains, strict=True))
-    belief = believe(believed, found.effects, gains, found.n_runs, only_alike(found.board, best))
+    alike = only_alike(found.board, best)
+    belief = believe(believed, found.effects, own_nats(found), found.n_runs, alike)
     kept = best
     for term in best.terms:
         if belief.there[term.effect.name] <= NAMED:
             kept = without(kept, kept.terms.index(term))
     return Causes(found.with_effects(kept, library), found, belief, hypotheses)
+
+
+def own_nats(found: Explained) -> dict[str, float]:
+    """By effect of the best set, what it adds to the others beyond what formulas of stronger ones may leave."""
+    best = found.selection.best or null_of(found.board)
+    own = beyond_formulas(np.array(found.selection.gains), likeness(Scorer(found.board, best.terms)))
+    return {name: float(nats) for name, nats in zip(found.effects, own, strict=True)}
 
 
 def candidates_of(found: Explained) -> dict[str, Scored]:

@@ -176,6 +176,20 @@ def is_there(nats: float, n_runs: int) -> float:
     return float(expit(min(log_odds, most_log_odds(n_runs))))
 
 
+def beyond_formulas(gains: NDArray[np.float64], alike: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Nats that each effect adds beyond what the formulas of stronger effects may leave; shape (T,).
+
+    A formula is off by :data:`FORMULA_ERROR` of what it explains, and an effect that is like it explains that.
+
+    Args:
+        gains: What each effect adds to the others, nats, shape (T,).
+        alike: By pair, the share of what the first explains that the second could explain, shape (T, T).
+    """
+    stronger = gains[:, None] > gains[None, :]
+    explained = np.sum(np.where(stronger, alike * np.maximum(gains, 0.0)[:, None], 0.0), axis=0)
+    return np.asarray(gains / (1.0 + FORMULA_ERROR * explained))
+
+
 def most_log_odds(n_runs: int) -> float:
     """What so many runs can tell at most, for or against."""
     return max(n_runs, 1) * float(np.log((1.0 - ODD_RUN) / ODD_RUN))

@@ -23,7 +23,17 @@ from diagnosis.decision_constants import (
 from diagnosis.document import Consequences, GapChange
 from diagnosis.verdict.assemble import status_of
 from diagnosis.verdict.measured import Measured
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, is_none, is_there, is_unknown, ordinary_gap, shares
+from diagnosis.verdict.posterior import (
+    Belief,
+    Hypothesis,
+    believe,
+    beyond_formulas,
+    is_none,
+    is_there,
+    is_unknown,
+    ordinary_gap,
+    shares,
+)
 
 ORDINARY_GAP = 2.3
 
@@ -198,3 +208,13 @@ def test_a_status_follows_from_what_is_left_of_the_gaps(
     assert status_of(causes, measured, unknown, is_simulated=False) == status
     causes.found.views = {}
     assert status_of(causes, measured, unknown, is_simulated=False) == "cannot_tell"
+
+
+def test_what_a_formula_like_it_may_leave_is_no_evidence_for_an_effect() -> None:
+    gains, alike = np.array([200.0, 30.0, 30.0]), np.eye(3)
+    assert beyond_formulas(gains, alike) == pytest.approx(gains)
+    alike[0, 1] = 0.5
+    # FORMULA_ERROR is 0.15: of 100 nats that the second could explain, 15 are the formula's own error.
+    assert beyond_formulas(gains, alike) == pytest.approx([200.0, 30.0 / 16.0, 30.0])
+    alike[1, 0] = 1.0
+    assert beyond_formulas(gains, alike)[0] == pytest.approx(200.0)
