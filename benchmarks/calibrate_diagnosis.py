@@ -50,22 +50,36 @@ from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 from withheld.cases.draw import Case, draw, kind_of
+from withheld.cases.protocol import CaseKind
 from withheld.cases.source import Source, source_of
 from withheld.measuring.distances import TWIN_REPEATS, make_runs, moved
 from withheld.plan import Fault, Reality, RecordingPlan
 from withheld.simulator.simulation import RealityDivergedError
 
 Array = NDArray[np.float64]
-ORDER: Final = ("faultless", "single", "single", "faultless", "single", "double", "outside", "single")
+ORDER: Final[tuple[CaseKind, ...]] = (
+    "faultless",
+    "single",
+    "single",
+    "faultless",
+    "single",
+    "double",
+    "outside",
+    "single",
+)
 """Of a block of robots."""
 POLICIES: Final = Path("policies")
 
 
 def ensemble(seed: int) -> Iterator[int]:
     """Numbers of the cases of an endless draw, kinds in :data:`ORDER`."""
-    pools = {kind: (n for n in count() if kind_of(seed, n) == kind) for kind in set(ORDER)}
+    pools = {kind: _of_kind(seed, kind) for kind in ORDER}
     while True:
         yield from (next(pools[kind]) for kind in ORDER)
+
+
+def _of_kind(seed: int, kind: CaseKind) -> Iterator[int]:
+    return (n for n in count() if kind_of(seed, n) == kind)
 
 
 def robot(seed: int, number: int, out: Path) -> str:
