@@ -43,7 +43,7 @@ from diagnosis.selection.scoring import Placed, null_of
 from diagnosis.selection.search import search
 from diagnosis.verdict.causes import CALIBRATED, candidates_of, decide, name_of, own_nats
 from diagnosis.verdict.explain import Explained, explain
-from diagnosis.verdict.left_over import excess, only_alike
+from diagnosis.verdict.left_over import excess
 from diagnosis.verdict.measured import with_environment
 from spot_log import read_run
 from spot_log.read.run import Run
@@ -150,12 +150,12 @@ def evidence(
 ) -> dict[str, Any]:
     """What residuals say of each effect of the best set, and what its model leaves in closed loop."""
     board, best, own = found.board, found.selection.best or null_of(found.board), own_nats(found)
-    alike, candidates = only_alike(board, best), candidates_of(found)
+    candidates = candidates_of(found)
     effects = []
     for term, nats, rivals in zip(best.terms, found.selection.gains, found.selection.rivals, strict=True):
         names = [r.scored.terms[-1].effect.name for r in rivals if name_of(r.scored) in candidates]
         told = of_effect(found, term, reality.truth.faults, names)
-        effects.append(told | {"nats": nats, "own_nats": own[term.effect.name], "alike": alike[term.effect.name]})
+        effects.append(told | {"nats": nats, "own_nats": own[term.effect.name]})
     rest, left = found.remainder(), dict[str, float]()
     for channel, nats in zip(rest.channels, rest.nats, strict=True):
         left[channel] = left.get(channel, 0.0) + float(nats)

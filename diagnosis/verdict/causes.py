@@ -19,7 +19,6 @@ from diagnosis.selection.likeness import likeness
 from diagnosis.selection.scoring import Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.left_over import only_alike
 from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, beyond_formulas
 
 CALIBRATED = "calibration alone"
@@ -59,8 +58,7 @@ def decide(found: Explained, library: Mapping[str, LibraryEffect]) -> Causes:
         Hypothesis(tuple(t.effect.name for t in s.terms), _refitted_nats(found, s)) for s in hypotheses.values()
     ]
     best = found.selection.best or null_of(found.board)
-    alike = only_alike(found.board, best)
-    belief = believe(believed, found.effects, own_nats(found), found.n_runs, alike)
+    belief = believe(believed, found.effects, own_nats(found), found.n_runs)
     kept = best
     for term in best.terms:
         if belief.there[term.effect.name] <= NAMED:

@@ -8,7 +8,7 @@ that of noise and of what formulas leave. What robots without a fault have is kn
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -19,46 +19,23 @@ from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
 from diagnosis.decision_constants import ODD_EXCESS, ORDINARY_EXCESS, USUAL_LEFT
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import size_of_errors
-from diagnosis.selection.scoring import Placed, Scored, null_of
+from diagnosis.selection.scoring import Scored, null_of
 from diagnosis.verdict.explain import Explained
 from diagnosis.verdict.posterior import is_unknown, ordinary_gap
 
 SMALLEST: Final = 1e-9
-EXACT_LAWS: Final = (Channel.SET_POINT_TO_LOAD, Channel.POLICY_REPLAY)
 
 
-def excess(board: Board, scored: Scored, signals: Collection[int] | None = None) -> dict[Channel, float]:
+def excess(board: Board, scored: Scored) -> dict[Channel, float]:
     """By channel that is checked, the largest excess of its signals.
 
     Args:
         board: The evidence.
         scored: A set of effects, maybe none, fitted beside the ordinary errors.
-        signals: Numbers of the blocks that count; all by default.
     """
     expected = 1.0 + board.tolerance_square + board.relative_square * scored.explained
     over = np.log(np.maximum(scored.held_out, SMALLEST) / expected)
-    found: dict[Channel, float] = {}
-    for channel, numbers in board.by_channel.items():
-        own = [n for n in numbers if signals is None or n in signals]
-        if own and channel in ORDINARY_EXCESS:
-            found[channel] = float(over[own].max())
-    return found
-
-
-def only_alike(board: Board, scored: Scored) -> dict[str, float]:
-    """By effect of a set, the probability that what is there is only like it.
-
-    With it the program or the servo law still leaves more than ordinary in signals where it shows. Forces on the body
-    are no proof: there the right formula leaves as much.
-    """
-    exact = [n for c in EXACT_LAWS for n in board.by_channel.get(c, ())]
-    return {t.effect.name: is_odd(excess(board, scored, {*exact} & {*shown_in(board, t)})) for t in scored.terms}
-
-
-def shown_in(board: Board, term: Placed) -> list[int]:
-    """Numbers of the signals in which an effect shows where it stands."""
-    columns = board.columns(term.effect, term.shape)
-    return [n for n, units in enumerate(columns.units) if np.any(term.place[units] > 0.0)]
+    return {c: float(over[n].max()) for c, n in board.by_channel.items() if c in ORDINARY_EXCESS}
 
 
 def is_odd(found: Mapping[Channel, float]) -> float:

@@ -93,7 +93,6 @@ def believe(
     best: tuple[str, ...],
     gains: Mapping[str, float],
     n_runs: int,
-    alike: Mapping[str, float] | None = None,
 ) -> Belief:
     """Probabilities of the hypotheses.
 
@@ -101,15 +100,13 @@ def believe(
         hypotheses: All that are compared; the empty set, and the best one with each of its effects left out, among
             them.
         best: Effects of the one that was found.
-        gains: By effect of the best set, nats that the evidence loses without it, refitted.
+        gains: By effect of the best set, what it adds to the others, nats.
         n_runs: Logs.
-        alike: By effect of the best set, the probability that its own signals leave more than ordinary with it: what is
-            there is only like it then.
     """
     stated = next(h for h in hypotheses if frozenset(h.effects) == frozenset(best))
     odds = shares([between_formulas(h.nats - stated.nats, stated.nats) for h in hypotheses], n_runs)
     weights = {h.effects: float(w) for h, w in zip(hypotheses, odds, strict=True)}
-    return Belief(best, {n: is_there(gains[n], n_runs) * (1.0 - (alike or {}).get(n, 0.0)) for n in best}, weights)
+    return Belief(best, {n: is_there(gains[n], n_runs) for n in best}, weights)
 
 
 def is_none(there: Iterable[float], unknown: float, n_runs: int) -> float:

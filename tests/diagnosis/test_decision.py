@@ -69,11 +69,11 @@ def test_evidence_counts_by_its_logarithm() -> None:
     assert is_there(0.0, 9) < 1e-6
 
 
-def _believed(hypotheses: tuple[Hypothesis, ...], best: tuple[str, ...], alike: float = 0.0) -> Belief:
+def _believed(hypotheses: tuple[Hypothesis, ...], best: tuple[str, ...]) -> Belief:
     """Of nine logs; what each effect adds is what the hypotheses differ by."""
     nats = {frozenset(h.effects): h.nats for h in hypotheses}
     gains = {n: nats[frozenset(best)] - nats.get(frozenset(best) - {n}, 0.0) for n in best}
-    return believe(hypotheses, best, gains, 9, dict.fromkeys(best, alike))
+    return believe(hypotheses, best, gains, 9)
 
 
 def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
@@ -93,13 +93,6 @@ def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
         {"torque_delay": delay / (delay + bandwidth), "torque_bandwidth": bandwidth / (delay + bandwidth)}
     )
     assert list(group(100.0)) == ["torque_delay"]
-
-
-def test_an_effect_that_is_only_alike_is_not_there() -> None:
-    sets = (Hypothesis((), 0.0), Hypothesis(("torque_gain",), 200.0))
-    right, alike = (_believed(sets, ("torque_gain",), p).there["torque_gain"] for p in (0.0, 0.6))
-    assert right > 0.9
-    assert alike == pytest.approx(0.4 * right)
 
 
 def test_what_an_effect_adds_to_the_others_decides() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from diagnosis.channels.channel import Channel
 from diagnosis.decision_constants import ODD_EXCESS, ORDINARY_EXCESS
-from diagnosis.verdict.left_over import excess, is_odd, only_alike
+from diagnosis.verdict.left_over import excess, is_odd
 
 LOAD, WRENCH = Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH
 
@@ -27,29 +27,6 @@ def test_the_signal_that_is_farthest_over_noise_and_formulas_counts() -> None:
     scored: Any = SimpleNamespace(held_out=np.array([8.0, 40.0, 0.5, 1e6]), explained=np.array([0.0, 64.0, 0.0, 0.0]))
     # 8 of 1 + 3; 40 of 1 + 3 + 64/4; the battery is not checked.
     assert excess(_board(), scored) == pytest.approx({LOAD: np.log(2.0), WRENCH: np.log(0.5)})
-
-
-def test_what_is_only_like_an_effect_leaves_much_where_the_effect_shows() -> None:
-    far = ORDINARY_EXCESS[LOAD][0] + 2.0 * ODD_EXCESS[0] * ORDINARY_EXCESS[LOAD][1]
-    knee, hip, payload = (
-        SimpleNamespace(effect=SimpleNamespace(name=name), shape={}, place=np.array(place))
-        for name, place in (("at_knee", [1.0, 0.0]), ("at_hip", [0.0, 1.0]), ("payload", [1.0, 1.0]))
-    )
-    shown = {
-        "at_knee": (np.array([0]), np.array([], dtype=int), np.array([0]), np.array([], dtype=int)),
-        "at_hip": (np.array([], dtype=int), np.array([1]), np.array([1]), np.array([], dtype=int)),
-        "payload": (np.array([], dtype=int), np.array([], dtype=int), np.array([0, 1]), np.array([], dtype=int)),
-    }
-    board = _board()
-    board.columns = lambda effect, _: SimpleNamespace(units=shown[effect.name])
-    # The knee's load and the wrench are far off.
-    scored: Any = SimpleNamespace(
-        held_out=np.array([4.0 * np.exp(far), 0.0, 1e9, 0.0]), explained=np.zeros(4), terms=(knee, hip, payload)
-    )
-    found = only_alike(board, scored)
-    assert found["at_knee"] > 0.99
-    assert found["at_hip"] < 0.01
-    assert found["payload"] == 0.0
 
 
 def test_a_signal_that_is_explained_to_the_bit_is_not_odd() -> None:
