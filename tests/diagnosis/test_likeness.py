@@ -26,6 +26,5 @@ def test_friction_is_like_other_friction_and_not_like_a_payload() -> None:
     terms.append(Placed(payload, dict(payload.shapes(board.views, knees > 0.5)[0]), np.ones(1)))
     found = likeness(Scorer(board, terms))
     assert np.diag(found) == pytest.approx(1.0)
-    print(found)
     assert found[0, 1] > 0.2
     assert found[0, 2] < 0.1
