@@ -77,7 +77,7 @@ def assemble(
         runs: The logs.
         nominal_name: As it was asked for.
     """
-    found, belief, board = causes.found, causes.belief, causes.found.board
+    found, board = causes.found, causes.found.board
     status = status_of(causes, measured, unknown_effect, bool(distances))
     differences = tuple(_differences(causes, measured))
     unknown = None
@@ -86,7 +86,7 @@ def assemble(
     off = {str(c.name): f"off: {c.reason}" for c in found.off}
     cells = map_.cells if map_ is not None else open_loop_cells(found)
     # Channels that cannot tell say nothing for or against either.
-    none, unknown_too = is_none(belief.there.values(), unknown_effect, found.n_runs), unknown_effect
+    none, unknown_too = is_none(causes.there.values(), unknown_effect, found.n_runs), unknown_effect
     if status == "cannot_tell":
         none = unknown_too = 0.5
     return Verdict(

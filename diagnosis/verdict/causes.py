@@ -30,10 +30,14 @@ class Causes:
 
     found: Explained
     """With the differences alone."""
+    belief: Belief
+    """Of the differences."""
     first: Explained
     """With all effects that residuals show."""
-    belief: Belief
+    at_first: Belief
+    """Of all of them."""
     hypotheses: Mapping[str, Scored]
+    """Sets that were compared at first, by name."""
 
     @property
     def best(self) -> Scored:
@@ -45,25 +49,35 @@ class Causes:
         """Name of the set of the differences."""
         return name_of(self.best)
 
+    @property
+    def there(self) -> Mapping[str, float]:
+        """By effect that residuals show, that it, or a rival in its place, is there."""
+        return {**self.at_first.there, **self.belief.there}
+
 
 def decide(found: Explained, library: Mapping[str, LibraryEffect]) -> Causes:
-    """Keep what is probably there.
+    """Leave out what is probably not there, the weakest first: what it shared with others is theirs then.
 
     Args:
         found: From the residuals.
         library: Where rivals come from.
     """
-    hypotheses = candidates_of(found)
-    believed = [
-        Hypothesis(tuple(t.effect.name for t in s.terms), _refitted_nats(found, s)) for s in hypotheses.values()
-    ]
-    best = found.selection.best or null_of(found.board)
-    belief = believe(believed, found.effects, own_nats(found), found.n_runs)
-    kept = best
-    for term in best.terms:
-        if belief.there[term.effect.name] <= NAMED:
-            kept = without(kept, kept.terms.index(term))
-    return Causes(found.with_effects(kept, library), found, belief, hypotheses)
+    first, hypotheses = found, candidates_of(found)
+    belief = at_first = believed(found, hypotheses)
+    while belief.there:
+        weakest = min(belief.there, key=lambda name: belief.there[name])
+        if belief.there[weakest] > NAMED or found.selection.best is None:
+            break
+        kept = [t for t in found.selection.best.terms if t.effect.name != weakest]
+        found = found.with_effects(Scorer(found.board, kept).now if kept else None, library)
+        belief = believed(found, candidates_of(found))
+    return Causes(found, belief, first, at_first, hypotheses)
+
+
+def believed(found: Explained, hypotheses: Mapping[str, Scored]) -> Belief:
+    """Probabilities of some sets of effects, the best one among them."""
+    sets = [Hypothesis(tuple(t.effect.name for t in s.terms), _refitted_nats(found, s)) for s in hypotheses.values()]
+    return believe(sets, found.effects, own_nats(found), found.n_runs)
 
 
 def own_nats(found: Explained) -> dict[str, float]:

@@ -103,7 +103,7 @@ def posterior_of(
         unknown: Probability of something that no effect of the library is.
         distances: Of closed loops by name of the model, in floors.
     """
-    board, belief = causes.found.board, causes.belief
+    board, belief = causes.found.board, causes.at_first
     odds = {name: is_right(belief, frozenset(t.effect.name for t in s.terms)) for name, s in causes.hypotheses.items()}
     total = sum(odds.values())
     found = []
