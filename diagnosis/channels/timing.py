@@ -38,8 +38,6 @@ LONGEST_S: Final = 1.0
 class TimingSignals:
     """Signals of channel *time stamps*."""
 
-    delay_s: Array
-    """Of every command; not a number for lost ones."""
     command_period_s: float
     """Between two commands, as a rule."""
 
@@ -50,8 +48,8 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         return ChannelOff(Channel.TIME_STAMPS, "the robot's receipts of commands were not recorded")
     if not all(np.any(r.commands.state_robot_stamp_ns > 0) for r in stack.recordings):
         return ChannelOff(Channel.TIME_STAMPS, "commands do not say which state they answer")
-    nominal_s = sum(float(np.mean(e.delay_s)) for e in effects if isinstance(e, CommandDelay))
-    delays, lost, runs, states = [], [], [], []
+    nominal_s = nominal_delay_s(effects)
+    singles, runs, states = [], [], []
     for number, recording in enumerate(stack.recordings):
         commands = recording.commands
         answered = commands.state_robot_stamp_ns
@@ -60,48 +58,32 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         known = (answered > 0) & (answered < last)
         arrived = recording.command_ns < NEVER_NS
         delay = np.where(arrived, (recording.command_ns - answered) * 1e-9, np.nan)[known]
-        delays.append(np.where(delay < LONGEST_S, delay, np.nan))
-        lost.append((~arrived)[known].astype(np.float64))
-        runs.append(np.full(int(known.sum()), number, dtype=np.intp))
+        delay = np.where(delay < LONGEST_S, delay, np.nan)
+        good = delay[np.isfinite(delay)]
+        fastest = float(np.quantile(good, FAST_QUANTILE)) if len(good) else np.nan
+        lost = (~arrived)[known] - hidden_share(delay, recording.period_s)
+        singles.append(np.stack([delay - nominal_s, delay - fastest, lost], axis=1))
+        runs.append(np.full(len(delay), number, dtype=np.intp))
         states.append(recording.rows_at(answered[known]))
-    delay = np.concatenate(delays)
-    run = np.concatenate(runs)
-    fastest = np.zeros_like(delay)
-    for number in range(len(stack.recordings)):
-        mine = run == number
-        good = mine & np.isfinite(delay)
-        fastest[mine] = float(np.quantile(delay[good], FAST_QUANTILE)) if good.any() else np.nan
-    hidden = np.zeros_like(delay)
-    for number, recording in enumerate(stack.recordings):
-        hidden[run == number] = hidden_share(delay[run == number], recording.period_s)
-    single = np.stack([delay - nominal_s, delay - fastest, np.concatenate(lost) - hidden], axis=1)
-    state = np.concatenate(states)
+    single, run, state = np.concatenate(singles), np.concatenate(runs), np.concatenate(states)
     response, run_of, state_of = _windows(single, run, state, max(1, round(WINDOW_S / stack.period_s)))
     response[:, 2] = np.maximum(response[:, 2], 0.0)
-    finite = np.isfinite(response)
-    none = np.full(len(ROWS), -1, dtype=np.intp)
-    return ChannelView(
-        name=Channel.TIME_STAMPS,
+    return stack.view(
+        Channel.TIME_STAMPS,
+        stack.starts()[run_of] + state_of,
+        np.nan_to_num(response),
         rows=ROWS,
         unit="s, s, 1",
-        response=np.nan_to_num(response),
-        usable=finite,
-        run=run_of,
-        state=state_of,
+        usable=np.isfinite(response),
         noise=FLOOR,
-        nuisance=np.zeros((*response.shape, 0)),
-        row_joint=none,
-        row_leg=none,
-        leg_of_joint=np.full(stack.recordings[0].n_joints, -1, dtype=np.intp),
-        signals=TimingSignals(delay, _period_s(stack)),
+        signals=TimingSignals(_period_s(stack)),
         is_robust=False,
-        measured={
-            "delay_s": float(np.nanmedian(delay)) if np.isfinite(delay).any() else float("nan"),
-            "delay_p95_s": float(np.nanquantile(delay, 0.95)) if np.isfinite(delay).any() else float("nan"),
-            "nominal_delay_s": nominal_s,
-            "lost_share": float(np.mean(np.concatenate(lost))) if len(delay) else 0.0,
-        },
     )
+
+
+def nominal_delay_s(effects: Sequence[Effect]) -> float:
+    """Constant delay of the commands by a robot model, s."""
+    return sum(float(np.mean(e.delay_s)) for e in effects if isinstance(e, CommandDelay))
 
 
 def hidden_share(delay_s: Array, period_s: float) -> float:

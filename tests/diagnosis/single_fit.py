@@ -207,10 +207,7 @@ def _gather(terms: Sequence[Term], views: Views) -> _Rows | None:
         columns = np.concatenate(blocks, axis=2)
         values = np.array([c.low for t in terms for c in t.effect.coefficients])
         group = _groups(view)
-        touched = np.zeros(len(view.rows), dtype=np.bool_)
-        for t in terms:
-            if name in t.effect.channels:
-                touched |= t.effect.rows(view, t.joints)
+        touched = np.any(columns != 0.0, axis=(0, 2))
         for row in range(len(view.rows)):
             if not touched[row]:
                 continue

@@ -28,7 +28,8 @@ class BaseMotion:
     angular_acc_in_body_rad_s2: Array
     linear_acc_in_odom_m_s2: Array
     """Of the body's origin, gravity not in."""
-    uses_imu: bool
+    imu_gravity_m_s2: float | None
+    """In the inertial unit's readings; None where accelerations are not by one."""
 
 
 def imu_gravity_m_s2(stack: Stack) -> float | None:
@@ -36,17 +37,12 @@ def imu_gravity_m_s2(stack: Stack) -> float | None:
 
     None where there is no unit, or its mean is neither.
     """
-    if not all(r.has("imu.acceleration_m_s2") for r in stack.recordings):
+    if not stack.has("imu.acceleration_m_s2") or not stack.used.any():
         return None
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
     reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
-    if not stack.used.any():
-        return None
     mean = float(np.mean(reading[stack.used, 2]))
-    for gravity in (GRAVITY_M_S2, 0.0):
-        if abs(mean - gravity) < GRAVITY_TOLERANCE_M_S2:
-            return gravity
-    return None
+    return next((g for g in (GRAVITY_M_S2, 0.0) if abs(mean - g) < GRAVITY_TOLERANCE_M_S2), None)
 
 
 def base_motion(stack: Stack) -> BaseMotion:
@@ -55,7 +51,7 @@ def base_motion(stack: Stack) -> BaseMotion:
     length = np.linalg.norm(attitude, axis=1, keepdims=True)
     attitude = np.where(length > 0.5, attitude / np.maximum(length, 0.5), np.array([1.0, 0.0, 0.0, 0.0]))
     turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
-    if all(r.has("imu.angular_vel_rad_s") for r in stack.recordings):
+    if stack.has("imu.angular_vel_rad_s"):
         turn = forward(stack.filled(lambda r: r.imu.angular_vel_rad_s), stack)
     gravity = imu_gravity_m_s2(stack)
     if gravity is None:
@@ -68,7 +64,7 @@ def base_motion(stack: Stack) -> BaseMotion:
         angular_vel_in_body_rad_s=turn,
         angular_acc_in_body_rad_s2=slope(turn, stack.period_s),
         linear_acc_in_odom_m_s2=acceleration,
-        uses_imu=gravity is not None,
+        imu_gravity_m_s2=gravity,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -14,6 +15,20 @@ from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 
 N_DOFS = FIRST_JOINT_DOF + facts.N_JOINTS
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What inverse dynamics start from, n rows; a correction of a sensor replaces one of these."""
+
+    world_from_body_wxyz: Array
+    angular_vel_in_body_rad_s: Array
+    linear_acc_in_world_m_s2: Array
+    angular_acc_in_body_rad_s2: Array
+    position_rad: Array
+    velocity_rad_s: Array
+    acceleration_rad_s2: Array
+    load_nm: Array
 
 
 class BodyModel:
@@ -42,29 +57,20 @@ class BodyModel:
         self.foot_friction = np.array([model.geom(f"{leg}_foot").friction[0] for leg in facts.LEG_NAMES])
         """Sliding friction coefficient, shape (4,)."""
 
-    def inverse_dynamics(
-        self,
-        *,
-        world_from_body_wxyz: Array,
-        angular_vel_in_body_rad_s: Array,
-        linear_acc_in_world_m_s2: Array,
-        angular_acc_in_body_rad_s2: Array,
-        position_rad: Array,
-        velocity_rad_s: Array,
-        acceleration_rad_s2: Array,
-    ) -> Array:
-        """Generalised forces that make this motion, gravity included. Arrays have n rows.
+    def inverse_dynamics(self, x: Inputs) -> Array:
+        """Generalised forces that make this motion, gravity included.
 
         The body's velocity does not matter: the equations of motion are the same in every steadily moving frame.
 
         Returns:
             Shape (n, 18): force on the body in the world, moment about the body's origin in the body, joint torques.
         """
-        n = len(position_rad)
-        positions = np.concatenate([np.zeros((n, 3)), world_from_body_wxyz, position_rad], axis=1)
-        velocities = np.concatenate([np.zeros((n, 3)), angular_vel_in_body_rad_s, velocity_rad_s], axis=1)
+        n = len(x.position_rad)
+        at_rest = np.zeros((n, 3))
+        positions = np.concatenate([at_rest, x.world_from_body_wxyz, x.position_rad], axis=1)
+        velocities = np.concatenate([at_rest, x.angular_vel_in_body_rad_s, x.velocity_rad_s], axis=1)
         accelerations = np.concatenate(
-            [linear_acc_in_world_m_s2, angular_acc_in_body_rad_s2, acceleration_rad_s2], axis=1
+            [x.linear_acc_in_world_m_s2, x.angular_acc_in_body_rad_s2, x.acceleration_rad_s2], axis=1
         )
         out = np.empty((n, N_DOFS))
         data, model = self._data, self._model

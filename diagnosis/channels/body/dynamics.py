@@ -10,18 +10,19 @@ the body's rows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion, imu_gravity_m_s2, slope
-from diagnosis.channels.body.body_model import BodyModel
-from diagnosis.channels.body.vectors import cross
+from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion, slope
+from diagnosis.channels.body.body_model import BodyModel, Inputs
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags
 from diagnosis.channels.stack import Stack
+from diagnosis.read.smoothing import REACH
 from spot_model.effects.base import Effect
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
@@ -30,22 +31,14 @@ from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
+NEEDED: Final = {
+    "position_rad": "joint positions",
+    "velocity_rad_s": "joint velocities",
+    "odom_from_body_wxyz": "attitude",
+    "angular_vel_of_body_in_odom_rad_s": "turn rate",
+}
 CARRIES: Final = 0.1
 """Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What inverse dynamics start from, n rows; a correction of a sensor replaces one of these."""
-
-    world_from_body_wxyz: Array
-    angular_vel_in_body_rad_s: Array
-    linear_acc_in_world_m_s2: Array
-    angular_acc_in_body_rad_s2: Array
-    position_rad: Array
-    velocity_rad_s: Array
-    acceleration_rad_s2: Array
-    load_nm: Array
 
 
 @dataclass(frozen=True)
@@ -59,15 +52,9 @@ class Residuals:
     foot_force_n: Array
     """Ground's force on each foot by the loads, body frame. Shape (n, 4, 3)."""
 
-
-@dataclass(frozen=True)
-class Known:
-    """What stays the same when only some of the smoothed signals change; expensive, so it is computed once."""
-
-    force: Array
-    """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
-    place: tuple[Array, Array]
-    """Contact points and their Jacobians."""
+    def of(self, channel: Channel) -> Array:
+        """What channel *load to motion* or *base wrench* shows."""
+        return self.joint_nm if channel == Channel.LOAD_TO_MOTION else self.base
 
 
 @dataclass(frozen=True)
@@ -94,10 +81,12 @@ class DynamicsSignals:
     """Smoothed, at the kept rows."""
     reference: Residuals
     """Of the smoothed signals: what changed residuals are compared with."""
-    known: Known
-    uses_imu: bool
-    imu_gravity_m_s2: float
-    """In the unit's readings; 0 without a unit."""
+    force: Array
+    """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
+    place: tuple[Array, Array]
+    """Contact points and their Jacobians; like the force the same for many changes of inputs."""
+    imu_gravity_m_s2: float | None
+    """In the inertial unit's readings; None where accelerations are not by one."""
     drive: ChannelView | None = None
     """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
@@ -105,7 +94,6 @@ class DynamicsSignals:
     def thinned(self, every: int) -> tuple[DynamicsSignals, Flags]:
         """Signals of one of ``every`` rows, and these rows."""
         keep = self.rows % (STRIDE * every) == 0
-        known = Known(self.known.force[keep], (self.known.place[0][keep], self.known.place[1][keep]))
         made = replace(
             self,
             rows=self.rows[keep],
@@ -115,7 +103,8 @@ class DynamicsSignals:
             position_curvature_rad_s2=self.position_curvature_rad_s2[keep],
             nominal=_of_rows(self.nominal, keep),
             reference=_of_rows(self.reference, keep),
-            known=known,
+            force=self.force[keep],
+            place=(self.place[0][keep], self.place[1][keep]),
             drive=None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every)),
             cache={},
         )
@@ -127,28 +116,15 @@ class DynamicsSignals:
             self.cache[key] = residuals(
                 self.model,
                 replace(self.inputs, **changes),
-                force=self.known.force if set(changes) <= {"load_nm"} else None,
-                place=self._place(changes),
+                force=self.force if changes.keys() <= {"load_nm"} else None,
+                place=None if changes.keys() & {"position_rad", "world_from_body_wxyz"} else self.place,
             )
         found: Residuals = self.cache[key]
         return found
 
-    def _place(self, changes: Mapping[str, Array]) -> tuple[Array, Array] | None:
-        """Contact points and Jacobians, those of legs that do not change as they are known; None where all change."""
-        if "world_from_body_wxyz" in changes:
-            return None
-        position = changes.get("position_rad", self.inputs.position_rad)
-        moved = np.any(position != self.inputs.position_rad, axis=0).reshape(facts.N_LEGS, 3).any(axis=1)
-        if moved.all():
-            return None
-        place = (self.known.place[0].copy(), self.known.place[1].copy()) if moved.any() else self.known.place
-        for leg in np.flatnonzero(moved):
-            legs = slice(int(leg), int(leg) + 1)
-            found = contact_point_and_jacobian(
-                position, self.inputs.world_from_body_wxyz, self.model.foot_radius_m, legs
-            )
-            place[0][:, legs], place[1][:, legs] = found
-        return place
+    def correction(self, channel: Channel, key: object, **changes: Array) -> Array:
+        """What the channel shows less what it would show for other inputs; shape (n, R)."""
+        return self.reference.of(channel) - self.with_inputs(key, **changes).of(channel)
 
     def shifted_s(self) -> Residuals:
         """Change of the residuals for each second that positions and attitude were older when the loads acted."""
@@ -161,16 +137,15 @@ class DynamicsSignals:
             position_rad=self.inputs.position_rad - age_s * self.inputs.velocity_rad_s,
             world_from_body_wxyz=np.asarray(earlier),
         )
-        return Residuals(
-            *((getattr(moved, f.name) - getattr(self.reference, f.name)) / age_s for f in fields(Residuals))
-        )
+        change = {f.name: getattr(moved, f.name) - getattr(self.reference, f.name) for f in fields(Residuals)}
+        return Residuals(**{name: value / age_s for name, value in change.items()})
 
     def with_effect(self, key: object, effect: Effect) -> Residuals:
         """Residuals of the nominal model with one more model effect; kept under ``key``."""
         if key not in self.cache:
             model = BodyModel((*self.effects, effect))
             same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
-            self.cache[key] = residuals(model, self.inputs, place=self.known.place if same else None)
+            self.cache[key] = residuals(model, self.inputs, place=self.place if same else None)
         found: Residuals = self.cache[key]
         return found
 
@@ -182,35 +157,20 @@ def _of_rows(values: Any, keep: Flags) -> Any:
 
 def missing_for_dynamics(stack: Stack) -> str:
     """What logs lack for channels *load to motion* and *base wrench*, loads apart; empty if nothing."""
-    if stack.recordings[0].joint_names != facts.JOINT_NAMES:
+    if stack.joint_names != facts.JOINT_NAMES:
         return "no body model of this robot"
     if stack.too_coarse():
         return stack.too_coarse()
-    for signal, name in (
-        ("position_rad", "joint positions"),
-        ("velocity_rad_s", "joint velocities"),
-        ("odom_from_body_wxyz", "attitude"),
-        ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
-    ):
-        if not all(r.has(signal) for r in stack.recordings):
-            return f"no {name}"
-    has_velocity = all(r.has("linear_vel_of_body_in_odom_m_s") for r in stack.recordings)
-    if not has_velocity and not all(r.has("imu.acceleration_m_s2") for r in stack.recordings):
+    if missing := stack.missing(NEEDED):
+        return f"no {missing}"
+    if not stack.has("linear_vel_of_body_in_odom_m_s") and not stack.has("imu.acceleration_m_s2"):
         return "neither the body's velocity nor an inertial unit"
     return ""
 
 
 def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
-    """Smooth, differentiate and compute the nominal residuals.
-
-    Args:
-        stack: The recordings.
-        effects: The nominal model's.
-        drive: What stands in for the loads; None where they were measured.
-    """
-    usable = stack.inner(stack.used)
-    rows = np.flatnonzero(usable)
-    rows = rows[rows % STRIDE == 0]
+    """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
+    rows = kept_rows(stack)
     base = base_motion(stack)
     velocity = stack.filled(lambda r: r.velocity_rad_s)
     load = stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm
@@ -231,9 +191,9 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     model = BodyModel(effects)
     full = residuals(model, raw)
     nominal = Residuals(*(stack.smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
-    force = needed_forces(model, inputs)
+    force = model.inverse_dynamics(inputs)
     place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
-    has_flags = all(r.has("foot_contact") for r in stack.recordings)
+    has_flags = stack.has("foot_contact")
     flags = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
@@ -248,36 +208,23 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         has_flags=has_flags,
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),
-        known=Known(force, place),
-        uses_imu=base.uses_imu,
-        imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
+        force=force,
+        place=place,
+        imu_gravity_m_s2=base.imu_gravity_m_s2,
         drive=drive,
     )
 
 
-def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:
-    """Feet that the ground pushes up by more than :data:`CARRIES` of the robot's weight, shape (N, 4).
+def kept_rows(stack: Stack, reach: int = REACH) -> NDArray[np.intp]:
+    """One of :data:`STRIDE` rows, where the filter reaches nothing that is not used."""
+    rows = np.flatnonzero(stack.inner(stack.used, reach, reach))
+    return rows[rows % STRIDE == 0]
 
-    Args:
-        stack: The recordings.
-        inputs: At the full rate.
-        foot_force_n: The same, body frame. Shape (N, 4, 3).
-    """
+
+def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:
+    """Feet (N, 4) that the ground pushes up by more than :data:`CARRIES` of the robot's weight; all at full rate."""
     up = rotate_wxyz(inputs.world_from_body_wxyz[:, None, :], foot_force_n)[..., 2]
     return np.asarray(stack.smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
-
-
-def needed_forces(model: BodyModel, inputs: Inputs) -> Array:
-    """Generalised forces of the motion, shape (n, 18)."""
-    return model.inverse_dynamics(
-        world_from_body_wxyz=inputs.world_from_body_wxyz,
-        angular_vel_in_body_rad_s=inputs.angular_vel_in_body_rad_s,
-        linear_acc_in_world_m_s2=inputs.linear_acc_in_world_m_s2,
-        angular_acc_in_body_rad_s2=inputs.angular_acc_in_body_rad_s2,
-        position_rad=inputs.position_rad,
-        velocity_rad_s=inputs.velocity_rad_s,
-        acceleration_rad_s2=inputs.acceleration_rad_s2,
-    )
 
 
 def residuals(
@@ -285,7 +232,7 @@ def residuals(
 ) -> Residuals:
     """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
     if force is None:
-        force = needed_forces(model, inputs)
+        force = model.inverse_dynamics(inputs)
     joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
     wrench = feet_wrench(inputs, joint, model.foot_radius_m, place)
     needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
@@ -295,16 +242,9 @@ def residuals(
 def feet_wrench(
     inputs: Inputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
 ) -> Array:
-    """Force and moment on the body of the feet's forces that a joint residual stands for, leg by leg.
+    """Force and moment on the body of the feet's forces that a joint residual (n, 12) stands for, leg by leg.
 
-    Args:
-        inputs: Where the legs are.
-        joint_nm: Load less what the model needs. Shape (n, 12).
-        foot_radius_m: Shape (4,).
-        place: Contact points and Jacobians, where they are known already.
-
-    Returns:
-        Shape (n, 4, 6), body frame, about the body's origin.
+    Shape (n, 4, 6), body frame, about the body's origin; ``place`` where it is known already.
     """
     n = len(joint_nm)
     point, jacobian = place or contact_point_and_jacobian(
@@ -314,7 +254,7 @@ def feet_wrench(
     # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
     transposed = np.swapaxes(jacobian, -1, -2)
     force = np.linalg.solve(transposed + 1e-6 * np.eye(3), torque[..., None])[..., 0]
-    return np.concatenate([force, cross(point, force)], axis=2)
+    return np.concatenate([force, np.cross(point, force)], axis=2)
 
 
 def contact_point_and_jacobian(
@@ -330,7 +270,7 @@ def contact_point_and_jacobian(
     down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (n, 3)))
     arm = foot_radius_m[None, legs, None] * down[:, None, :]
     axes = leg_axes(position_rad, legs)
-    turned = np.swapaxes(cross(axes, arm[:, :, None, :]), -1, -2)
+    turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
     return centre + arm, jacobian + turned
 
 
@@ -341,7 +281,7 @@ def wrench_of_joints(signals: DynamicsSignals) -> Array:
         out = np.empty((n, facts.N_JOINTS, 6))
         for k in range(3):
             joint = np.broadcast_to(np.arange(facts.N_JOINTS) % 3 == k, (n, facts.N_JOINTS)).astype(np.float64)
-            out[:, k::3] = feet_wrench(signals.inputs, joint, signals.model.foot_radius_m, signals.known.place)
+            out[:, k::3] = feet_wrench(signals.inputs, joint, signals.model.foot_radius_m, signals.place)
         signals.cache["wrench_of_joints"] = out
     found: Array = signals.cache["wrench_of_joints"]
     return found

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import Stack
 from diagnosis.read.pairing import LOAD_LAG_ROWS
+from diagnosis.read.recording import Recording
 from diagnosis.read.smoothing import eroded
 
 STEP_S: Final = 0.1e-3
@@ -46,17 +47,26 @@ def load_lag_s(stack: Stack) -> tuple[float, str]:
     return float(np.mean(near)), note if wide > WIDE_SHARE * period else ""
 
 
+def set_point_steps(recording: Recording) -> tuple[Array, NDArray[np.int64], NDArray[np.intp], Array]:
+    """New set-points in their order, m in all.
+
+    Returns:
+        Stiffness times the step (m, J), N·m; when it was received, ns; the state after that, and how many periods later
+        that is.
+    """
+    order = np.argsort(recording.command_ns, kind="stable")
+    commands, received_ns = recording.commands, recording.command_ns[order][1:]
+    step = np.diff((commands.kp_nm_per_rad * commands.position_rad)[order], axis=0)
+    return step, received_ns, *recording.next_row(received_ns)
+
+
 def _events(stack: Stack) -> tuple[Array, Array, Array, Array, Array]:
     """Set-point steps (m, J) in N·m, phases (m,) in s, load changes at two states (m, J), and before (m, J, 2)."""
     found: list[tuple[Array, Array, Array, Array, Array]] = []
     for number, recording in enumerate(stack.recordings):
         load = recording.load_nm
         used = eroded(stack.used[stack.run == number], 4, 4)
-        order = np.argsort(recording.command_ns, kind="stable")
-        commands = recording.commands
-        size = (commands.kp_nm_per_rad * commands.position_rad)[order]
-        step = np.diff(size, axis=0)
-        state, later = recording.next_row(recording.command_ns[order][1:])
+        step, _, state, later = set_point_steps(recording)
         good = (state > 3) & (state < len(recording) - 4)
         row = state[good]
         keep = used[row]
