@@ -24,11 +24,7 @@ from spot_model.robot import facts
 
 
 def build_views(
-    stack: Stack,
-    model: RobotModel,
-    *,
-    policy: Actor | None = None,
-    limits_rad: tuple[Array, Array] | None = None,
+    stack: Stack, model: RobotModel, *, policy: Actor | None = None, limits_rad: tuple[Array, Array] | None = None
 ) -> tuple[dict[Channel, ChannelView], tuple[ChannelOff, ...]]:
     """Build every channel.
 

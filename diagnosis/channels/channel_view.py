@@ -64,8 +64,8 @@ class ChannelView:
     leg_of_joint: Ints
     """Leg of each joint of the robot, -1 for none. Shape (J,)."""
     signals: Any
-    """What effects compute their columns from; a class of the channel's own file, or none. Has it a method
-    ``thinned(every)``, it gives the signals of one of so many samples, and these samples."""
+    """What effects compute their columns from, most often a class of the channel's own file; with a method
+    ``thinned(every)``, signals of one of so many samples, and these samples, where a long log needs no more."""
     is_measured: bool = True
     """Whether the response tells anything; where something stands in for a signal that logs lack, it does not."""
     is_robust: bool = True

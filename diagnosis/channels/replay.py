@@ -6,7 +6,7 @@ tick's set-point is that of its key.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -32,22 +32,14 @@ class Actor(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class ReplaySignals:
-    """Signals of channel *policy replay*, one row a policy tick."""
-
-    intended_rad: Array
-    """Set-points that the action stands for, canonical order. Shape (n, J)."""
-
-
 def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | ChannelOff:
     """Build the channel *policy replay*; without the policy the contract in the logs' headers gives the set-points."""
     intended, sent, rows = [], [], []
     for first, recording in zip(stack.starts(), stack.recordings, strict=True):
         if not np.isfinite(recording.ticks.action).all(axis=1).any() and len(recording.ticks):
             continue  # a joint experiment runs no policy
-        scale = policy if policy is not None else contract_of(recording)
-        if scale is None:
+        setpoint_rad = policy.setpoint_rad if policy is not None else _by_contract(recording)
+        if setpoint_rad is None:
             return ChannelOff(Channel.POLICY_REPLAY, f"log {recording.run_id} has no policy contract; give the policy")
         ticks = recording.ticks
         ran = np.isfinite(ticks.action).all(axis=1) & recording.in_control()
@@ -56,7 +48,7 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
         chosen = np.flatnonzero(ran & (at >= 0))
         if len(chosen) == 0:
             return ChannelOff(Channel.POLICY_REPLAY, f"log {recording.run_id} has no policy ticks")
-        intended.append(scale.setpoint_rad(ticks.action[chosen]))
+        intended.append(setpoint_rad(ticks.action[chosen]))
         sent.append(recording.commands.requested_position_rad[at[chosen]])
         rows.append(first + recording.rows_at(ticks.robot_stamp_ns[chosen]))
     if not intended:
@@ -71,27 +63,20 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
         unit="rad",
         usable=np.isfinite(response),
         noise=np.full(n_joints, FLOOR_RAD),
-        signals=ReplaySignals(np.concatenate(intended)),
+        signals=np.concatenate(intended),  # canonical order, shape (n, J)
     )
 
 
-@dataclass(frozen=True)
-class _Contract:
-    """Set-points by a contract alone."""
-
-    contract: PolicyContract
-
-    def setpoint_rad(self, action: NDArray[Any]) -> Array:
-        contract = self.contract
-        policy_order = contract.action_scale_rad * action.astype(np.float64) + np.array(contract.default_position_rad)
-        return np.asarray(policy_order[..., [contract.joint_names.index(name) for name in facts.JOINT_NAMES]])
-
-
-def contract_of(recording: Recording) -> _Contract | None:
-    """The policy contract in a log's header, None where there is none that holds."""
-    if not recording.policy_contract_json:
-        return None
+def _by_contract(recording: Recording) -> Callable[[NDArray[Any]], Array] | None:
+    """Set-points of actions by the contract in a log's header, None where there is none that holds."""
     try:
-        return _Contract(PolicyContract.from_json(recording.policy_contract_json))
+        contract = PolicyContract.from_json(recording.policy_contract_json)
     except ValidationError:
         return None
+    canonical_from_policy = [contract.joint_names.index(name) for name in facts.JOINT_NAMES]
+
+    def setpoint_rad(action: NDArray[Any]) -> Array:
+        policy_order = contract.action_scale_rad * action.astype(np.float64) + np.array(contract.default_position_rad)
+        return np.asarray(policy_order[..., canonical_from_policy])
+
+    return setpoint_rad

@@ -8,7 +8,6 @@ off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -32,14 +31,6 @@ NARROW_SHARE: Final = 0.25
 """Of the states' period: a wider spread of delays is a jitter's."""
 LONGEST_S: Final = 1.0
 """A command that takes longer belongs to a pause, not to the link."""
-
-
-@dataclass(frozen=True)
-class TimingSignals:
-    """Signals of channel *time stamps*."""
-
-    command_period_s: float
-    """Between two commands, as a rule."""
 
 
 def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | ChannelOff:
@@ -76,7 +67,7 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         unit="s, s, 1",
         usable=np.isfinite(response),
         noise=FLOOR,
-        signals=TimingSignals(_period_s(stack)),
+        signals=_period_s(stack),
         is_robust=False,
     )
 
@@ -110,6 +101,7 @@ def hidden_share(delay_s: Array, period_s: float) -> float:
 
 
 def _period_s(stack: Stack) -> float:
+    """Between two commands, as a rule."""
     gaps = [np.diff(np.sort(r.commands.robot_stamp_ns)) for r in stack.recordings]
     every = np.concatenate([g[g > 0] for g in gaps])
     return float(np.median(every)) * 1e-9 if len(every) else stack.period_s

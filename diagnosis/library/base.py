@@ -7,9 +7,10 @@ import itertools
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
@@ -183,7 +184,7 @@ def on_joints(values: Array, joints: Flags) -> Array:
     return np.asarray((values if values.ndim == 3 else values[:, :, None]) * joints[:, None])
 
 
-def constant_columns(view: ChannelView, *columns: Array) -> Array:
+def constant_columns(view: ChannelView, *columns: NDArray[np.floating[Any]]) -> Array:
     """Columns that are the same at every sample, each given by row, shape (R,); shape (n, R, number of columns)."""
     return np.tile(np.stack(columns, axis=1), (view.n, 1, 1))
 

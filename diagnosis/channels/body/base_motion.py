@@ -5,11 +5,11 @@ Time convention: packets of the inertial unit are older than their state by thei
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from diagnosis.channels.body.body_model import Inputs
 from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import Stack
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
@@ -17,19 +17,6 @@ from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
 GRAVITY_M_S2: Final = 9.81
 GRAVITY_TOLERANCE_M_S2: Final = 2.0
 """The mean vertical reading must be this near to gravity, or to none, to know whether it is in."""
-
-
-@dataclass(frozen=True)
-class BaseMotion:
-    """N rows, not smoothed, at the states' stamps."""
-
-    odom_from_body_wxyz: Array
-    angular_vel_in_body_rad_s: Array
-    angular_acc_in_body_rad_s2: Array
-    linear_acc_in_odom_m_s2: Array
-    """Of the body's origin, gravity not in."""
-    imu_gravity_m_s2: float | None
-    """In the inertial unit's readings; None where accelerations are not by one."""
 
 
 def imu_gravity_m_s2(stack: Stack) -> float | None:
@@ -45,8 +32,11 @@ def imu_gravity_m_s2(stack: Stack) -> float | None:
     return next((g for g in (GRAVITY_M_S2, 0.0) if abs(mean - g) < GRAVITY_TOLERANCE_M_S2), None)
 
 
-def base_motion(stack: Stack) -> BaseMotion:
-    """The body's motion; its acceleration by the inertial unit, else by differentiating the estimator's velocity."""
+def full_rate_inputs(stack: Stack, load_nm: Array) -> Inputs:
+    """The motion at the states' stamps, not smoothed, its accelerations without gravity.
+
+    The body's acceleration is the inertial unit's where there is one, else the derivative of the estimator's velocity.
+    """
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
     length = np.linalg.norm(attitude, axis=1, keepdims=True)
     attitude = np.where(length > 0.5, attitude / np.maximum(length, 0.5), np.array([1.0, 0.0, 0.0, 0.0]))
@@ -59,12 +49,16 @@ def base_motion(stack: Stack) -> BaseMotion:
     else:
         reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
         acceleration = forward(np.asarray(reading), stack) - np.array([0.0, 0.0, gravity])
-    return BaseMotion(
-        odom_from_body_wxyz=attitude,
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    return Inputs(
+        world_from_body_wxyz=attitude,
         angular_vel_in_body_rad_s=turn,
+        linear_acc_in_world_m_s2=acceleration,
         angular_acc_in_body_rad_s2=slope(turn, stack.period_s),
-        linear_acc_in_odom_m_s2=acceleration,
-        imu_gravity_m_s2=gravity,
+        position_rad=stack.filled(lambda r: r.position_rad),
+        velocity_rad_s=velocity,
+        acceleration_rad_s2=slope(velocity, stack.period_s),
+        load_nm=load_nm,
     )
 
 

@@ -94,7 +94,7 @@ def contact_view(dynamics: DynamicsSignals, stance: StanceSignals) -> ChannelVie
 
 def _force_in_world_n(dynamics: DynamicsSignals) -> Array:
     """Force on each foot at the kept rows; shape (n, 4, 3)."""
-    return rotate_wxyz(dynamics.inputs.world_from_body_wxyz[:, None, :], dynamics.nominal.foot_force_n)
+    return np.asarray(rotate_wxyz(dynamics.inputs.world_from_body_wxyz[:, None, :], dynamics.nominal.foot_force_n))
 
 
 def vertical_force_n(dynamics: DynamicsSignals) -> Array:

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion, slope
+from diagnosis.channels.body.base_motion import GRAVITY_M_S2, full_rate_inputs, imu_gravity_m_s2
 from diagnosis.channels.body.body_model import BodyModel, Inputs
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags
@@ -94,21 +94,9 @@ class DynamicsSignals:
     def thinned(self, every: int) -> tuple[DynamicsSignals, Flags]:
         """Signals of one of ``every`` rows, and these rows."""
         keep = self.rows % (STRIDE * every) == 0
-        made = replace(
-            self,
-            rows=self.rows[keep],
-            inputs=_of_rows(self.inputs, keep),
-            load_rate_nm_s=self.load_rate_nm_s[keep],
-            position_rate_rad_s=self.position_rate_rad_s[keep],
-            position_curvature_rad_s2=self.position_curvature_rad_s2[keep],
-            nominal=_of_rows(self.nominal, keep),
-            reference=_of_rows(self.reference, keep),
-            force=self.force[keep],
-            place=(self.place[0][keep], self.place[1][keep]),
-            drive=None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every)),
-            cache={},
-        )
-        return made, keep
+        drive = None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every))
+        rows = {name: _of_rows(getattr(self, name), keep) for name in BY_ROW}
+        return replace(self, **rows, drive=drive, cache={}), keep
 
     def with_inputs(self, key: object, **changes: Array) -> Residuals:
         """Residuals of the nominal model for other inputs; kept under ``key``."""
@@ -150,9 +138,20 @@ class DynamicsSignals:
         return found
 
 
+BY_ROW: Final = (
+    *("rows", "inputs", "nominal", "reference", "force", "place"),
+    *("load_rate_nm_s", "position_rate_rad_s", "position_curvature_rad_s2"),
+)
+"""Fields of :class:`DynamicsSignals` with a value for each kept row."""
+
+
 def _of_rows(values: Any, keep: Flags) -> Any:
-    """Inputs or residuals of some rows."""
-    return replace(values, **{f.name: getattr(values, f.name)[keep] for f in fields(values)})
+    """Some rows of an array, or of all arrays that a tuple or a dataclass holds."""
+    if isinstance(values, tuple):
+        return tuple(v[keep] for v in values)
+    if isinstance(values, (Inputs, Residuals)):
+        return replace(values, **{f.name: getattr(values, f.name)[keep] for f in fields(values)})
+    return values[keep]
 
 
 def missing_for_dynamics(stack: Stack) -> str:
@@ -171,19 +170,7 @@ def missing_for_dynamics(stack: Stack) -> str:
 def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
     """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
     rows = kept_rows(stack)
-    base = base_motion(stack)
-    velocity = stack.filled(lambda r: r.velocity_rad_s)
-    load = stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm
-    raw = Inputs(
-        world_from_body_wxyz=base.odom_from_body_wxyz,
-        angular_vel_in_body_rad_s=base.angular_vel_in_body_rad_s,
-        linear_acc_in_world_m_s2=base.linear_acc_in_odom_m_s2,
-        angular_acc_in_body_rad_s2=base.angular_acc_in_body_rad_s2,
-        position_rad=stack.filled(lambda r: r.position_rad),
-        velocity_rad_s=velocity,
-        acceleration_rad_s2=slope(velocity, stack.period_s),
-        load_nm=load,
-    )
+    raw = full_rate_inputs(stack, stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm)
     inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name), rows) for f in fields(Inputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
@@ -201,7 +188,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         model=model,
         rows=rows,
         inputs=inputs,
-        load_rate_nm_s=stack.rate(load, rows),
+        load_rate_nm_s=stack.rate(raw.load_nm, rows),
         position_rate_rad_s=position_rate[rows],
         position_curvature_rad_s2=stack.rate(position_rate, rows),
         contact=flags.astype(np.bool_),
@@ -210,15 +197,15 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         reference=residuals(model, inputs, force=force, place=place),
         force=force,
         place=place,
-        imu_gravity_m_s2=base.imu_gravity_m_s2,
+        imu_gravity_m_s2=imu_gravity_m_s2(stack),
         drive=drive,
     )
 
 
 def kept_rows(stack: Stack, reach: int = REACH) -> NDArray[np.intp]:
     """One of :data:`STRIDE` rows, where the filter reaches nothing that is not used."""
-    rows = np.flatnonzero(stack.inner(stack.used, reach, reach))
-    return rows[rows % STRIDE == 0]
+    every = np.arange(stack.n) % STRIDE == 0
+    return np.flatnonzero(every & stack.inner(stack.used, reach, reach))
 
 
 def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:

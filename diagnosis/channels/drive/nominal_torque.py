@@ -18,12 +18,7 @@ FRICTION_SPEED_RAD_S: Final = 0.05
 
 
 def nominal_torque_nm(
-    effects: Sequence[Effect],
-    request_nm: Array,
-    position_rad: Array,
-    velocity_rad_s: Array,
-    run: Ints,
-    period_s: float,
+    effects: Sequence[Effect], request_nm: Array, position_rad: Array, velocity_rad_s: Array, run: Ints, period_s: float
 ) -> Array:
     """Motor torque of the nominal model, of the servo law's request; arguments as of :func:`torque_after_nm`.
 

@@ -17,12 +17,7 @@ from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flag
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
 
-SIGNALS: Final = {
-    "position": "position_rad",
-    "velocity": "velocity_rad_s",
-    "load": "load_nm",
-    "knocks": "load_nm",
-}
+SIGNALS: Final = {"position": "position_rad", "velocity": "velocity_rad_s", "load": "load_nm", "knocks": "load_nm"}
 """The groups of rows, and what a log must have for each."""
 USUAL: Final = np.array([4e-4, 0.06, 0.5])
 """Usual standard deviations, rad, rad/s, N·m: an encoder, its derivative with what motion leaks in, a strain gauge."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
-from diagnosis.channels.timing import FAST_QUANTILE, TimingSignals, nominal_delay_s
+from diagnosis.channels.timing import FAST_QUANTILE, nominal_delay_s
 from diagnosis.library.base import ALL_OF_IT, WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location, constant_columns
 from diagnosis.library.experiments import WIRED_LINK
 from spot_model.effects.command.command_delay import CommandDelay
@@ -62,8 +62,8 @@ class CommandJitterEntry(_LinkEntry):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What waits do to commands that come one after the other."""
-        s: TimingSignals = view.signals
-        return constant_columns(view, np.array(waits(float(shape["mean_s"]), s.command_period_s)))
+        command_period_s: float = view.signals
+        return constant_columns(view, np.array(waits(float(shape["mean_s"]), command_period_s)))
 
 
 @cache

@@ -92,11 +92,11 @@ class ImuTiltEntry(LibraryEffect):
         back[1 + axis] = -np.sin(half)
 
         def turned_back(attitude: Array) -> Array:
-            return multiply_wxyz(attitude, np.broadcast_to(back, attitude.shape))
+            return np.asarray(multiply_wxyz(attitude, np.broadcast_to(back, attitude.shape)))
 
         # Vectors in odom are reported right; those in the body frame turn with it.
         def into_right(vector: Array) -> Array:
-            return rotate_wxyz(np.broadcast_to(back * CONJUGATE, (len(vector), 4)), vector)
+            return np.asarray(rotate_wxyz(np.broadcast_to(back * CONJUGATE, (len(vector), 4)), vector))
 
         packets_are_tilted = bool(shape["packets_are_tilted"])
         if view.name == Channel.INERTIAL_UNIT:

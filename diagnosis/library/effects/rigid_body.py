@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
-from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion
+from diagnosis.channels.body.base_motion import GRAVITY_M_S2, full_rate_inputs
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
@@ -196,9 +196,9 @@ def passed_on_m_s2(s: DynamicsSignals, shape: Shape) -> Array:
     """Force of each kilogram on the body, body frame, at the kept rows. Shape (n, 3)."""
     stack = s.stack
     if "specific_force" not in s.cache:
-        base = base_motion(stack)
-        up = base.linear_acc_in_odom_m_s2 + np.array([0.0, 0.0, GRAVITY_M_S2])
-        s.cache["specific_force"] = stack.smooth(np.asarray(rotate_inverse_wxyz(base.odom_from_body_wxyz, up)))
+        raw = full_rate_inputs(stack, np.zeros(0))
+        up = raw.linear_acc_in_world_m_s2 + np.array([0.0, 0.0, GRAVITY_M_S2])
+        s.cache["specific_force"] = stack.smooth(np.asarray(rotate_inverse_wxyz(raw.world_from_body_wxyz, up)))
     force = s.cache["specific_force"].copy()
     omega, axes = 2.0 * np.pi * shape["frequency_hz"], slice(0, 3 if shape["bounces"] else 2)
     damped = 2.0 * shape["damping"] * omega

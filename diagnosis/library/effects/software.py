@@ -6,7 +6,6 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
-from diagnosis.channels.replay import ReplaySignals
 from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import STAND
 from spot_model.effects.command.action_scale import ActionScale
@@ -30,8 +29,8 @@ class ActionScaleEntry(_ProgramEntry):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The intended distance from the default pose."""
-        s: ReplaySignals = view.signals
-        return on_joints(s.intended_rad - DEFAULT_POSITION_RAD, joints)
+        intended_rad: Array = view.signals
+        return on_joints(intended_rad - DEFAULT_POSITION_RAD, joints)
 
 
 class DefaultPoseEntry(_ProgramEntry):
@@ -57,5 +56,5 @@ class JointSwapEntry(_ProgramEntry):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The other side's intended set-point less the joint's own."""
-        s: ReplaySignals = view.signals
-        return on_joints(s.intended_rad[:, LEFT_RIGHT] - s.intended_rad, joints)
+        intended_rad: Array = view.signals
+        return on_joints(intended_rad[:, LEFT_RIGHT] - intended_rad, joints)
