@@ -31,7 +31,7 @@ def build_views(
     Args:
         stack: The recordings.
         model: The nominal model.
-        policy: The policy that ran, to recompute its actions; optional.
+        policy: The policy that ran, for its set-points; without it the logs' contracts give them.
         limits_rad: Joint stops of a robot other than Spot, low and high; Spot's are known.
 
     Returns:

@@ -82,10 +82,7 @@ def hidden_share(delay_s: Array, period_s: float) -> float:
 
     It happens where commands usually arrive just before or just after a state. The spread is read from the early half,
     since those that are late are the ones that are missing; a wide one is no matter of a moment, and counts as none.
-
-    Args:
-        delay_s: Of one run's commands, from the state that each answers; not a number where none was seen.
-        period_s: Of the states.
+    ``delay_s`` is that of one run's commands, not a number where none was seen; ``period_s`` is the states'.
     """
     seen = delay_s[np.isfinite(delay_s)]
     if len(seen) == 0:

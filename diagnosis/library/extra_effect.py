@@ -28,11 +28,7 @@ WIDEST: Final = 1e4
 
 
 def chosen_library(added: Sequence[str | type], left_out: Sequence[str]) -> dict[str, LibraryEffect]:
-    """The library with effects added and left out.
-
-    Args:
-        added: Each as ``module:Class``, or the class itself.
-        left_out: Names of the library.
+    """The library with effects added, each as ``module:Class`` or the class itself, and left out by name.
 
     Raises:
         BadInputError: A name is unknown, or a class cannot be loaded.
@@ -55,30 +51,27 @@ def chosen_library(added: Sequence[str | type], left_out: Sequence[str]) -> dict
     return library
 
 
-def _load(value: str | type) -> LibraryEffect:
+def _load(value: object) -> LibraryEffect:
     with users_code(f"--add-effect {value!r}", "is it on the Python path, and whole?"):
-        return _entry(value, value if isinstance(value, type) else _found(value))
-
-
-def _entry(value: str | type, made: object) -> LibraryEffect:
-    if isinstance(made, type) and issubclass(made, Effect):
-        return entry_of(made)
-    if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
-        raise BadInputError(f"--add-effect {value!r} is no Effect of spot_model.effects.base, and no LibraryEffect")
-    for needed in ("effect", "coefficients"):
-        if not hasattr(made, needed):
-            raise BadInputError(f"--add-effect {value!r} lacks the attribute {needed}; write it")
-    try:
-        effect: LibraryEffect = made()
-    except TypeError as error:
-        raise BadInputError(f"--add-effect {value!r} cannot be made: {error}; write what is missing") from error
-    return effect
-
-
-def _found(value: object) -> object:
-    if not isinstance(value, str) or value.count(":") != 1:
-        raise BadInputError(f"--add-effect {value!r}; allowed: module:Class, a subclass of Effect or LibraryEffect")
-    return EntryPoint(name="effect", value=value, group="spot_rl.library").load()
+        made: object = value
+        if not isinstance(value, type):
+            if not isinstance(value, str) or value.count(":") != 1:
+                raise BadInputError(
+                    f"--add-effect {value!r}; allowed: module:Class, a subclass of Effect or LibraryEffect"
+                )
+            made = EntryPoint(name="effect", value=value, group="spot_rl.library").load()
+        if isinstance(made, type) and issubclass(made, Effect):
+            return entry_of(made)
+        if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
+            raise BadInputError(f"--add-effect {value!r} is no Effect of spot_model.effects.base, and no LibraryEffect")
+        for needed in ("effect", "coefficients"):
+            if not hasattr(made, needed):
+                raise BadInputError(f"--add-effect {value!r} lacks the attribute {needed}; write it")
+        try:
+            effect: LibraryEffect = made()
+        except TypeError as error:
+            raise BadInputError(f"--add-effect {value!r} cannot be made: {error}; write what is missing") from error
+        return effect
 
 
 def entry_of(effect: type[Effect]) -> LibraryEffect:

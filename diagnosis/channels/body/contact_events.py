@@ -61,10 +61,10 @@ Events = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 
 def contact_view(dynamics: DynamicsSignals, stance: StanceSignals) -> ChannelView | ChannelOff:
     """Build the channel *contact events*."""
-    if not dynamics.has_flags:
+    if not dynamics.stack.has("foot_contact"):
         return ChannelOff(Channel.CONTACT_EVENTS, "no contact flags")
     slip_rows, slip_legs, ratios = _slips(dynamics, stance)
-    stop_rows, stop_legs, stop_s = _stop_times(stance)
+    stop_rows, stop_legs, stop_s = _stop_times(stance, dynamics.contact)
     kinds: tuple[Events, ...] = (
         _flag_delays(dynamics, vertical_force_n(dynamics)),
         (slip_rows, slip_legs, ratios - dynamics.model.foot_friction[slip_legs]),
@@ -145,11 +145,10 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> Events:
     return dynamics.rows[index], legs, ratio[index, legs]
 
 
-def _stop_times(stance: StanceSignals) -> Events:
+def _stop_times(stance: StanceSignals, contact: Flags) -> Events:
     """In which time (s) the ground takes half of the speed of each touch-down that is fast enough."""
     stack = stance.stack
     velocity = stack.smooth(feet(stance.inputs, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3])
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
     found: list[tuple[int, int, float]] = []
     for leg, row, touches in _changes(contact, stack.inner(stack.used, SEARCH, STOP_LAST)):
         path = velocity[row - STOP_AROUND : row + STOP_LAST, leg]

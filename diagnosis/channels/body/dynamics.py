@@ -76,7 +76,6 @@ class DynamicsSignals:
     """Rate of that."""
     contact: Flags
     """Feet on the ground at the full rate, by flags; where logs have none, by the forces on the feet. Shape (N, 4)."""
-    has_flags: bool
     nominal: Residuals
     """Smoothed, at the kept rows."""
     reference: Residuals
@@ -180,8 +179,9 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     nominal = Residuals(*(stack.smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
     place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
-    has_flags = stack.has("foot_contact")
-    flags = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
+    contact = carrying(stack, raw, full.foot_force_n)
+    if stack.has("foot_contact"):
+        contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
     return DynamicsSignals(
         stack=stack,
         effects=tuple(effects),
@@ -191,8 +191,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         load_rate_nm_s=stack.rate(raw.load_nm, rows),
         position_rate_rad_s=position_rate[rows],
         position_curvature_rad_s2=stack.rate(position_rate, rows),
-        contact=flags.astype(np.bool_),
-        has_flags=has_flags,
+        contact=contact,
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),
         force=force,
@@ -249,12 +248,10 @@ def contact_point_and_jacobian(
 ) -> tuple[Array, Array]:
     """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
 
-    Returns:
-        Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
+    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
     """
     centre, jacobian = foot_position_and_jacobian(position_rad, legs)
-    n = len(position_rad)
-    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (n, 3)))
+    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (len(position_rad), 3)))
     arm = foot_radius_m[None, legs, None] * down[:, None, :]
     axes = leg_axes(position_rad, legs)
     turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)

@@ -95,11 +95,9 @@ class StanceSignals:
         heading, height = motion_of_feet(inputs, slice(leg, leg + 1))
         heights = self.raw_height_m.copy()
         heights[:, leg] = height[:, 0]
-        raw = np.concatenate([heading[:, 0], above_mean(heights, self.standing)], axis=1)
+        columns = [*range(3 * leg, 3 * leg + 3), *range(3 * facts.N_LEGS, len(ROWS))]
         out = self.nominal.copy()
-        out[:, [3 * leg, 3 * leg + 1, 3 * leg + 2, *range(3 * facts.N_LEGS, len(ROWS))]] = self.stack.smooth(
-            raw, self.rows
-        )
+        out[:, columns] = self.stack.smooth(_rows_of(heading, heights, self.standing), self.rows)
         return out
 
     def _changed_legs(self, changes: Mapping[str, Array]) -> Ints | None:
@@ -186,14 +184,11 @@ def motion_of_feet(k: Kinematics, legs: slice = slice(None)) -> tuple[Array, Arr
     return heading, np.asarray(rotate_wxyz(k.odom_from_body_wxyz[:, None, :], point)[..., 2])
 
 
-def above_mean(height: Array, standing: Flags) -> Array:
-    """Heights (N, 4) less their mean over the feet that stand."""
-    count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
-    return np.asarray(height - np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count)
-
-
 def _rows_of(heading: Array, height: Array, standing: Flags) -> Array:
-    return np.concatenate([heading.reshape(len(heading), -1), above_mean(height, standing)], axis=1)
+    """Velocities, then heights less their mean over the feet that stand."""
+    count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
+    above_mean = height - np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count
+    return np.concatenate([heading.reshape(len(heading), -1), above_mean], axis=1)
 
 
 def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
