@@ -164,20 +164,11 @@ def stack(recordings: Sequence[Recording]) -> Stack:
 def white_noise(residual: Array, usable: Flags, *, is_smoothed: bool = False) -> Array:
     """Standard deviation that white noise in an unsmoothed residual leaves after smoothing.
 
-    From the median size of second differences, which hardly see what is smooth or rare.
-
-    Args:
-        residual: Shape (n, R), before smoothing, row by row in time.
-        usable: Shape (n, R).
-        is_smoothed: The residual is already smoothed, and its rows are thinned out.
-
-    Returns:
-        Shape (R,).
+    From the median size of second differences, which hardly see what is smooth or rare. The residual and where it is
+    usable have shape (n, R), rows in time, the result (R,); ``is_smoothed`` where it is smoothed and thinned already.
     """
-    second = residual[2:] - 2.0 * residual[1:-1] + residual[:-2]
+    second = np.abs(residual[2:] - 2.0 * residual[1:-1] + residual[:-2])
     good = usable[2:] & usable[1:-1] & usable[:-2]
-    sigma = np.empty(residual.shape[1])
-    for row in range(residual.shape[1]):
-        values = np.abs(second[good[:, row], row])
-        sigma[row] = 1.4826 * float(np.median(values)) / np.sqrt(6.0) if len(values) else np.inf
+    medians = [float(np.median(v[g])) if g.any() else np.inf for v, g in zip(second.T, good.T, strict=True)]
+    sigma = 1.4826 * np.array(medians) / np.sqrt(6.0)
     return np.asarray(np.maximum(sigma if is_smoothed else NOISE_GAIN * sigma, MIN_NOISE))

@@ -17,8 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import GRAVITY_M_S2, full_rate_inputs, imu_gravity_m_s2
-from diagnosis.channels.body.body_model import BodyModel, Inputs
+from diagnosis.channels.body.body_model import GRAVITY_M_S2, BodyModel, Inputs, full_rate_inputs, imu_gravity_m_s2
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags
 from diagnosis.channels.stack import Stack

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import imu_gravity_m_s2
+from diagnosis.channels.body.body_model import imu_gravity_m_s2
 from diagnosis.channels.body.dynamics import STRIDE, kept_rows
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView

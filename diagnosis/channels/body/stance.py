@@ -14,8 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import imu_gravity_m_s2
-from diagnosis.channels.body.body_model import BodyModel
+from diagnosis.channels.body.body_model import BodyModel, imu_gravity_m_s2
 from diagnosis.channels.body.dynamics import STRIDE, DynamicsSignals, contact_point_and_jacobian, kept_rows
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags, Ints

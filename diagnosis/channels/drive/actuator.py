@@ -134,12 +134,9 @@ class ActuatorSignals:
 def actuator_view(
     stack: Stack, effects: Sequence[Effect], limits_rad: tuple[Array, Array] | None = None
 ) -> ChannelView | ChannelOff:
-    """Build the channel *set-point to load*.
+    """Build the channel *set-point to load*, with the nominal model's effects.
 
-    Args:
-        stack: The recordings.
-        effects: The nominal model's.
-        limits_rad: Joint stops, low and high, each of shape (J,): a load there is not the motor's. None if unknown.
+    A load at a joint's stop is not the motor's: ``limits_rad`` are the stops, low and high, shape (J,), where known.
     """
     if missing := stack.missing({"load_nm": "torque", "position_rad": "position", "velocity_rad_s": "velocity"}):
         return ChannelOff(Channel.SET_POINT_TO_LOAD, f"no measured joint {missing}")

@@ -40,12 +40,7 @@ class RateSignals:
 
 
 def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | ChannelOff:
-    """Build the channel *joint rates*.
-
-    Args:
-        stack: The recordings.
-        velocity_age_s: How much older than its stamp a reported velocity is by convention.
-    """
+    """Build the channel *joint rates*; by convention a reported velocity is so much older than its stamp."""
     if missing := stack.missing({"position_rad": "positions", "velocity_rad_s": "velocities"}):
         return ChannelOff(Channel.JOINT_RATES, f"no measured joint {missing}")
     velocity = stack.filled(lambda r: r.velocity_rad_s)

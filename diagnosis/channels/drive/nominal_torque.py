@@ -48,16 +48,8 @@ def torque_after_nm(
 ) -> Array:
     """The effect's formula at every joint, recordings side by side where it carries something from step to step.
 
-    Args:
-        effect: Its parameters are numbers, or arrays of shape (12,).
-        torque_nm: What goes in. Shape (N, J).
-        position_rad: Shape (N, J).
-        velocity_rad_s: Shape (N, J).
-        run: Recording of each row, rising. Shape (N,).
-        period_s: Time between rows.
-
-    Returns:
-        Shape (N, J).
+    Signals and result have shape (N, J); ``run`` is the recording of each row, rising, shape (N,). The effect's
+    parameters are numbers, or arrays of shape (12,).
     """
     ready = effect.arrays_like(torque_nm)
     if effect.is_memoryless:

@@ -37,12 +37,7 @@ MIN_SAMPLES: Final = 24
 
 
 def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> ChannelView | ChannelOff:
-    """Build the channel *sensor noise*; response and columns are variances in units of the usual ones.
-
-    Args:
-        stack: The recordings.
-        actuator: Channel *set-point to load*'s signals, where it is on.
-    """
+    """Build the channel *sensor noise*, variances in units of the usual ones; ``actuator`` where that channel is on."""
     if not stack.has("position_rad"):
         return ChannelOff(Channel.SENSOR_NOISE, "no measured joint positions")
     n_joints = len(stack.joint_names)

@@ -40,7 +40,6 @@ SUBSTEPS: Final = 2
 class TorqueGainEntry(LibraryEffect):
     """(g − 1)·τ: the motor gives a constant share."""
 
-    title = "torque gain"
     effect = TorqueGain
     coefficients = (Coefficient("gain", "1", -0.9, 2.0),)
     confused_with = ("load_sensor_gain", "thermal_derating", "load_friction", "torque_limit", "position_torque_limit")
@@ -119,7 +118,6 @@ class TorqueOffsetEntry(LibraryEffect):
 class RippleEntry(LibraryEffect):
     """a·sin(n·q + φ) and its second harmonic: lines in the order spectrum."""
 
-    title = "torque ripple"
     effect = TorqueRipple
     coefficients = (
         Coefficient("sine_nm", "N·m", -10.0, 10.0),

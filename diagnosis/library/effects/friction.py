@@ -52,7 +52,6 @@ def _built_up(s: ActuatorSignals, distance_rad: float) -> Array:
 class ViscousEntry(LibraryEffect):
     """−D·q̇; at one set of gains the same as a larger kd."""
 
-    title = "viscous friction"
     effect = ViscousFriction
     coefficients = (Coefficient("damping_nm_s_per_rad", "N·m·s/rad", 0.0, 5.0),)
     confused_with = ("coulomb_friction", "torque_bandwidth", "torque_speed_curve")

@@ -122,7 +122,6 @@ class LoadFilterEntry(LibraryEffect):
     A slow torque loop looks the same between set-point and load. Here the load is late against the motion, too.
     """
 
-    name = "load_filter"
     title = "lag of the torque sensor"
     effect = LoadFilter
     of_load_cell = True

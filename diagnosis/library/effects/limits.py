@@ -15,7 +15,7 @@ from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Vi
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.drive.power import PowerSignals
 from diagnosis.library.base import ALL_OF_IT, CLOSE_STEPS, Grid, LibraryEffect, Location, on_joints
-from diagnosis.library.experiments import SLOW_WALK, SPRINT
+from diagnosis.library.experiments import SLOW_WALK
 from spot_model.effects.base import Effect
 from spot_model.effects.limits.bus_sag import BusSag
 from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
@@ -56,7 +56,6 @@ class TorqueLimitEntry(_LimitEntry):
     effect = TorqueLimit
     nearby: ClassVar[Grid] = {"limit_nm": CLOSE_STEPS}
     confused_with = ("torque_gain", "thermal_derating", "position_torque_limit", "backlash")
-    split_by = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Limits within the torques that occur."""
@@ -70,7 +69,6 @@ class SpeedCurveEntry(_LimitEntry):
     title = "torque limit by speed"
     effect = TorqueSpeedCurve
     confused_with = ("viscous_friction", "power_limit", "bus_sag", "torque_limit", "backlash")
-    split_by = SPRINT
     n_free = 3
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -140,7 +138,6 @@ class PowerLimitEntry(LibraryEffect):
     location = Location.ROBOT
     coefficients = (ALL_OF_IT,)
     confused_with = ("torque_speed_curve", "bus_sag", "armature", "thermal_derating", "backlash")
-    split_by = SPRINT
     n_free = 2
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -179,7 +176,6 @@ class BusSagEntry(LibraryEffect):
     location = Location.ROBOT
     coefficients = (ALL_OF_IT,)
     confused_with = ("power_limit", "torque_speed_curve", "backlash")
-    split_by = SPRINT
     n_free = 4
     nearby: ClassVar[Grid] = {
         "resistance_ohm": (0.6, 0.8, 1.25, 1.6),

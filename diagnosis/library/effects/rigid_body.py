@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
-from diagnosis.channels.body.base_motion import GRAVITY_M_S2, full_rate_inputs
+from diagnosis.channels.body.body_model import GRAVITY_M_S2, full_rate_inputs
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
