@@ -40,8 +40,9 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
     if not all(np.any(r.commands.state_robot_stamp_ns > 0) for r in stack.recordings):
         return ChannelOff(Channel.TIME_STAMPS, "commands do not say which state they answer")
     nominal_s = nominal_delay_s(effects)
-    singles, runs, states = [], [], []
-    for number, recording in enumerate(stack.recordings):
+    length = max(1, round(WINDOW_S / stack.period_s))
+    parts, rows = [], []
+    for first, recording in zip(stack.starts(), stack.recordings, strict=True):
         commands = recording.commands
         answered = commands.state_robot_stamp_ns
         last = recording.command_ns[recording.command_ns < NEVER_NS].max(initial=0)
@@ -53,15 +54,15 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         good = delay[np.isfinite(delay)]
         fastest = float(np.quantile(good, FAST_QUANTILE)) if len(good) else np.nan
         lost = (~arrived)[known] - hidden_share(delay, recording.period_s)
-        singles.append(np.stack([delay - nominal_s, delay - fastest, lost], axis=1))
-        runs.append(np.full(len(delay), number, dtype=np.intp))
-        states.append(recording.rows_at(answered[known]))
-    single, run, state = np.concatenate(singles), np.concatenate(runs), np.concatenate(states)
-    response, run_of, state_of = _windows(single, run, state, max(1, round(WINDOW_S / stack.period_s)))
+        single = np.stack([delay - nominal_s, delay - fastest, lost], axis=1)
+        means, state = _windows(single, recording.rows_at(answered[known]), length)
+        parts.append(means)
+        rows.append(first + state)
+    response = np.concatenate(parts)
     response[:, 2] = np.maximum(response[:, 2], 0.0)
     return stack.view(
         Channel.TIME_STAMPS,
-        stack.starts()[run_of] + state_of,
+        np.concatenate(rows),
         np.nan_to_num(response),
         rows=ROWS,
         unit="s, s, 1",
@@ -104,15 +105,11 @@ def _period_s(stack: Stack) -> float:
     return float(np.median(every)) * 1e-9 if len(every) else stack.period_s
 
 
-def _windows(single: Array, run: Ints, state: Ints, length: int) -> tuple[Array, Ints, Ints]:
-    """Means of (n, R) over windows of states within runs, leaving out what is not a number; their runs and states."""
-    key = run * (int(state.max(initial=0)) // length + 2) + state // length
-    names, at = np.unique(key, return_inverse=True)
+def _windows(single: Array, state: Ints, length: int) -> tuple[Array, Ints]:
+    """Means of (n, R) over windows of states, leaving out what is not a number; and each window's first state."""
+    names, first, at = np.unique(state // length, return_index=True, return_inverse=True)
     good = np.isfinite(single)
     count = np.stack([np.bincount(at, g, len(names)) for g in good.T], axis=1)
     total = np.stack([np.bincount(at, v, len(names)) for v in np.nan_to_num(single).T], axis=1)
-    first = np.full(len(names), -1, dtype=np.intp)
-    first[at[::-1]] = np.arange(len(at), dtype=np.intp)[::-1]
     with np.errstate(invalid="ignore"):
-        means = total / np.where(count > 0, count, np.nan)
-    return means, run[first], state[first]
+        return total / np.where(count > 0, count, np.nan), state[first]
