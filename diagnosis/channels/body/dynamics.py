@@ -178,9 +178,8 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     nominal = Residuals(*(stack.smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
     place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
-    contact = carrying(stack, raw, full.foot_force_n)
-    if stack.has("foot_contact"):
-        contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+    has_flags = stack.has("foot_contact")
+    contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
         effects=tuple(effects),
@@ -190,7 +189,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         load_rate_nm_s=stack.rate(raw.load_nm, rows),
         position_rate_rad_s=position_rate[rows],
         position_curvature_rad_s2=stack.rate(position_rate, rows),
-        contact=contact,
+        contact=contact.astype(np.bool_),
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),
         force=force,
