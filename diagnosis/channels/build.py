@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.channels.body.base_wrench import base_view, calm_rows
 from diagnosis.channels.body.contact_events import contact_view
 from diagnosis.channels.body.dynamics import dynamics_signals, missing_for_dynamics
 from diagnosis.channels.body.inertial import inertial_view
-from diagnosis.channels.body.load_alignment import aligned
-from diagnosis.channels.body.stance import StanceSignals, stance_view
-from diagnosis.channels.body.swing import swing_view, swinging_legs
+from diagnosis.channels.body.load_to_motion import motion_views
+from diagnosis.channels.body.stance import stance_view
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view, stand_in_view
@@ -26,26 +24,21 @@ from spot_model.robot import facts
 
 
 def build_views(
-    stack: Stack,
-    model: RobotModel,
-    *,
-    policy: Actor | None = None,
-    limits_rad: tuple[Array, Array] | None = None,
+    stack: Stack, model: RobotModel, *, policy: Actor | None = None, limits_rad: tuple[Array, Array] | None = None
 ) -> tuple[dict[Channel, ChannelView], tuple[ChannelOff, ...]]:
     """Build every channel.
 
     Args:
         stack: The recordings.
         model: The nominal model.
-        policy: The policy that ran, to recompute its actions; optional.
+        policy: The policy that ran, for its set-points; without it the logs' contracts give them.
         limits_rad: Joint stops of a robot other than Spot, low and high; Spot's are known.
 
     Returns:
-        The channels that are on, by name in the order of ``Channel``, and those that are
-        off with their reasons.
+        The channels that are on, by name in the order of ``Channel``, and those that are off with their reasons.
     """
     effects = model.effects
-    if limits_rad is None and stack.recordings[0].joint_names == facts.JOINT_NAMES:
+    if limits_rad is None and stack.joint_names == facts.JOINT_NAMES:
         limits_rad = (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
     actuator = actuator_view(stack, effects, limits_rad)
     drive: ActuatorSignals | None = actuator.signals if isinstance(actuator, ChannelView) else None
@@ -62,7 +55,7 @@ def build_views(
     missing = missing_for_dynamics(stack)
     dynamics = None
     if not missing:
-        has_loads = all(r.has("load_nm") for r in stack.recordings)
+        has_loads = stack.has("load_nm")
         has_gains = all(np.isfinite(r.commands.kp_nm_per_rad).any() for r in stack.recordings)
         if has_loads or has_gains:
             dynamics = dynamics_signals(stack, effects, None if has_loads else stand_in_view(stack, effects))
@@ -75,10 +68,9 @@ def build_views(
             ChannelOff(name, missing) for name in (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH, Channel.CONTACT_EVENTS)
         ]
     else:
-        alignment = aligned(dynamics, swinging_legs(dynamics), calm_rows(dynamics), lag_s)
-        found += [swing_view(dynamics, alignment), base_view(dynamics, alignment)]
-        if isinstance(stance, ChannelView) and isinstance(stance.signals, StanceSignals):
-            found.append(contact_view(dynamics, stance.signals, effects))
+        found += motion_views(dynamics, lag_s)
+        if isinstance(stance, ChannelView):
+            found.append(contact_view(dynamics, stance.signals))
         else:
             found.append(ChannelOff(Channel.CONTACT_EVENTS, f"{Channel.STANCE_KINEMATICS} is off"))
     by_name = {view.name: view for view in found}

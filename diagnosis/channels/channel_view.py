@@ -8,8 +8,8 @@ less its null value. Numbers that do not enter linearly are the effect's *shape*
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,6 @@ Rows = slice | Flags
 
 Shape = Mapping[str, float]
 """Values of the parameters that do not enter linearly, by name; empty where there are none."""
-
-
-@runtime_checkable
-class Thinnable(Protocol):
-    """Signals of a channel whose samples can be thinned."""
-
-    def thinned(self, every: int) -> tuple[Any, Rows]:
-        """Signals of about one of ``every`` samples, and these samples."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -73,13 +64,12 @@ class ChannelView:
     leg_of_joint: Ints
     """Leg of each joint of the robot, -1 for none. Shape (J,)."""
     signals: Any
-    """What effects compute their columns from; a class of the channel's own file."""
+    """What effects compute their columns from, most often a class of the channel's own file; with a method
+    ``thinned(every)``, signals of one of so many samples, and these samples, where a long log needs no more."""
     is_measured: bool = True
     """Whether the response tells anything; where something stands in for a signal that logs lack, it does not."""
     is_robust: bool = True
     """Whether a fit holds outliers down; where rare samples are the effect itself (losses, noise), it must not."""
-    measured: Mapping[str, float] = field(default_factory=dict)
-    """Numbers found on the way, such as the load's time offset; by name with unit."""
     notes: tuple[str, ...] = ()
     """What a reader should know, a sentence each."""
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
-from diagnosis.channels.channel_view import Array, Flags, Ints
+from diagnosis.channels.channel import Channel
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints
 from diagnosis.read.recording import Recording
 from diagnosis.read.segments import Segmentation, cut
 from diagnosis.read.smoothing import NOISE_GAIN, REACH, Rows, eroded, rate, smooth, too_coarse
@@ -41,6 +43,46 @@ class Stack:
         """Number of rows."""
         return len(self.run)
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the robot's joints, in order."""
+        return self.recordings[0].joint_names
+
+    @property
+    def legs(self) -> Ints:
+        """Leg of each joint by the joint's prefix, -1 where none fits; shape (J,)."""
+        legs = {name: i for i, name in enumerate(self.recordings[0].foot_names)}
+        return np.array([legs.get(name.split("_")[0], -1) for name in self.joint_names], dtype=np.intp)
+
+    def has(self, signal: str) -> bool:
+        """Whether every recording has the signal, an attribute's name."""
+        return all(r.has(signal) for r in self.recordings)
+
+    def missing(self, names: Mapping[str, str]) -> str:
+        """The name in words of the first of these signals that a recording lacks; empty if none is missing."""
+        return next((name for signal, name in names.items() if not self.has(signal)), "")
+
+    def view(self, name: Channel, at: Any, response: Array, **rest: Any) -> ChannelView:
+        """A channel with a sample at each state of ``at``; the rest are fields of :class:`ChannelView`.
+
+        Unless they are given, its rows belong to no joint and no leg, and nothing is fitted beside any effect.
+        """
+        none = np.full(response.shape[1], -1)
+        defaults: dict[str, Any] = {
+            "run": self.run[at],
+            "state": self.state[at],
+            "nuisance": np.zeros((*response.shape, 0)),
+            "row_joint": none,
+            "row_leg": none,
+            "leg_of_joint": np.full(len(self.joint_names), -1),
+        }
+        return ChannelView(name=name, response=response, **{**defaults, **rest})
+
+    def joint_view(self, name: Channel, at: Any, response: Array, legs: Ints, **rest: Any) -> ChannelView:
+        """The same with a row a joint, of the legs that are given."""
+        rows = {"rows": self.joint_names, "row_joint": np.arange(len(legs)), "row_leg": legs, "leg_of_joint": legs}
+        return self.view(name, at, response, **rows, **rest)
+
     def cat(self, part: Callable[[Recording], Any]) -> NDArray[Any]:
         """The same array of all recordings, end to end."""
         return np.concatenate([np.asarray(part(r)) for r in self.recordings])
@@ -59,11 +101,19 @@ class Stack:
 
     def inner(self, flags: Flags, before: int = REACH, after: int = REACH) -> Flags:
         """Flags of shape (n, ...) that hold throughout the filter's reach, within one recording."""
-        out = np.zeros_like(flags)
-        for number in range(len(self.recordings)):
-            rows = self.run == number
-            out[rows] = eroded(flags[rows], before, after)
-        return out
+        return self.by_run(lambda part: eroded(part, before, after), flags)
+
+    def by_run(self, compute: Callable[[NDArray[Any]], NDArray[Any]], values: NDArray[Any]) -> NDArray[Any]:
+        """What a function of the same shape makes of (n, ...), each recording by itself."""
+        return np.concatenate([compute(part) for part in np.split(values, self.starts()[1:])])
+
+    def low_pass(self, raw: Array, time_constant_s: float) -> Array:
+        """First-order low pass of (n, k), starting at rest at each recording's first value; 0 s changes nothing."""
+        if time_constant_s <= 0.0:
+            return raw
+        keep = float(np.exp(-self.period_s / time_constant_s))
+        b, a = [1.0 - keep], [1.0, -keep]
+        return self.by_run(lambda part: lfilter(b, a, part, axis=0, zi=keep * part[:1])[0], raw)
 
     def step_s(self) -> Array:
         """Time since the row before, the period at a recording's first; shape (n, 1), s."""
@@ -114,20 +164,11 @@ def stack(recordings: Sequence[Recording]) -> Stack:
 def white_noise(residual: Array, usable: Flags, *, is_smoothed: bool = False) -> Array:
     """Standard deviation that white noise in an unsmoothed residual leaves after smoothing.
 
-    From the median size of second differences, which hardly see what is smooth or rare.
-
-    Args:
-        residual: Shape (n, R), before smoothing, row by row in time.
-        usable: Shape (n, R).
-        is_smoothed: The residual is already smoothed, and its rows are thinned out.
-
-    Returns:
-        Shape (R,).
+    From the median size of second differences, which hardly see what is smooth or rare. The residual and where it is
+    usable have shape (n, R), rows in time, the result (R,); ``is_smoothed`` where it is smoothed and thinned already.
     """
-    second = residual[2:] - 2.0 * residual[1:-1] + residual[:-2]
+    second = np.abs(residual[2:] - 2.0 * residual[1:-1] + residual[:-2])
     good = usable[2:] & usable[1:-1] & usable[:-2]
-    sigma = np.empty(residual.shape[1])
-    for row in range(residual.shape[1]):
-        values = np.abs(second[good[:, row], row])
-        sigma[row] = 1.4826 * float(np.median(values)) / np.sqrt(6.0) if len(values) else np.inf
+    medians = [float(np.median(v[g])) if g.any() else np.inf for v, g in zip(second.T, good.T, strict=True)]
+    sigma = 1.4826 * np.array(medians) / np.sqrt(6.0)
     return np.asarray(np.maximum(sigma if is_smoothed else NOISE_GAIN * sigma, MIN_NOISE))

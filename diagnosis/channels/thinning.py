@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import ChannelView, Rows, Thinnable
+from diagnosis.channels.channel_view import ChannelView, Rows
 
 MAX_SAMPLES: Final = 6_000
 """Of each channel's samples about so many are used, evenly thinned."""
@@ -18,12 +18,7 @@ LONG: Final = 4 * MAX_SAMPLES
 
 
 def thinned(views: Mapping[Channel, ChannelView], n_states: int) -> dict[Channel, ChannelView]:
-    """The channels with one of so many rows that about :data:`MAX_SAMPLES` are left; short ones as they are.
-
-    Args:
-        views: By name.
-        n_states: Of all recordings.
-    """
+    """The channels with one of so many rows that about :data:`MAX_SAMPLES` are left; short ones as they are."""
     every = n_states // LONG
     if every < 2:
         return dict(views)
@@ -31,7 +26,7 @@ def thinned(views: Mapping[Channel, ChannelView], n_states: int) -> dict[Channel
     made: dict[int, tuple[Any, Rows]] = {}
 
     def of(view: ChannelView) -> ChannelView:
-        if not isinstance(view.signals, Thinnable):
+        if not hasattr(view.signals, "thinned"):
             return view
         if id(view.signals) not in made:
             made[id(view.signals)] = view.signals.thinned(every)

@@ -8,7 +8,6 @@ off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -34,25 +33,16 @@ LONGEST_S: Final = 1.0
 """A command that takes longer belongs to a pause, not to the link."""
 
 
-@dataclass(frozen=True)
-class TimingSignals:
-    """Signals of channel *time stamps*."""
-
-    delay_s: Array
-    """Of every command; not a number for lost ones."""
-    command_period_s: float
-    """Between two commands, as a rule."""
-
-
 def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | ChannelOff:
     """Build the channel *time stamps*."""
     if not all(r.has_receipts for r in stack.recordings):
         return ChannelOff(Channel.TIME_STAMPS, "the robot's receipts of commands were not recorded")
     if not all(np.any(r.commands.state_robot_stamp_ns > 0) for r in stack.recordings):
         return ChannelOff(Channel.TIME_STAMPS, "commands do not say which state they answer")
-    nominal_s = sum(float(np.mean(e.delay_s)) for e in effects if isinstance(e, CommandDelay))
-    delays, lost, runs, states = [], [], [], []
-    for number, recording in enumerate(stack.recordings):
+    nominal_s = nominal_delay_s(effects)
+    length = max(1, round(WINDOW_S / stack.period_s))
+    parts, rows = [], []
+    for first, recording in zip(stack.starts(), stack.recordings, strict=True):
         commands = recording.commands
         answered = commands.state_robot_stamp_ns
         last = recording.command_ns[recording.command_ns < NEVER_NS].max(initial=0)
@@ -60,48 +50,32 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         known = (answered > 0) & (answered < last)
         arrived = recording.command_ns < NEVER_NS
         delay = np.where(arrived, (recording.command_ns - answered) * 1e-9, np.nan)[known]
-        delays.append(np.where(delay < LONGEST_S, delay, np.nan))
-        lost.append((~arrived)[known].astype(np.float64))
-        runs.append(np.full(int(known.sum()), number, dtype=np.intp))
-        states.append(recording.rows_at(answered[known]))
-    delay = np.concatenate(delays)
-    run = np.concatenate(runs)
-    fastest = np.zeros_like(delay)
-    for number in range(len(stack.recordings)):
-        mine = run == number
-        good = mine & np.isfinite(delay)
-        fastest[mine] = float(np.quantile(delay[good], FAST_QUANTILE)) if good.any() else np.nan
-    hidden = np.zeros_like(delay)
-    for number, recording in enumerate(stack.recordings):
-        hidden[run == number] = hidden_share(delay[run == number], recording.period_s)
-    single = np.stack([delay - nominal_s, delay - fastest, np.concatenate(lost) - hidden], axis=1)
-    state = np.concatenate(states)
-    response, run_of, state_of = _windows(single, run, state, max(1, round(WINDOW_S / stack.period_s)))
+        delay = np.where(delay < LONGEST_S, delay, np.nan)
+        good = delay[np.isfinite(delay)]
+        fastest = float(np.quantile(good, FAST_QUANTILE)) if len(good) else np.nan
+        lost = (~arrived)[known] - hidden_share(delay, recording.period_s)
+        single = np.stack([delay - nominal_s, delay - fastest, lost], axis=1)
+        means, state = _windows(single, recording.rows_at(answered[known]), length)
+        parts.append(means)
+        rows.append(first + state)
+    response = np.concatenate(parts)
     response[:, 2] = np.maximum(response[:, 2], 0.0)
-    finite = np.isfinite(response)
-    none = np.full(len(ROWS), -1, dtype=np.intp)
-    return ChannelView(
-        name=Channel.TIME_STAMPS,
+    return stack.view(
+        Channel.TIME_STAMPS,
+        np.concatenate(rows),
+        np.nan_to_num(response),
         rows=ROWS,
         unit="s, s, 1",
-        response=np.nan_to_num(response),
-        usable=finite,
-        run=run_of,
-        state=state_of,
+        usable=np.isfinite(response),
         noise=FLOOR,
-        nuisance=np.zeros((*response.shape, 0)),
-        row_joint=none,
-        row_leg=none,
-        leg_of_joint=np.full(stack.recordings[0].n_joints, -1, dtype=np.intp),
-        signals=TimingSignals(delay, _period_s(stack)),
+        signals=_period_s(stack),
         is_robust=False,
-        measured={
-            "delay_s": float(np.nanmedian(delay)) if np.isfinite(delay).any() else float("nan"),
-            "delay_p95_s": float(np.nanquantile(delay, 0.95)) if np.isfinite(delay).any() else float("nan"),
-            "nominal_delay_s": nominal_s,
-            "lost_share": float(np.mean(np.concatenate(lost))) if len(delay) else 0.0,
-        },
     )
+
+
+def nominal_delay_s(effects: Sequence[Effect]) -> float:
+    """Constant delay of the commands by a robot model, s."""
+    return sum(float(np.mean(e.delay_s)) for e in effects if isinstance(e, CommandDelay))
 
 
 def hidden_share(delay_s: Array, period_s: float) -> float:
@@ -109,10 +83,7 @@ def hidden_share(delay_s: Array, period_s: float) -> float:
 
     It happens where commands usually arrive just before or just after a state. The spread is read from the early half,
     since those that are late are the ones that are missing; a wide one is no matter of a moment, and counts as none.
-
-    Args:
-        delay_s: Of one run's commands, from the state that each answers; not a number where none was seen.
-        period_s: Of the states.
+    ``delay_s`` is that of one run's commands, not a number where none was seen; ``period_s`` is the states'.
     """
     seen = delay_s[np.isfinite(delay_s)]
     if len(seen) == 0:
@@ -128,20 +99,17 @@ def hidden_share(delay_s: Array, period_s: float) -> float:
 
 
 def _period_s(stack: Stack) -> float:
+    """Between two commands, as a rule."""
     gaps = [np.diff(np.sort(r.commands.robot_stamp_ns)) for r in stack.recordings]
     every = np.concatenate([g[g > 0] for g in gaps])
     return float(np.median(every)) * 1e-9 if len(every) else stack.period_s
 
 
-def _windows(single: Array, run: Ints, state: Ints, length: int) -> tuple[Array, Ints, Ints]:
-    """Means of (n, R) over windows of states within runs, leaving out what is not a number; their runs and states."""
-    key = run * (int(state.max(initial=0)) // length + 2) + state // length
-    names, at = np.unique(key, return_inverse=True)
+def _windows(single: Array, state: Ints, length: int) -> tuple[Array, Ints]:
+    """Means of (n, R) over windows of states, leaving out what is not a number; and each window's first state."""
+    names, first, at = np.unique(state // length, return_index=True, return_inverse=True)
     good = np.isfinite(single)
     count = np.stack([np.bincount(at, g, len(names)) for g in good.T], axis=1)
     total = np.stack([np.bincount(at, v, len(names)) for v in np.nan_to_num(single).T], axis=1)
-    first = np.full(len(names), -1, dtype=np.intp)
-    first[at[::-1]] = np.arange(len(at), dtype=np.intp)[::-1]
     with np.errstate(invalid="ignore"):
-        means = total / np.where(count > 0, count, np.nan)
-    return means, run[first], state[first]
+        return total / np.where(count > 0, count, np.nan), state[first]

@@ -7,9 +7,10 @@ import itertools
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
@@ -99,7 +100,7 @@ class LibraryEffect(ABC):
     nearby: ClassVar[Grid] = {}
     """Factors by which the shape's numbers are moved in a finer round, one at a time."""
     n_free: ClassVar[int] = 0
-    """How many numbers of the shape a last search by simplex moves; 0 where rounds of :meth:`refined` will do."""
+    """How many free numbers the shape has, where not each of its numbers is one."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -126,13 +127,6 @@ class LibraryEffect(ABC):
             return all(low <= shape[name] <= high for name, (low, high) in bounds.items() if name in shape)
 
         return tuple(s for s in self.neighbours(shape) if allowed(s))
-
-    def rows(self, view: ChannelView, joints: Flags) -> Flags:
-        """Rows of a channel that the effect at these joints can touch, whatever its shape. Shape (R,)."""
-        if view.name in self.separable:
-            return np.asarray((view.row_joint >= 0) & joints[np.maximum(view.row_joint, 0)])
-        legs = legs_of(joints, view)
-        return np.asarray((view.row_leg < 0) | legs[np.maximum(view.row_leg, 0)])
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What one unit of each coefficient adds to the response. Shape (n, R, len(coefficients)).
@@ -182,15 +176,17 @@ def acts_last(effect: LibraryEffect) -> bool:
 
 def legs_of(joints: Flags, view: ChannelView) -> Flags:
     """Legs with any of the joints, shape (number of legs,); at least one entry."""
-    legs = np.zeros(max(1, int(view.leg_of_joint.max(initial=-1)) + 1), dtype=np.bool_)
-    named = view.leg_of_joint[joints]
-    legs[named[named >= 0]] = True
-    return legs
+    return np.isin(np.arange(max(1, int(view.leg_of_joint.max(initial=-1)) + 1)), view.leg_of_joint[joints])
 
 
 def on_joints(values: Array, joints: Flags) -> Array:
     """Columns (n, J) or (n, J, k) restricted to some joints, as (n, J, k)."""
     return np.asarray((values if values.ndim == 3 else values[:, :, None]) * joints[:, None])
+
+
+def constant_columns(view: ChannelView, *columns: NDArray[np.floating[Any]]) -> Array:
+    """Columns that are the same at every sample, each given by row, shape (R,); shape (n, R, number of columns)."""
+    return np.tile(np.stack(columns, axis=1), (view.n, 1, 1))
 
 
 SLOPE_SHARE: Final = 0.01

@@ -22,20 +22,8 @@ class Experiment:
     """What a person must do besides: payload, surface, attitude."""
 
 
-WALK = sequence_of(
-    "walk_and_turn",
-    20.0,
-    (0, 0, 0, 0),
-    (1, 0.8, 0, 0),
-    (7, 0, 0.5, 0),
-    (11, 0, 0, 1.0),
-    (15, -0.6, 0, 0),
-    (19, 0, 0, 0),
-)
-SLOW = sequence_of("slow_walk", 20.0, (0, 0, 0, 0), (1, 0.2, 0, 0), (10, -0.2, 0, 0), (19, 0, 0, 0))
-TURN_IN_PLACE = sequence_of("turn_in_place", 20.0, (0, 0, 0, 0), (2, 0, 0, 1.0), (9, 0, 0, -1.0), (16, 0, 0, 0))
-SIDEWAYS = sequence_of("mirrored_sideways", 20.0, (0, 0, 0, 0), (1, 0, 0.8, 0), (10, 0, -0.8, 0), (19, 0, 0, 0))
-FAST = forward_sequence(4.0)
+_TURNS = ((0, 0, 0, 0), (1, 0.8, 0, 0), (7, 0, 0.5, 0), (11, 0, 0, 1.0), (15, -0.6, 0, 0), (19, 0, 0, 0))
+WALK = sequence_of("walk_and_turn", 20.0, *_TURNS)
 
 OTHER_KD = Experiment(
     "other_damping",
@@ -49,8 +37,14 @@ OTHER_KP = Experiment(
     WALK,
     kp_nm_per_rad=50.0,
 )
-SLOW_WALK = Experiment("slow_walk", "Walk slowly: what acts near standstill grows, what needs speed vanishes.", SLOW)
-SPRINT = Experiment("sprint", "Run up to 4 m/s: limits of torque, speed and power act only there.", FAST)
+SLOW_WALK = Experiment(
+    "slow_walk",
+    "Walk slowly: what acts near standstill grows, what needs speed vanishes.",
+    sequence_of("slow_walk", 20.0, (0, 0, 0, 0), (1, 0.2, 0, 0), (10, -0.2, 0, 0), (19, 0, 0, 0)),
+)
+SPRINT = Experiment(
+    "sprint", "Run up to 4 m/s: limits of torque, speed and power act only there.", forward_sequence(4.0)
+)
 LOADED_WALK = Experiment(
     "loaded_walk",
     "Walk with a known payload: load-dependent friction grows, plain friction does not.",
@@ -66,12 +60,12 @@ LONG_WALK = Experiment(
 TURN = Experiment(
     "turn_in_place",
     "Turn in place by half a turn: a tilted floor turns with the heading, a tilted sensor does not.",
-    TURN_IN_PLACE,
+    sequence_of("turn_in_place", 20.0, (0, 0, 0, 0), (2, 0, 0, 1.0), (9, 0, 0, -1.0), (16, 0, 0, 0)),
 )
 MIRROR = Experiment(
     "mirrored_sideways",
     "Step left, then right: what belongs to one side changes sides.",
-    SIDEWAYS,
+    sequence_of("mirrored_sideways", 20.0, (0, 0, 0, 0), (1, 0, 0.8, 0), (10, 0, -0.8, 0), (19, 0, 0, 0)),
 )
 OTHER_GROUND = Experiment(
     "other_ground",

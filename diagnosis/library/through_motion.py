@@ -29,11 +29,6 @@ class ThroughMotion:
     """What an effect of the drive adds to a channel of the body.
 
     Loads are taken to be what the nominal drive gives. What the effect adds to the true ones is missing in them.
-
-    Args:
-        effect: Of channel *set-point to load*.
-        shape: Its.
-        view: The channel of the body, with something that stands in for the loads.
     """
 
     def __init__(self, effect: LibraryEffect, shape: Shape, view: ChannelView) -> None:

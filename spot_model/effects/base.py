@@ -21,7 +21,7 @@ from typing_extensions import Self
 
 from spot_model.errors import BadInputError
 from spot_model.robot.arrays import namespace_of
-from spot_model.robot.facts import LEG_NAMES
+from spot_model.robot.facts import LEG_NAMES, N_JOINTS
 from spot_model.robot.joints import select_joints
 from spot_model.robot.rotation import AnyArray
 
@@ -188,6 +188,14 @@ class TorqueEffect(Effect):
         for effects with plain numbers as parameters.
         """
         return None
+
+    @property
+    def is_memoryless(self) -> bool:
+        """Whether :meth:`torque` hands its memory on unchanged, so that a step needs nothing from the one before."""
+        probe = np.full((1, N_JOINTS), 30.0)
+        ready = self.arrays_like(probe)
+        memory = ready.start(probe)
+        return ready.torque(probe, Motion(0.0 * probe, 0.1 * probe, 0.003), memory)[1] is memory
 
     @abstractmethod
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:

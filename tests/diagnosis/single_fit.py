@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 from scipy.optimize import lsq_linear, minimize
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
-from diagnosis.library.base import Coefficient, LibraryEffect
+from diagnosis.library.base import Coefficient, LibraryEffect, legs_of
 
 HUBER: Final = 2.5
 """Residuals beyond this many scales are held down."""
@@ -210,7 +211,7 @@ def _gather(terms: Sequence[Term], views: Views) -> _Rows | None:
         touched = np.zeros(len(view.rows), dtype=np.bool_)
         for t in terms:
             if name in t.effect.channels:
-                touched |= t.effect.rows(view, t.joints)
+                touched |= _rows_of(t, view)
         for row in range(len(view.rows)):
             if not touched[row]:
                 continue
@@ -231,6 +232,14 @@ def _gather(terms: Sequence[Term], views: Views) -> _Rows | None:
         return None
     x, y, fixed, group, channel, row_number, is_robust = (np.concatenate(p) for p in zip(*parts, strict=True))
     return _Rows(x, y, fixed, group, channel, row_number, is_robust)
+
+
+def _rows_of(term: Term, view: ChannelView) -> Flags:
+    """Rows of a channel that the term can touch, whatever its shape. Shape (R,)."""
+    if view.name in term.effect.separable or view.name == Channel.SENSOR_NOISE:
+        return np.asarray((view.row_joint >= 0) & term.joints[np.maximum(view.row_joint, 0)])
+    legs = legs_of(term.joints, view)
+    return np.asarray((view.row_leg < 0) | legs[np.maximum(view.row_leg, 0)])
 
 
 def _without(nuisance: Array, values: Array) -> Array:

@@ -7,7 +7,6 @@ import pytest
 
 from diagnosis.channels.body.dynamics import DynamicsSignals, residuals
 from diagnosis.channels.body.stance import StanceSignals, feet
-from diagnosis.channels.body.vectors import cross
 from diagnosis.channels.build import build_views
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
@@ -41,8 +40,8 @@ def test_one_leg_that_differs_is_computed_alone(
     signals: tuple[DynamicsSignals, StanceSignals], name: str, joints: list[int]
 ) -> None:
     _, k = signals
-    changes = {name: getattr(k.kinematics, name) - 0.01 * np.isin(np.arange(12), joints)}
-    afresh = feet(replace(k.kinematics, **changes), k.foot_radius_m, k.standing)
+    changes = {name: getattr(k.inputs, name) - 0.01 * np.isin(np.arange(12), joints)}
+    afresh = feet(replace(k.inputs, **changes), k.standing)
     new = k.corrected(("test", name, *joints), **changes)
     np.testing.assert_array_equal(new, k.stack.smooth(afresh, k.rows))
     assert not np.array_equal(new, k.nominal)
@@ -50,12 +49,6 @@ def test_one_leg_that_differs_is_computed_alone(
 
 def test_one_foot_that_is_worn(signals: tuple[DynamicsSignals, StanceSignals]) -> None:
     _, k = signals
-    radius = k.foot_radius_m - np.array([0.0, 0.0, 0.004, 0.0])
-    afresh = feet(k.kinematics, radius, k.standing)
+    radius = k.inputs.foot_radius_m - np.array([0.0, 0.0, 0.004, 0.0])
+    afresh = feet(replace(k.inputs, foot_radius_m=radius), k.standing)
     np.testing.assert_array_equal(k.corrected("worn", foot_radius_m=radius), k.stack.smooth(afresh, k.rows))
-
-
-def test_the_cross_product_has_the_bits_of_numpys() -> None:
-    rng = np.random.default_rng(1)
-    a, b = rng.standard_normal((50, 4, 3, 3)), rng.standard_normal((50, 1, 1, 3))
-    np.testing.assert_array_equal(cross(a, b), np.cross(a, b))

@@ -14,7 +14,7 @@ from diagnosis.channels.channel_view import Array, ChannelView
 from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.library.base import acts_last, effect_columns
-from diagnosis.library.plain_effect import entry_of
+from diagnosis.library.extra_effect import entry_of
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.recording import record
 from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter

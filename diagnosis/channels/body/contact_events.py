@@ -9,28 +9,21 @@ is timed by its own velocity alone, so that a late flag shifts nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.body_model import BodyModel
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.stance import StanceSignals, feet
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
-from spot_model.effects.base import Effect
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags
 from spot_model.robot import facts
 from spot_model.robot.mjcf_options import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
 
-ROWS: Final = (
-    *(f"{leg}_flag" for leg in facts.LEG_NAMES),
-    *(f"{leg}_slip" for leg in facts.LEG_NAMES),
-    *(f"{leg}_stop" for leg in facts.LEG_NAMES),
-)
+ROWS: Final = tuple(f"{leg}_{kind}" for kind in ("flag", "slip", "stop") for leg in facts.LEG_NAMES)
 SEARCH: Final = 30
 """States on either side of a flag's change in which the force's crossing is looked for."""
 THRESHOLD_SHARE: Final = 0.25
@@ -62,140 +55,116 @@ FLAG_FLOOR_S: Final = 6e-3
 SLIP_FLOOR: Final = 0.05
 
 
-@dataclass(frozen=True)
-class ContactSignals:
-    """Signals of channel *contact events*."""
-
-    friction: Array
-    """Nominal coefficient of each foot, shape (4,)."""
+Events = tuple[NDArray[np.intp], NDArray[np.intp], Array]
+"""Rows of the stack, legs, and what was found of each."""
 
 
-def contact_view(
-    dynamics: DynamicsSignals, stance: StanceSignals, effects: Sequence[Effect]
-) -> ChannelView | ChannelOff:
+def contact_view(dynamics: DynamicsSignals, stance: StanceSignals) -> ChannelView | ChannelOff:
     """Build the channel *contact events*."""
-    if not dynamics.has_flags:
+    if not dynamics.stack.has("foot_contact"):
         return ChannelOff(Channel.CONTACT_EVENTS, "no contact flags")
-    stack = dynamics.stack
-    normal = vertical_force_n(dynamics)
-    rows, legs, late = _flag_delays(dynamics, normal)
-    friction = BodyModel(effects).foot_friction
     slip_rows, slip_legs, ratios = _slips(dynamics, stance)
-    stop_rows, stop_legs, stop_s = _stop_times(stance)
-    n_flags, n_slips, n_stops = len(rows), len(slip_rows), len(stop_rows)
-    n = n_flags + n_slips + n_stops
-    if n == 0:
+    stop_rows, stop_legs, stop_s = _stop_times(stance, dynamics.contact)
+    kinds: tuple[Events, ...] = (
+        _flag_delays(dynamics, vertical_force_n(dynamics)),
+        (slip_rows, slip_legs, ratios - dynamics.model.foot_friction[slip_legs]),
+        (stop_rows, stop_legs, stop_s - NOMINAL_STOP_S),
+    )
+    every = np.concatenate([rows for rows, _, _ in kinds])
+    if len(every) == 0:
         return ChannelOff(Channel.CONTACT_EVENTS, "no foot ever lifts off or touches down")
-    response = np.zeros((n, len(ROWS)))
+    at = np.arange(len(every)), np.concatenate([kind * facts.N_LEGS + legs for kind, (_, legs, _) in enumerate(kinds)])
+    response = np.zeros((len(every), len(ROWS)))
     usable = np.zeros(response.shape, dtype=np.bool_)
-    response[np.arange(n_flags), legs] = late
-    usable[np.arange(n_flags), legs] = True
-    at = n_flags + np.arange(n_slips)
-    response[at, facts.N_LEGS + slip_legs] = ratios - friction[slip_legs]
-    usable[at, facts.N_LEGS + slip_legs] = True
-    at = n_flags + n_slips + np.arange(n_stops)
-    response[at, 2 * facts.N_LEGS + stop_legs] = stop_s - NOMINAL_STOP_S
-    usable[at, 2 * facts.N_LEGS + stop_legs] = True
-    every = np.concatenate([rows, slip_rows, stop_rows])
-    numbers = np.arange(facts.N_LEGS, dtype=np.intp)
-    return ChannelView(
-        name=Channel.CONTACT_EVENTS,
+    response[at], usable[at] = np.concatenate([found for _, _, found in kinds]), True
+    legs = np.arange(facts.N_LEGS)
+    return dynamics.stack.view(
+        Channel.CONTACT_EVENTS,
+        every,
+        response,
         rows=ROWS,
         unit="s, 1, s",
-        response=response,
         usable=usable,
-        run=stack.run[every],
-        state=stack.state[every],
         noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR, STOP_FLOOR_S], facts.N_LEGS),
-        nuisance=np.zeros((*response.shape, 0)),
-        row_joint=np.full(len(ROWS), -1, dtype=np.intp),
-        row_leg=np.tile(numbers, 3),
-        leg_of_joint=np.repeat(numbers, 3),
-        signals=ContactSignals(friction),
-        measured={"slipping_samples": float(n_slips)},
+        row_leg=np.tile(legs, 3),
+        leg_of_joint=np.repeat(legs, 3),
+        signals=dynamics.model,
     )
+
+
+def _force_in_world_n(dynamics: DynamicsSignals) -> Array:
+    """Force on each foot at the kept rows; shape (n, 4, 3)."""
+    return np.asarray(rotate_wxyz(dynamics.inputs.world_from_body_wxyz[:, None, :], dynamics.nominal.foot_force_n))
 
 
 def vertical_force_n(dynamics: DynamicsSignals) -> Array:
     """Vertical force on each foot at the full rate, interpolated between the kept rows; shape (N, 4)."""
-    force = rotate_wxyz(dynamics.inputs.world_from_body_wxyz[:, None, :], dynamics.nominal.foot_force_n)[..., 2]
     every = np.arange(dynamics.stack.n)
-    return np.stack([np.interp(every, dynamics.rows, force[:, leg]) for leg in range(facts.N_LEGS)], axis=1)
+    force = _force_in_world_n(dynamics)[..., 2]
+    return np.stack([np.interp(every, dynamics.rows, of_leg) for of_leg in force.T], axis=1)
 
 
-def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Row, leg and lateness (s) of each change of a flag that has a clear crossing of the force beside it."""
-    stack = dynamics.stack
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
-    usable = stack.inner(stack.used, SEARCH, SEARCH)
-    rows, legs, late = [], [], []
+def _changes(contact: Flags, usable: Flags) -> Iterator[tuple[int, int, bool]]:
+    """Leg and row of each usable change of a flag, and whether it is a touch-down."""
     for leg in range(facts.N_LEGS):
-        changes = np.flatnonzero(np.diff(contact[:, leg].astype(np.int8))) + 1
-        for row in changes[usable[changes]]:
-            touches = bool(contact[row, leg])
-            window = normal_n[row - SEARCH : row + SEARCH, leg]
-            level = float(np.max(window[SEARCH:] if touches else window[:SEARCH]))
-            if level < MIN_LEVEL_N:
-                continue
-            above = window > THRESHOLD_SHARE * level
-            crossings = np.flatnonzero(np.diff(above.astype(np.int8)) == (1 if touches else -1))
-            if len(crossings) != 1:
-                continue
+        rows = np.flatnonzero(np.diff(contact[:, leg].astype(np.int8))) + 1
+        yield from ((leg, int(row), bool(contact[row, leg])) for row in rows[usable[rows]])
+
+
+def _events(found: Sequence[tuple[int, int, float]]) -> Events:
+    rows, legs, values = np.array(found, dtype=np.float64).reshape(-1, 3).T
+    return rows.astype(np.intp), legs.astype(np.intp), values
+
+
+def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> Events:
+    """Lateness (s) of each change of a flag that has a clear crossing of the force beside it."""
+    stack = dynamics.stack
+    found: list[tuple[int, int, float]] = []
+    for leg, row, touches in _changes(dynamics.contact, stack.inner(stack.used, SEARCH, SEARCH)):
+        window = normal_n[row - SEARCH : row + SEARCH, leg]
+        level = float(np.max(window[SEARCH:] if touches else window[:SEARCH]))
+        above = window > THRESHOLD_SHARE * level
+        crossings = np.flatnonzero(np.diff(above.astype(np.int8)) == (1 if touches else -1))
+        if level >= MIN_LEVEL_N and len(crossings) == 1:
             k = int(crossings[0])
             share = (THRESHOLD_SHARE * level - window[k]) / (window[k + 1] - window[k])
-            rows.append(int(row))
-            legs.append(leg)
-            late.append((SEARCH - (k + share)) * stack.period_s - FLAG_BIAS_S)
-    return (
-        np.array(rows, dtype=np.intp),
-        np.array(legs, dtype=np.intp),
-        np.array(late, dtype=np.float64),
-    )
+            found.append((row, leg, (SEARCH - (k + share)) * stack.period_s - FLAG_BIAS_S))
+    return _events(found)
 
 
-def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Row, leg and ratio of shear to normal force of each state in which a loaded foot slips."""
-    force = rotate_wxyz(dynamics.inputs.world_from_body_wxyz[:, None, :], dynamics.nominal.foot_force_n)
+def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> Events:
+    """Ratio of shear to normal force of each state in which a loaded foot slips."""
+    force = _force_in_world_n(dynamics)
     normal, shear = force[..., 2], np.hypot(force[..., 0], force[..., 1])
     velocity = stance.nominal[:, : 3 * facts.N_LEGS].reshape(-1, facts.N_LEGS, 3)
     sliding = np.hypot(velocity[..., 0], velocity[..., 1]) > SLIP_M_S
-    steady = stance.stack.inner(stance.stack.cat(lambda r: r.foot_contact).astype(np.bool_), 5, 5)[dynamics.rows]
-    loaded = steady & (normal > SLIP_NORMAL_N)
+    loaded = dynamics.stack.inner(dynamics.contact, 5, 5)[dynamics.rows] & (normal > SLIP_NORMAL_N)
     ratio = np.where(loaded, shear / np.maximum(normal, 1.0), 0.0)
     largest = float(np.quantile(ratio[loaded], LARGEST_QUANTILE)) if loaded.any() else np.inf
-    slipping = loaded & sliding & (ratio > NEAR_LIMIT * largest)
-    index, legs = np.nonzero(slipping)
-    return dynamics.rows[index], legs.astype(np.intp), ratio[index, legs]
+    index, legs = np.nonzero(loaded & sliding & (ratio > NEAR_LIMIT * largest))
+    return dynamics.rows[index], legs, ratio[index, legs]
 
 
-def _stop_times(stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Row and leg of each touch-down that is fast enough, and in which time (s) the ground takes half of its speed."""
+def _stop_times(stance: StanceSignals, contact: Flags) -> Events:
+    """In which time (s) the ground takes half of the speed of each touch-down that is fast enough."""
     stack = stance.stack
-    raw = feet(stance.kinematics, stance.foot_radius_m, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3]
-    velocity = stack.smooth(raw)
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
-    usable = stack.inner(stack.used, SEARCH, STOP_LAST)
-    rows, legs, times = [], [], []
-    for leg in range(facts.N_LEGS):
-        changes = np.flatnonzero(np.diff(contact[:, leg].astype(np.int8)) == 1) + 1
-        for row in changes[usable[changes]]:
-            path = velocity[row - STOP_AROUND : row + STOP_LAST, leg]
-            fastest = int(np.argmin(path[: 2 * STOP_AROUND + 1]))
-            falling = float(path[fastest])
-            if falling > -STOP_M_S or not contact[row : row + STOP_AROUND + 4, leg].all():
-                continue
-            first, last = (_crossing(path[fastest:], share * falling) for share in (STOP_FROM, STOP_TO))
-            if np.isfinite(last):
-                rows.append(int(row))
-                legs.append(leg)
-                times.append((last - first) * stack.period_s)
-    return np.array(rows, dtype=np.intp), np.array(legs, dtype=np.intp), np.array(times, dtype=np.float64)
+    velocity = stack.smooth(feet(stance.inputs, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3])
+    found: list[tuple[int, int, float]] = []
+    for leg, row, touches in _changes(contact, stack.inner(stack.used, SEARCH, STOP_LAST)):
+        path = velocity[row - STOP_AROUND : row + STOP_LAST, leg]
+        fastest = int(np.argmin(path[: 2 * STOP_AROUND + 1]))
+        falling = float(path[fastest])
+        if not touches or falling > -STOP_M_S or not contact[row : row + STOP_AROUND + 4, leg].all():
+            continue
+        first, last = (_crossing(path[fastest:], share * falling) for share in (STOP_FROM, STOP_TO))
+        if np.isfinite(last):
+            found.append((row, leg, (last - first) * stack.period_s))
+    return _events(found)
 
 
 def _crossing(path: Array, level: float) -> float:
     """Where a path that begins below a level first crosses it, in samples; infinite where it never does."""
-    above = np.flatnonzero(path[1:] >= level)
-    if len(above) == 0:
+    if not np.any(path[1:] >= level):
         return np.inf
-    k = int(above[0])
+    k = int(np.argmax(path[1:] >= level))
     return k + float((level - path[k]) / (path[k + 1] - path[k]))

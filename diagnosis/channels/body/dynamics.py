@@ -10,18 +10,18 @@ the body's rows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion, imu_gravity_m_s2, slope
-from diagnosis.channels.body.body_model import BodyModel
-from diagnosis.channels.body.vectors import cross
+from diagnosis.channels.body.body_model import GRAVITY_M_S2, BodyModel, Inputs, full_rate_inputs, imu_gravity_m_s2
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags
 from diagnosis.channels.stack import Stack
+from diagnosis.read.smoothing import REACH
 from spot_model.effects.base import Effect
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
@@ -30,22 +30,14 @@ from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
+NEEDED: Final = {
+    "position_rad": "joint positions",
+    "velocity_rad_s": "joint velocities",
+    "odom_from_body_wxyz": "attitude",
+    "angular_vel_of_body_in_odom_rad_s": "turn rate",
+}
 CARRIES: Final = 0.1
 """Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What inverse dynamics start from, n rows; a correction of a sensor replaces one of these."""
-
-    world_from_body_wxyz: Array
-    angular_vel_in_body_rad_s: Array
-    linear_acc_in_world_m_s2: Array
-    angular_acc_in_body_rad_s2: Array
-    position_rad: Array
-    velocity_rad_s: Array
-    acceleration_rad_s2: Array
-    load_nm: Array
 
 
 @dataclass(frozen=True)
@@ -59,15 +51,9 @@ class Residuals:
     foot_force_n: Array
     """Ground's force on each foot by the loads, body frame. Shape (n, 4, 3)."""
 
-
-@dataclass(frozen=True)
-class Known:
-    """What stays the same when only some of the smoothed signals change; expensive, so it is computed once."""
-
-    force: Array
-    """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
-    place: tuple[Array, Array]
-    """Contact points and their Jacobians."""
+    def of(self, channel: Channel) -> Array:
+        """What channel *load to motion* or *base wrench* shows."""
+        return self.joint_nm if channel == Channel.LOAD_TO_MOTION else self.base
 
 
 @dataclass(frozen=True)
@@ -89,15 +75,16 @@ class DynamicsSignals:
     """Rate of that."""
     contact: Flags
     """Feet on the ground at the full rate, by flags; where logs have none, by the forces on the feet. Shape (N, 4)."""
-    has_flags: bool
     nominal: Residuals
     """Smoothed, at the kept rows."""
     reference: Residuals
     """Of the smoothed signals: what changed residuals are compared with."""
-    known: Known
-    uses_imu: bool
-    imu_gravity_m_s2: float
-    """In the unit's readings; 0 without a unit."""
+    force: Array
+    """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
+    place: tuple[Array, Array]
+    """Contact points and their Jacobians; like the force the same for many changes of inputs."""
+    imu_gravity_m_s2: float | None
+    """In the inertial unit's readings; None where accelerations are not by one."""
     drive: ChannelView | None = None
     """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
@@ -105,21 +92,9 @@ class DynamicsSignals:
     def thinned(self, every: int) -> tuple[DynamicsSignals, Flags]:
         """Signals of one of ``every`` rows, and these rows."""
         keep = self.rows % (STRIDE * every) == 0
-        known = Known(self.known.force[keep], (self.known.place[0][keep], self.known.place[1][keep]))
-        made = replace(
-            self,
-            rows=self.rows[keep],
-            inputs=_of_rows(self.inputs, keep),
-            load_rate_nm_s=self.load_rate_nm_s[keep],
-            position_rate_rad_s=self.position_rate_rad_s[keep],
-            position_curvature_rad_s2=self.position_curvature_rad_s2[keep],
-            nominal=_of_rows(self.nominal, keep),
-            reference=_of_rows(self.reference, keep),
-            known=known,
-            drive=None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every)),
-            cache={},
-        )
-        return made, keep
+        drive = None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every))
+        rows = {name: _of_rows(getattr(self, name), keep) for name in BY_ROW}
+        return replace(self, **rows, drive=drive, cache={}), keep
 
     def with_inputs(self, key: object, **changes: Array) -> Residuals:
         """Residuals of the nominal model for other inputs; kept under ``key``."""
@@ -127,28 +102,15 @@ class DynamicsSignals:
             self.cache[key] = residuals(
                 self.model,
                 replace(self.inputs, **changes),
-                force=self.known.force if set(changes) <= {"load_nm"} else None,
-                place=self._place(changes),
+                force=self.force if changes.keys() <= {"load_nm"} else None,
+                place=None if changes.keys() & {"position_rad", "world_from_body_wxyz"} else self.place,
             )
         found: Residuals = self.cache[key]
         return found
 
-    def _place(self, changes: Mapping[str, Array]) -> tuple[Array, Array] | None:
-        """Contact points and Jacobians, those of legs that do not change as they are known; None where all change."""
-        if "world_from_body_wxyz" in changes:
-            return None
-        position = changes.get("position_rad", self.inputs.position_rad)
-        moved = np.any(position != self.inputs.position_rad, axis=0).reshape(facts.N_LEGS, 3).any(axis=1)
-        if moved.all():
-            return None
-        place = (self.known.place[0].copy(), self.known.place[1].copy()) if moved.any() else self.known.place
-        for leg in np.flatnonzero(moved):
-            legs = slice(int(leg), int(leg) + 1)
-            found = contact_point_and_jacobian(
-                position, self.inputs.world_from_body_wxyz, self.model.foot_radius_m, legs
-            )
-            place[0][:, legs], place[1][:, legs] = found
-        return place
+    def correction(self, channel: Channel, key: object, **changes: Array) -> Array:
+        """What the channel shows less what it would show for other inputs; shape (n, R)."""
+        return self.reference.of(channel) - self.with_inputs(key, **changes).of(channel)
 
     def shifted_s(self) -> Residuals:
         """Change of the residuals for each second that positions and attitude were older when the loads acted."""
@@ -161,69 +123,52 @@ class DynamicsSignals:
             position_rad=self.inputs.position_rad - age_s * self.inputs.velocity_rad_s,
             world_from_body_wxyz=np.asarray(earlier),
         )
-        return Residuals(
-            *((getattr(moved, f.name) - getattr(self.reference, f.name)) / age_s for f in fields(Residuals))
-        )
+        change = {f.name: getattr(moved, f.name) - getattr(self.reference, f.name) for f in fields(Residuals)}
+        return Residuals(**{name: value / age_s for name, value in change.items()})
 
     def with_effect(self, key: object, effect: Effect) -> Residuals:
         """Residuals of the nominal model with one more model effect; kept under ``key``."""
         if key not in self.cache:
             model = BodyModel((*self.effects, effect))
             same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
-            self.cache[key] = residuals(model, self.inputs, place=self.known.place if same else None)
+            self.cache[key] = residuals(model, self.inputs, place=self.place if same else None)
         found: Residuals = self.cache[key]
         return found
 
 
+BY_ROW: Final = (
+    *("rows", "inputs", "nominal", "reference", "force", "place"),
+    *("load_rate_nm_s", "position_rate_rad_s", "position_curvature_rad_s2"),
+)
+"""Fields of :class:`DynamicsSignals` with a value for each kept row."""
+
+
 def _of_rows(values: Any, keep: Flags) -> Any:
-    """Inputs or residuals of some rows."""
-    return replace(values, **{f.name: getattr(values, f.name)[keep] for f in fields(values)})
+    """Some rows of an array, or of all arrays that a tuple or a dataclass holds."""
+    if isinstance(values, tuple):
+        return tuple(v[keep] for v in values)
+    if isinstance(values, (Inputs, Residuals)):
+        return replace(values, **{f.name: getattr(values, f.name)[keep] for f in fields(values)})
+    return values[keep]
 
 
 def missing_for_dynamics(stack: Stack) -> str:
     """What logs lack for channels *load to motion* and *base wrench*, loads apart; empty if nothing."""
-    if stack.recordings[0].joint_names != facts.JOINT_NAMES:
+    if stack.joint_names != facts.JOINT_NAMES:
         return "no body model of this robot"
     if stack.too_coarse():
         return stack.too_coarse()
-    for signal, name in (
-        ("position_rad", "joint positions"),
-        ("velocity_rad_s", "joint velocities"),
-        ("odom_from_body_wxyz", "attitude"),
-        ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
-    ):
-        if not all(r.has(signal) for r in stack.recordings):
-            return f"no {name}"
-    has_velocity = all(r.has("linear_vel_of_body_in_odom_m_s") for r in stack.recordings)
-    if not has_velocity and not all(r.has("imu.acceleration_m_s2") for r in stack.recordings):
+    if missing := stack.missing(NEEDED):
+        return f"no {missing}"
+    if not stack.has("linear_vel_of_body_in_odom_m_s") and not stack.has("imu.acceleration_m_s2"):
         return "neither the body's velocity nor an inertial unit"
     return ""
 
 
 def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
-    """Smooth, differentiate and compute the nominal residuals.
-
-    Args:
-        stack: The recordings.
-        effects: The nominal model's.
-        drive: What stands in for the loads; None where they were measured.
-    """
-    usable = stack.inner(stack.used)
-    rows = np.flatnonzero(usable)
-    rows = rows[rows % STRIDE == 0]
-    base = base_motion(stack)
-    velocity = stack.filled(lambda r: r.velocity_rad_s)
-    load = stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm
-    raw = Inputs(
-        world_from_body_wxyz=base.odom_from_body_wxyz,
-        angular_vel_in_body_rad_s=base.angular_vel_in_body_rad_s,
-        linear_acc_in_world_m_s2=base.linear_acc_in_odom_m_s2,
-        angular_acc_in_body_rad_s2=base.angular_acc_in_body_rad_s2,
-        position_rad=stack.filled(lambda r: r.position_rad),
-        velocity_rad_s=velocity,
-        acceleration_rad_s2=slope(velocity, stack.period_s),
-        load_nm=load,
-    )
+    """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
+    rows = kept_rows(stack)
+    raw = full_rate_inputs(stack, stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm)
     inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name), rows) for f in fields(Inputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
@@ -231,53 +176,39 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     model = BodyModel(effects)
     full = residuals(model, raw)
     nominal = Residuals(*(stack.smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
-    force = needed_forces(model, inputs)
+    force = model.inverse_dynamics(inputs)
     place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
-    has_flags = all(r.has("foot_contact") for r in stack.recordings)
-    flags = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
+    has_flags = stack.has("foot_contact")
+    contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
         effects=tuple(effects),
         model=model,
         rows=rows,
         inputs=inputs,
-        load_rate_nm_s=stack.rate(load, rows),
+        load_rate_nm_s=stack.rate(raw.load_nm, rows),
         position_rate_rad_s=position_rate[rows],
         position_curvature_rad_s2=stack.rate(position_rate, rows),
-        contact=flags.astype(np.bool_),
-        has_flags=has_flags,
+        contact=contact.astype(np.bool_),
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),
-        known=Known(force, place),
-        uses_imu=base.uses_imu,
-        imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
+        force=force,
+        place=place,
+        imu_gravity_m_s2=imu_gravity_m_s2(stack),
         drive=drive,
     )
 
 
-def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:
-    """Feet that the ground pushes up by more than :data:`CARRIES` of the robot's weight, shape (N, 4).
+def kept_rows(stack: Stack, reach: int = REACH) -> NDArray[np.intp]:
+    """One of :data:`STRIDE` rows, where the filter reaches nothing that is not used."""
+    every = np.arange(stack.n) % STRIDE == 0
+    return np.flatnonzero(every & stack.inner(stack.used, reach, reach))
 
-    Args:
-        stack: The recordings.
-        inputs: At the full rate.
-        foot_force_n: The same, body frame. Shape (N, 4, 3).
-    """
+
+def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:
+    """Feet (N, 4) that the ground pushes up by more than :data:`CARRIES` of the robot's weight; all at full rate."""
     up = rotate_wxyz(inputs.world_from_body_wxyz[:, None, :], foot_force_n)[..., 2]
     return np.asarray(stack.smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
-
-
-def needed_forces(model: BodyModel, inputs: Inputs) -> Array:
-    """Generalised forces of the motion, shape (n, 18)."""
-    return model.inverse_dynamics(
-        world_from_body_wxyz=inputs.world_from_body_wxyz,
-        angular_vel_in_body_rad_s=inputs.angular_vel_in_body_rad_s,
-        linear_acc_in_world_m_s2=inputs.linear_acc_in_world_m_s2,
-        angular_acc_in_body_rad_s2=inputs.angular_acc_in_body_rad_s2,
-        position_rad=inputs.position_rad,
-        velocity_rad_s=inputs.velocity_rad_s,
-        acceleration_rad_s2=inputs.acceleration_rad_s2,
-    )
 
 
 def residuals(
@@ -285,7 +216,7 @@ def residuals(
 ) -> Residuals:
     """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
     if force is None:
-        force = needed_forces(model, inputs)
+        force = model.inverse_dynamics(inputs)
     joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
     wrench = feet_wrench(inputs, joint, model.foot_radius_m, place)
     needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
@@ -295,16 +226,9 @@ def residuals(
 def feet_wrench(
     inputs: Inputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
 ) -> Array:
-    """Force and moment on the body of the feet's forces that a joint residual stands for, leg by leg.
+    """Force and moment on the body of the feet's forces that a joint residual (n, 12) stands for, leg by leg.
 
-    Args:
-        inputs: Where the legs are.
-        joint_nm: Load less what the model needs. Shape (n, 12).
-        foot_radius_m: Shape (4,).
-        place: Contact points and Jacobians, where they are known already.
-
-    Returns:
-        Shape (n, 4, 6), body frame, about the body's origin.
+    Shape (n, 4, 6), body frame, about the body's origin; ``place`` where it is known already.
     """
     n = len(joint_nm)
     point, jacobian = place or contact_point_and_jacobian(
@@ -314,7 +238,7 @@ def feet_wrench(
     # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
     transposed = np.swapaxes(jacobian, -1, -2)
     force = np.linalg.solve(transposed + 1e-6 * np.eye(3), torque[..., None])[..., 0]
-    return np.concatenate([force, cross(point, force)], axis=2)
+    return np.concatenate([force, np.cross(point, force)], axis=2)
 
 
 def contact_point_and_jacobian(
@@ -322,15 +246,13 @@ def contact_point_and_jacobian(
 ) -> tuple[Array, Array]:
     """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
 
-    Returns:
-        Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
+    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
     """
     centre, jacobian = foot_position_and_jacobian(position_rad, legs)
-    n = len(position_rad)
-    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (n, 3)))
+    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (len(position_rad), 3)))
     arm = foot_radius_m[None, legs, None] * down[:, None, :]
     axes = leg_axes(position_rad, legs)
-    turned = np.swapaxes(cross(axes, arm[:, :, None, :]), -1, -2)
+    turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
     return centre + arm, jacobian + turned
 
 
@@ -341,7 +263,7 @@ def wrench_of_joints(signals: DynamicsSignals) -> Array:
         out = np.empty((n, facts.N_JOINTS, 6))
         for k in range(3):
             joint = np.broadcast_to(np.arange(facts.N_JOINTS) % 3 == k, (n, facts.N_JOINTS)).astype(np.float64)
-            out[:, k::3] = feet_wrench(signals.inputs, joint, signals.model.foot_radius_m, signals.known.place)
+            out[:, k::3] = feet_wrench(signals.inputs, joint, signals.model.foot_radius_m, signals.place)
         signals.cache["wrench_of_joints"] = out
     found: Array = signals.cache["wrench_of_joints"]
     return found

@@ -12,14 +12,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import imu_gravity_m_s2
+from diagnosis.channels.body.body_model import imu_gravity_m_s2
+from diagnosis.channels.body.dynamics import STRIDE, kept_rows
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.read.smoothing import REACH
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
-STRIDE: Final = 4
+NEEDED: Final = {
+    "imu.acceleration_m_s2": "inertial unit",
+    "odom_from_body_wxyz": "attitude",
+    "linear_vel_of_body_in_odom_m_s": "body velocity",
+}
 ROWS: Final = ("acceleration_x", "acceleration_y", "acceleration_z", "turn_x", "turn_y", "turn_z")
 FLOOR: Final = np.array([0.3, 0.3, 0.5, 0.03, 0.03, 0.03])
 """What impacts and soft mounts leave at least, m/s² and rad/s."""
@@ -59,20 +64,13 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     """Build the channel *inertial unit*."""
     if stack.too_coarse():
         return ChannelOff(Channel.INERTIAL_UNIT, stack.too_coarse())
-    for signal, name in (
-        ("imu.acceleration_m_s2", "inertial unit"),
-        ("odom_from_body_wxyz", "attitude"),
-        ("linear_vel_of_body_in_odom_m_s", "body velocity"),
-    ):
-        if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff(Channel.INERTIAL_UNIT, f"no {name}")
+    if missing := stack.missing(NEEDED):
+        return ChannelOff(Channel.INERTIAL_UNIT, f"no {missing}")
     gravity = imu_gravity_m_s2(stack)
     if gravity is None:
         return ChannelOff(Channel.INERTIAL_UNIT, "the inertial unit's mean reading is neither gravity nor none")
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
-    usable_rows = stack.inner(stack.used, 2 * REACH, 2 * REACH)
-    rows = np.flatnonzero(usable_rows)
-    rows = rows[rows % STRIDE == 0]
+    rows = kept_rows(stack, 2 * REACH)
     reading = stack.filled(lambda r: r.imu.acceleration_m_s2)
     age_s = stack.recordings[0].imu.age_s
     felt = np.asarray(rotate_wxyz(attitude, reading))
@@ -94,22 +92,16 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     upright = np.array([0.0, 0.0, gravity, 0.0, 0.0, 0.0])
     acceleration = felt_now - upright - signals.finish_rate(signals.linear_vel_in_odom_m_s)
     response = acceleration + _turns(signals, age_s)
-    none = np.full(len(ROWS), -1, dtype=np.intp)
-    return ChannelView(
-        name=Channel.INERTIAL_UNIT,
+    usable = np.ones(response.shape, dtype=np.bool_)
+    return stack.view(
+        Channel.INERTIAL_UNIT,
+        rows,
+        response,
         rows=ROWS,
         unit="m/s², rad/s",
-        response=response,
-        usable=np.ones(response.shape, dtype=np.bool_),
-        run=stack.run[rows],
-        state=stack.state[rows],
-        noise=np.maximum(FLOOR, white_noise(response, np.ones(response.shape, dtype=np.bool_), is_smoothed=True)),
-        nuisance=np.zeros((*response.shape, 0)),
-        row_joint=none,
-        row_leg=none,
-        leg_of_joint=np.full(stack.recordings[0].n_joints, -1, dtype=np.intp),
+        usable=usable,
+        noise=np.maximum(FLOOR, white_noise(response, usable, is_smoothed=True)),
         signals=signals,
-        measured={"gravity_in_reading_m_s2": gravity},
     )
 
 

@@ -14,18 +14,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import imu_gravity_m_s2
-from diagnosis.channels.body.body_model import BodyModel
-from diagnosis.channels.body.dynamics import DynamicsSignals, contact_point_and_jacobian
-from diagnosis.channels.body.vectors import cross
+from diagnosis.channels.body.body_model import BodyModel, imu_gravity_m_s2
+from diagnosis.channels.body.dynamics import STRIDE, DynamicsSignals, contact_point_and_jacobian, kept_rows
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags, Ints
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz, yaw_rad
 
-STRIDE: Final = 4
 AFTER_TOUCH_DOWN: Final = 9
 BEFORE_LIFT_OFF: Final = 7
 """States by which a stance is shortened at its ends: flags come late, and impacts are smoothed over."""
@@ -49,6 +46,8 @@ class Kinematics:
     angular_vel_in_body_rad_s: Array
     position_rad: Array
     velocity_rad_s: Array
+    foot_radius_m: Array
+    """Shape (4,)."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +57,13 @@ class StanceSignals:
     stack: Stack
     rows: NDArray[np.intp]
     """Rows of the stack that are kept."""
-    kinematics: Kinematics
-    foot_radius_m: Array
+    inputs: Kinematics
     standing: Flags
     """Well within a stance, at the full rate. Shape (N, 4)."""
     nominal: Array
     """Smoothed response, shape (n, 16)."""
-    raw: tuple[Array, Array]
-    """Of the signals as they are, at the full rate: :func:`motion_of_feet`."""
+    raw_height_m: Array
+    """Of the contact points, at the full rate. Shape (N, 4)."""
     acceleration_in_body_m_s2: Array
     """Rate of the body's velocity as seen in the body, by the inertial unit where there is one. Shape (N, 3)."""
     dynamics: DynamicsSignals | None
@@ -77,86 +75,75 @@ class StanceSignals:
         keep = self.rows % (STRIDE * every) == 0
         return replace(self, rows=self.rows[keep], nominal=self.nominal[keep], cache={}), keep
 
-    def corrected(self, key: object, *, foot_radius_m: Array | None = None, **changes: Array) -> Array:
-        """The response if signals were others, smoothed, shape (n, 16); kept under ``key``."""
+    def corrected(self, key: object, **changes: Array) -> Array:
+        """The response if inputs were others, smoothed, shape (n, 16); kept under ``key``."""
         if key not in self.cache:
-            radius = self.foot_radius_m if foot_radius_m is None else foot_radius_m
-            self.cache[key] = self._corrected(radius, changes)
+            self.cache[key] = self._corrected(replace(self.inputs, **changes), self._changed_legs(changes))
         found: Array = self.cache[key]
         return found
 
-    def _corrected(self, radius: Array, changes: Mapping[str, Array]) -> Array:
+    def correction(self, _: Channel, key: object, **changes: Array) -> Array:
+        """What the channel shows less what it would show for other inputs; shape (n, 16)."""
+        return self.nominal - self.corrected(key, **changes)
+
+    def _corrected(self, inputs: Kinematics, legs: Ints | None) -> Array:
         """Computed for the one leg that differs, where it is one; the others' bits stay as they are."""
-        legs = self._changed_legs(radius, changes)
-        if legs is None:
-            return self.stack.smooth(feet(replace(self.kinematics, **changes), radius, self.standing), self.rows)
-        heading, height = motion_of_feet(replace(self.kinematics, **changes), radius, legs)
-        heights = self.raw[1].copy()
-        heights[:, legs] = height
-        raw = np.concatenate([heading.reshape(len(heading), -1), above_mean(heights, self.standing)], axis=1)
-        new = self.stack.smooth(raw, self.rows)
+        if legs is None or len(legs) != 1:
+            return self.stack.smooth(feet(inputs, self.standing), self.rows)
+        (leg,) = legs
+        heading, height = motion_of_feet(inputs, slice(leg, leg + 1))
+        heights = self.raw_height_m.copy()
+        heights[:, leg] = height[:, 0]
+        columns = [*range(3 * leg, 3 * leg + 3), *range(3 * facts.N_LEGS, len(ROWS))]
         out = self.nominal.copy()
-        out[:, 3 * legs.start : 3 * legs.stop] = new[:, : -facts.N_LEGS]
-        out[:, 3 * facts.N_LEGS :] = new[:, -facts.N_LEGS :]
+        out[:, columns] = self.stack.smooth(_rows_of(heading, heights, self.standing), self.rows)
         return out
 
-    def _changed_legs(self, radius: Array, changes: Mapping[str, Array]) -> slice | None:
-        """The one leg that differs; None for several, or none."""
-        differs = radius != self.foot_radius_m
-        for name, value in changes.items():
-            if name not in ("position_rad", "velocity_rad_s"):
-                return None
-            joints = np.any(value != getattr(self.kinematics, name), axis=0)
-            differs = differs | joints.reshape(facts.N_LEGS, 3).any(axis=1)
-        found = np.flatnonzero(differs)
-        return slice(int(found[0]), int(found[0]) + 1) if len(found) == 1 else None
+    def _changed_legs(self, changes: Mapping[str, Array]) -> Ints | None:
+        """Legs with other joints or feet; None where something else changes."""
+        if not changes.keys() <= {"position_rad", "velocity_rad_s", "foot_radius_m"}:
+            return None
+        differs = [np.atleast_2d(value != getattr(self.inputs, name)) for name, value in changes.items()]
+        by_leg = [d.reshape(len(d), facts.N_LEGS, -1).any(axis=(0, 2)) for d in differs]
+        return np.flatnonzero(np.any(by_leg, axis=0))
 
     def finish_velocity(self, in_body: Array) -> Array:
         """A change of the body's velocity (N, 3), body frame, as all feet see it: smoothed, shape (n, 16)."""
-        heading = _in_heading(self.kinematics.odom_from_body_wxyz, in_body)
-        per_foot = np.tile(heading, (1, facts.N_LEGS))
-        return np.concatenate(
-            [self.stack.smooth(per_foot, self.rows), np.zeros((len(self.rows), facts.N_LEGS))], axis=1
-        )
+        heading = _in_heading(self.inputs.odom_from_body_wxyz, in_body)
+        velocities = self.stack.smooth(np.tile(heading, (1, facts.N_LEGS)), self.rows)
+        return np.pad(velocities, ((0, 0), (0, facts.N_LEGS)))
 
 
 def stance_view(
     stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSignals | None = None
 ) -> ChannelView | ChannelOff:
     """Build the channel *stance kinematics*; ``dynamics`` gives the feet's forces to what depends on them."""
-    if stack.recordings[0].joint_names != facts.JOINT_NAMES:
+    if stack.joint_names != facts.JOINT_NAMES:
         return ChannelOff(Channel.STANCE_KINEMATICS, "no body model of this robot")
-    for signal, name in (
-        ("position_rad", "joint positions"),
-        ("velocity_rad_s", "joint velocities"),
-        *(() if dynamics is not None else [("foot_contact", "contact flags")]),
-        ("odom_from_body_wxyz", "attitude"),
-        ("linear_vel_of_body_in_odom_m_s", "body velocity"),
-        ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
-    ):
-        if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff(Channel.STANCE_KINEMATICS, f"no {name}")
+    needed = {"position_rad": "joint positions", "velocity_rad_s": "joint velocities"}
+    needed |= {"foot_contact": "contact flags"} if dynamics is None else {}
+    needed |= {"odom_from_body_wxyz": "attitude", "linear_vel_of_body_in_odom_m_s": "body velocity"}
+    if missing := stack.missing({**needed, "angular_vel_of_body_in_odom_rad_s": "turn rate"}):
+        return ChannelOff(Channel.STANCE_KINEMATICS, f"no {missing}")
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
     attitude = np.where(np.abs(attitude).sum(axis=1, keepdims=True) > 0.5, attitude, np.array([1.0, 0.0, 0.0, 0.0]))
-    kinematics = Kinematics(
+    linear, angular = (
+        rotate_inverse_wxyz(attitude, stack.filled(of))
+        for of in (lambda r: r.linear_vel_of_body_in_odom_m_s, lambda r: r.angular_vel_of_body_in_odom_rad_s)
+    )
+    inputs = Kinematics(
         odom_from_body_wxyz=attitude,
-        linear_vel_in_body_m_s=rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s)),
-        angular_vel_in_body_rad_s=rotate_inverse_wxyz(
-            attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s)
-        ),
+        linear_vel_in_body_m_s=linear,
+        angular_vel_in_body_rad_s=angular,
         position_rad=stack.filled(lambda r: r.position_rad),
         velocity_rad_s=stack.filled(lambda r: r.velocity_rad_s),
+        foot_radius_m=BodyModel(effects).foot_radius_m,
     )
     contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_) if dynamics is None else dynamics.contact
     standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)
-    if dynamics is None:
-        rows = np.flatnonzero(stack.inner(stack.used))
-        rows = rows[rows % STRIDE == 0]
-    else:
-        rows = dynamics.rows
-    radius = BodyModel(effects).foot_radius_m
-    raw = motion_of_feet(kinematics, radius)
-    response = stack.smooth(_rows_of(*raw, standing), rows)
+    rows = kept_rows(stack)
+    heading, height = motion_of_feet(inputs)
+    response = stack.smooth(_rows_of(heading, height, standing), rows)
     steady = stack.inner(standing)[rows]
     # A height means something against another foot's, and the same feet must stand throughout the filter's reach.
     unchanged = np.all((stack.inner(contact) | stack.inner(~contact))[rows], axis=1)
@@ -164,51 +151,43 @@ def stance_view(
     settled = steady & stack.inner(contact, SPRINGS_BACK, 0)[rows]
     velocities = np.stack([steady, steady, settled], axis=2).reshape(len(rows), -1)
     usable = np.concatenate([velocities, several], axis=1)
-    legs = np.arange(facts.N_LEGS, dtype=np.intp)
-    signals = StanceSignals(
-        stack, rows, kinematics, radius, standing, response, raw, _acceleration_in_body(stack, kinematics), dynamics
-    )
+    legs = np.arange(facts.N_LEGS)
+    acceleration = _acceleration_in_body(stack, inputs)
     floor = np.concatenate([np.tile(VELOCITY_FLOOR_M_S, facts.N_LEGS), np.full(4, HEIGHT_FLOOR_M)])
-    return ChannelView(
-        name=Channel.STANCE_KINEMATICS,
+    return stack.view(
+        Channel.STANCE_KINEMATICS,
+        rows,
+        response,
         rows=ROWS,
         unit="m/s, m",
-        response=response,
         usable=usable,
-        run=stack.run[rows],
-        state=stack.state[rows],
         noise=np.maximum(floor, white_noise(response, usable, is_smoothed=True)),
-        nuisance=np.zeros((*response.shape, 0)),
-        row_joint=np.full(len(ROWS), -1, dtype=np.intp),
         row_leg=np.concatenate([np.repeat(legs, 3), legs]),
         leg_of_joint=np.repeat(legs, 3),
-        signals=signals,
+        signals=StanceSignals(stack, rows, inputs, standing, response, height, acceleration, dynamics),
     )
 
 
-def feet(k: Kinematics, foot_radius_m: Array, standing: Flags) -> Array:
+def feet(k: Kinematics, standing: Flags) -> Array:
     """Velocities of the contact points in the heading frame, then heights less the standing feet's mean; (N, 16)."""
-    return _rows_of(*motion_of_feet(k, foot_radius_m), standing)
+    return _rows_of(*motion_of_feet(k), standing)
 
 
-def motion_of_feet(k: Kinematics, foot_radius_m: Array, legs: slice = slice(None)) -> tuple[Array, Array]:
+def motion_of_feet(k: Kinematics, legs: slice = slice(None)) -> tuple[Array, Array]:
     """Velocities of the contact points in the heading frame (N, 4, 3), and their heights (N, 4); of ``legs`` alone."""
-    point, jacobian = contact_point_and_jacobian(k.position_rad, k.odom_from_body_wxyz, foot_radius_m, legs)
+    point, jacobian = contact_point_and_jacobian(k.position_rad, k.odom_from_body_wxyz, k.foot_radius_m, legs)
     rates = k.velocity_rad_s.reshape(len(point), facts.N_LEGS, 1, 3)[:, legs]
     turn = k.angular_vel_in_body_rad_s[:, None, :]
-    velocity = k.linear_vel_in_body_m_s[:, None, :] + cross(turn, point) + (jacobian * rates).sum(axis=-1)
+    velocity = k.linear_vel_in_body_m_s[:, None, :] + np.cross(turn, point) + (jacobian * rates).sum(axis=-1)
     heading = _in_heading(k.odom_from_body_wxyz[:, None, :], velocity)
     return heading, np.asarray(rotate_wxyz(k.odom_from_body_wxyz[:, None, :], point)[..., 2])
 
 
-def above_mean(height: Array, standing: Flags) -> Array:
-    """Heights (N, 4) less their mean over the feet that stand."""
-    count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
-    return np.asarray(height - np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count)
-
-
 def _rows_of(heading: Array, height: Array, standing: Flags) -> Array:
-    return np.concatenate([heading.reshape(len(heading), -1), above_mean(height, standing)], axis=1)
+    """Velocities, then heights less their mean over the feet that stand."""
+    count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
+    above_mean = height - np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count
+    return np.concatenate([heading.reshape(len(heading), -1), above_mean], axis=1)
 
 
 def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
@@ -218,7 +197,7 @@ def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
         return np.asarray(np.gradient(k.linear_vel_in_body_m_s, stack.period_s, axis=0))
     upright = np.broadcast_to([0.0, 0.0, gravity], (stack.n, 3))
     felt = stack.filled(lambda r: r.imu.acceleration_m_s2) - rotate_inverse_wxyz(k.odom_from_body_wxyz, upright)
-    return np.asarray(felt - cross(k.angular_vel_in_body_rad_s, k.linear_vel_in_body_m_s))
+    return np.asarray(felt - np.cross(k.angular_vel_in_body_rad_s, k.linear_vel_in_body_m_s))
 
 
 def _in_heading(odom_from_body_wxyz: Array, in_body: Array) -> Array:

@@ -12,16 +12,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, uniform_filter1d
 from scipy.signal import lfilter
 
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags, Ints
-from diagnosis.channels.drive.chatter import rattling
-from diagnosis.channels.drive.load_lag import load_lag_s
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags
+from diagnosis.channels.drive.load_lag import load_lag_s, set_point_steps
 from diagnosis.channels.drive.nominal_torque import check_joints, direction, nominal_torque_nm, torque_after_nm
-from diagnosis.channels.low_pass import low_pass
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
@@ -30,10 +27,17 @@ from spot_model.robot.facts import N_JOINTS
 
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
+COMMANDED: Final = ("position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad", "kd_nm_s_per_rad")
 STOP_MARGIN_RAD: Final = 0.02
 BEFORE_FLAG: Final = 5
 AFTER_FLAG: Final = 2
 """States around a change of the contact flag that are left out: flags come late."""
+RATTLE_REACH: Final = 9
+"""States over which rattling is averaged, the reach of the smoothing filter."""
+RATTLE_RAD_S: Final = 0.25
+"""Root mean square of a velocity's second difference between states; a new set-point's step makes at most 0.2."""
+TIMES_USUAL: Final = 3.0
+"""Noisy velocities rattle all the time: only so many times the usual counts."""
 
 
 @dataclass(frozen=True)
@@ -115,76 +119,49 @@ class ActuatorSignals:
             motion.direction,
         )
 
-    def low_pass(self, raw: Array, time_constant_s: float) -> Array:
-        """First-order low pass of (N, J), each recording by itself, starting at rest at its first value."""
-        return low_pass(self.stack, raw, time_constant_s)
-
     def delayed(self, raw: Array, delay_s: float) -> Array:
         """(N, J) as it was a delay ago, each recording by itself, zero before its start."""
         whole, share = divmod(delay_s / self.period_s, 1.0)
-        out = np.zeros_like(raw)
-        for number in range(len(self.stack.recordings)):
-            rows = self.stack.run == number
-            for steps, weight in ((int(whole), 1.0 - share), (int(whole) + 1, share)):
-                kept = raw[rows][: max(0, int(rows.sum()) - steps)]
-                out[np.flatnonzero(rows)[steps:]] += weight * kept
-        return out
+        taps = [*np.zeros(int(whole)), 1.0 - share, share]
+        return self.stack.by_run(lambda part: lfilter(taps, 1.0, part, axis=0), raw)
 
     def integrated(self, raw: Array, decay_s: float) -> Array:
         """Solution of dy/dt = raw − y/decay from zero at each recording's start, shape of ``raw``."""
         keep = float(np.exp(-self.period_s / decay_s))
-        out = np.empty_like(raw)
-        for number in range(len(self.stack.recordings)):
-            rows = self.stack.run == number
-            out[rows] = lfilter([self.period_s], [1.0, -keep], raw[rows], axis=0)
-        return out
+        return self.stack.by_run(lambda part: lfilter([self.period_s], [1.0, -keep], part, axis=0), raw)
 
 
 def actuator_view(
     stack: Stack, effects: Sequence[Effect], limits_rad: tuple[Array, Array] | None = None
 ) -> ChannelView | ChannelOff:
-    """Build the channel *set-point to load*.
+    """Build the channel *set-point to load*, with the nominal model's effects.
 
-    Args:
-        stack: The recordings.
-        effects: The nominal model's.
-        limits_rad: Joint stops, low and high, each of shape (J,): a load there is not the motor's. None if unknown.
+    A load at a joint's stop is not the motor's: ``limits_rad`` are the stops, low and high, shape (J,), where known.
     """
-    for signal, name in (("load_nm", "torque"), ("position_rad", "position"), ("velocity_rad_s", "velocity")):
-        if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff(Channel.SET_POINT_TO_LOAD, f"no measured joint {name}")
+    if missing := stack.missing({"load_nm": "torque", "position_rad": "position", "velocity_rad_s": "velocity"}):
+        return ChannelOff(Channel.SET_POINT_TO_LOAD, f"no measured joint {missing}")
     if any(len(r.commands) == 0 for r in stack.recordings):
         return ChannelOff(Channel.SET_POINT_TO_LOAD, "no commands")
     lag_s, note = load_lag_s(stack)
     signals = _signals(stack, effects, lag_s)
     raw = signals.load_nm - signals.torque_nm
-    losing = [effect for effect in effects if has_joint_loss(effect)]
-    for effect in losing:
-        check_joints(effect, raw.shape[1])
-    response = signals.finish(raw) + (joint_losses_nm(losing, signals.loss_motion()) if losing else 0.0)
+    response = signals.finish(raw) + _losses_nm(effects, signals.loss_motion())
     usable = np.repeat(stack.used[:, None], raw.shape[1], axis=1)
     if limits_rad is not None:
         low, high = limits_rad
         usable &= (signals.position_rad > low + STOP_MARGIN_RAD) & (signals.position_rad < high - STOP_MARGIN_RAD)
     usable &= ~_impacts(stack)
     kept = stack.inner(usable)[::STRIDE]
-    n_joints = raw.shape[1]
-    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
-    return ChannelView(
-        name=Channel.SET_POINT_TO_LOAD,
-        rows=stack.recordings[0].joint_names,
+    return stack.joint_view(
+        Channel.SET_POINT_TO_LOAD,
+        signals.kept,
+        response,
+        stack.legs,
         unit="N·m",
-        response=response,
         usable=kept,
-        run=stack.run[::STRIDE],
-        state=stack.state[::STRIDE],
         noise=white_noise(raw, usable),
         nuisance=signals.finish(_between_states(stack, lag_s))[:, :, None],
-        row_joint=np.arange(n_joints, dtype=np.intp),
-        row_leg=legs,
-        leg_of_joint=legs,
         signals=signals,
-        measured={"load_lag_s": lag_s},
         notes=(note,) if note else (),
     )
 
@@ -196,41 +173,48 @@ def stand_in_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView:
     it with the motion.
     """
     bare = _signals(stack, effects, 0.0)
-    losing = [effect for effect in effects if has_joint_loss(effect)]
-    load = bare.torque_nm
-    if losing:
-        motion = LossMotion(
-            velocity_rad_s=bare.still_velocity_rad_s,
-            acceleration_rad_s2=stack.rate(bare.velocity_rad_s),
-            direction=direction(bare.still_velocity_rad_s),
-        )
-        load = load - joint_losses_nm(losing, motion)
-    signals = replace(bare, load_nm=load)
-    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
-    shape = signals.finish(load).shape
-    return ChannelView(
-        name=Channel.SET_POINT_TO_LOAD,
-        rows=stack.recordings[0].joint_names,
+    still = bare.still_velocity_rad_s
+    motion = LossMotion(still, stack.rate(bare.velocity_rad_s), direction(still))
+    load = bare.torque_nm - _losses_nm(effects, motion)
+    nothing = np.zeros_like(load[bare.kept])
+    return stack.joint_view(
+        Channel.SET_POINT_TO_LOAD,
+        bare.kept,
+        nothing,
+        stack.legs,
         unit="N·m",
-        response=np.zeros(shape),
-        usable=np.repeat(stack.inner(stack.used)[::STRIDE, None], shape[1], axis=1),
-        run=stack.run[::STRIDE],
-        state=stack.state[::STRIDE],
-        noise=np.ones(shape[1]),
-        nuisance=np.zeros((*shape, 0)),
-        row_joint=np.arange(shape[1], dtype=np.intp),
-        row_leg=legs,
-        leg_of_joint=legs,
-        signals=signals,
+        usable=np.repeat(stack.inner(stack.used)[bare.kept, None], nothing.shape[1], axis=1),
+        noise=np.ones(nothing.shape[1]),
+        signals=replace(bare, load_nm=load),
         is_measured=False,
     )
 
 
+def _losses_nm(effects: Sequence[Effect], motion: LossMotion) -> Array | float:
+    """What the nominal model's friction and rotors take between motor and load cell."""
+    losing = [effect for effect in effects if has_joint_loss(effect)]
+    for effect in losing:
+        check_joints(effect, motion.velocity_rad_s.shape[1])
+    return joint_losses_nm(losing, motion) if losing else 0.0
+
+
+def rattling(stack: Stack) -> Flags:
+    """Where a joint's velocity rattles, by impacts or a foot that skips over the ground; shape (N, J).
+
+    The load of one instant says little there of the mean acceleration between states, and no filter mends that.
+    """
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    second = np.zeros_like(velocity)
+    second[1:-1] = velocity[2:] - 2.0 * velocity[1:-1] + velocity[:-2]
+    size = np.sqrt(uniform_filter1d(second**2, RATTLE_REACH, axis=0))
+    usual = np.median(size[stack.used], axis=0) if stack.used.any() else np.zeros(velocity.shape[1])
+    return np.asarray(size > np.maximum(RATTLE_RAD_S, TIMES_USUAL * usual))
+
+
 def _impacts(stack: Stack) -> Flags:
     """States at which a joint rattles, or its foot touches down or lifts off, shape (N, J)."""
-    hit = rattling(stack)
-    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
-    if all(r.has("foot_contact") for r in stack.recordings):
+    hit, legs = rattling(stack), stack.legs
+    if stack.has("foot_contact"):
         contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
         change = np.zeros_like(contact)
         change[1:] = contact[1:] != contact[:-1]
@@ -238,7 +222,7 @@ def _impacts(stack: Stack) -> Flags:
         reach[: BEFORE_FLAG + AFTER_FLAG + 1] = True
         around = np.asarray(binary_dilation(change, reach))
         hit[:, legs >= 0] |= around[:, legs[legs >= 0]]
-    return np.asarray(hit)
+    return hit
 
 
 def _between_states(stack: Stack, lag_s: float) -> Array:
@@ -250,11 +234,8 @@ def _between_states(stack: Stack, lag_s: float) -> Array:
     parts: list[Array] = []
     for recording in stack.recordings:
         out = np.zeros((len(recording), recording.n_joints))
-        order = np.argsort(recording.command_ns, kind="stable")
-        commands = recording.commands
-        step = np.diff((commands.kp_nm_per_rad * commands.position_rad)[order], axis=0)
-        state, later = recording.next_row(recording.command_ns[order][1:])
-        inside = (recording.command_ns[order][1:] > recording.start_ns) & (state < len(recording)) & (later < 1.0)
+        step, received_ns, state, later = set_point_steps(recording)
+        inside = (received_ns > recording.start_ns) & (state < len(recording)) & (later < 1.0)
         share = later[inside]
         seen = (share * recording.period_s >= lag_s).astype(np.float64)
         np.add.at(out, state[inside], (seen - share)[:, None] * np.nan_to_num(step[inside]))
@@ -262,82 +243,49 @@ def _between_states(stack: Stack, lag_s: float) -> Array:
     return np.concatenate(parts)
 
 
-def leg_of_joint(joint_names: Sequence[str], foot_names: Sequence[str]) -> Ints:
-    """Leg of each joint by the joint's prefix, -1 where none fits; shape (J,)."""
-    legs = {name: i for i, name in enumerate(foot_names)}
-    return np.array([legs.get(name.split("_")[0], -1) for name in joint_names], dtype=np.intp)
+def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:
+    """Signals a lag before each state: joints interpolated, and the servo law of the command in effect then."""
+    step_s, now = stack.step_s(), stack.filled(lambda r: r.velocity_rad_s)
 
+    def before(values: Array, by_s: float) -> Array:
+        earlier = np.concatenate([values[:1], values[:-1]])
+        return values + np.minimum(by_s / step_s, 1.0) * (earlier - values)
 
-def _at_lag(stack: Stack, lag_s: float) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Joint positions and velocities a lag before each state, and the rows of commands in effect then."""
-    share = np.minimum(lag_s / stack.step_s(), 1.0)
-    position, velocity = stack.filled(lambda r: r.position_rad), stack.filled(lambda r: r.velocity_rad_s)
-    rows = np.concatenate([r.command_row(-lag_s) for r in stack.recordings])
-    return _shifted(position, share), _shifted(velocity, share), rows
-
-
-def _shifted(values: Array, share: Array) -> Array:
-    """Values a share (n, 1) of the step before earlier, by the straight line between neighbours."""
-    earlier = np.concatenate([values[:1], values[:-1]])
-    return np.asarray(values + share * (earlier - values))
-
-
-def _request(stack: Stack, position: Array, velocity: Array, rows: NDArray[np.intp]) -> Array:
-    """The servo law for commands by row within each recording; 0 before the first."""
-
-    def of(name: str) -> Array:
-        return _commanded(stack, rows, name)
-
-    asked = pd_torque(
+    position, velocity = before(stack.filled(lambda r: r.position_rad), lag_s), before(now, lag_s)
+    commands: dict[str, list[Array]] = {name: [] for name in COMMANDED}
+    ages: list[Array] = []
+    for recording in stack.recordings:
+        row = recording.command_row(-lag_s)
+        # Before the first command nothing is asked for.
+        known, row = row >= 0, np.maximum(row, 0)
+        for name, parts in commands.items():
+            parts.append(np.where(known[:, None], getattr(recording.commands, name)[row], 0.0))
+        age_s = (recording.stamp_ns - recording.command_ns[row]) * 1e-9 - lag_s
+        ages.append(np.where(known, age_s, np.inf))
+    asked = {name: np.nan_to_num(np.concatenate(parts)) for name, parts in commands.items()}
+    request = pd_torque(
         position_rad=position,
         velocity_rad_s=velocity,
-        setpoint_position_rad=of("position_rad"),
-        setpoint_velocity_rad_s=of("velocity_rad_s"),
-        feedforward_nm=of("load_nm"),
-        kp_nm_per_rad=of("kp_nm_per_rad"),
-        kd_nm_s_per_rad=of("kd_nm_s_per_rad"),
+        setpoint_position_rad=asked["position_rad"],
+        setpoint_velocity_rad_s=asked["velocity_rad_s"],
+        feedforward_nm=asked["load_nm"],
+        kp_nm_per_rad=asked["kp_nm_per_rad"],
+        kd_nm_s_per_rad=asked["kd_nm_s_per_rad"],
     )
-    return np.asarray(np.where((rows >= 0)[:, None], asked, 0.0))
-
-
-def _commanded(stack: Stack, rows: NDArray[np.intp], name: str) -> Array:
-    """A column of the commands by row within each recording; before the first as in the first. Shape (N, J)."""
-    parts: list[Array] = [
-        getattr(r.commands, name)[np.maximum(rows[stack.run == i], 0)] for i, r in enumerate(stack.recordings)
-    ]
-    return np.nan_to_num(np.concatenate(parts))
-
-
-def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:
-    position, velocity, rows = _at_lag(stack, lag_s)
-    request = _request(stack, position, velocity, rows)
-    ages = _command_ages(stack, rows, lag_s)
     return ActuatorSignals(
         stack=stack,
         position_rad=position,
         velocity_rad_s=velocity,
         still_velocity_rad_s=stack.smooth(velocity),
-        inertial_velocity_rad_s=_at_lag(stack, 0.5 * lag_s)[1],
-        kd_nm_s_per_rad=np.where((rows >= 0)[:, None], _commanded(stack, rows, "kd_nm_s_per_rad"), 0.0),
+        inertial_velocity_rad_s=before(now, 0.5 * lag_s),
+        kd_nm_s_per_rad=asked["kd_nm_s_per_rad"],
         request_nm=request,
         torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.run, stack.period_s),
         load_nm=stack.filled(lambda r: r.load_nm),
-        command_age_s=ages,
+        command_age_s=np.concatenate(ages),
         lag_s=lag_s,
         effects=tuple(effects),
     )
-
-
-def _command_ages(stack: Stack, rows: NDArray[np.intp], lag_s: float) -> Array:
-    """Age of the command in effect at each row. Shape (N,)."""
-    ages = np.full(stack.n, np.inf)
-    for number, recording in enumerate(stack.recordings):
-        mine = stack.run == number
-        row = rows[mine]
-        known = row >= 0
-        received = recording.command_ns[np.maximum(row, 0)]
-        ages[mine] = np.where(known, (recording.stamp_ns - received) * 1e-9 - lag_s, np.inf)
-    return ages
 
 
 def _by_twelve(compute: Callable[..., Array], *columns: Array) -> Array:

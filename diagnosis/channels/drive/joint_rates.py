@@ -13,7 +13,6 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
-from diagnosis.channels.drive.actuator import leg_of_joint
 from diagnosis.channels.stack import Stack
 
 STRIDE: Final = 2
@@ -41,32 +40,20 @@ class RateSignals:
 
 
 def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | ChannelOff:
-    """Build the channel *joint rates*.
-
-    Args:
-        stack: The recordings.
-        velocity_age_s: How much older than its stamp a reported velocity is by convention.
-    """
-    for signal, name in (("position_rad", "positions"), ("velocity_rad_s", "velocities")):
-        if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff(Channel.JOINT_RATES, f"no measured joint {name}")
+    """Build the channel *joint rates*; by convention a reported velocity is so much older than its stamp."""
+    if missing := stack.missing({"position_rad": "positions", "velocity_rad_s": "velocities"}):
+        return ChannelOff(Channel.JOINT_RATES, f"no measured joint {missing}")
     velocity = stack.filled(lambda r: r.velocity_rad_s)
     position = stack.filled(lambda r: r.position_rad)
-    response = (stack.smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[::STRIDE]
-    n_joints = velocity.shape[1]
-    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
-    return ChannelView(
-        name=Channel.JOINT_RATES,
-        rows=stack.recordings[0].joint_names,
+    kept, n_joints = slice(None, None, STRIDE), velocity.shape[1]
+    response = (stack.smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[kept]
+    return stack.joint_view(
+        Channel.JOINT_RATES,
+        kept,
+        response,
+        stack.legs,
         unit="rad/s",
-        response=response,
-        usable=np.repeat(stack.inner(stack.used)[::STRIDE, None], n_joints, axis=1),
-        run=stack.run[::STRIDE],
-        state=stack.state[::STRIDE],
+        usable=np.repeat(stack.inner(stack.used)[kept, None], n_joints, axis=1),
         noise=np.full(n_joints, FLOOR_RAD_S),
-        nuisance=np.zeros((*response.shape, 0)),
-        row_joint=np.arange(n_joints, dtype=np.intp),
-        row_leg=legs,
-        leg_of_joint=legs,
         signals=RateSignals(stack, velocity),
     )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import Stack
 from diagnosis.read.pairing import LOAD_LAG_ROWS
+from diagnosis.read.recording import Recording
 from diagnosis.read.smoothing import eroded
 
 STEP_S: Final = 0.1e-3
@@ -32,13 +33,13 @@ def load_lag_s(stack: Stack) -> tuple[float, str]:
     after it was received, with what came before in the load beside it. The lag is where the first state starts to show
     it.
     """
-    steps, phase, first, second, before = _events(stack)
+    steps, phase, loads = _events(stack)
     period = stack.period_s
     assumed = LOAD_LAG_ROWS * period
     if len(phase) < MIN_EVENTS:
         return assumed, f"the load's lag is assumed to be {1e3 * assumed:.1f} ms: too few set-points"
     lags = np.arange(0.0, period + 0.5 * STEP_S, STEP_S)
-    costs = np.array([_cost(steps, phase, first, second, before, float(lag), period) for lag in lags])
+    costs = np.array([_cost(steps, phase - lag, loads, period) for lag in lags])
     near = lags[costs <= np.min(costs) + 0.02 * (np.max(costs) - np.min(costs))]
     # Set-points that always come at one phase leave all lags before it alike.
     wide = float(near.max() - near.min())
@@ -46,43 +47,43 @@ def load_lag_s(stack: Stack) -> tuple[float, str]:
     return float(np.mean(near)), note if wide > WIDE_SHARE * period else ""
 
 
-def _events(stack: Stack) -> tuple[Array, Array, Array, Array, Array]:
-    """Set-point steps (m, J) in N·m, phases (m,) in s, load changes at two states (m, J), and before (m, J, 2)."""
-    found: list[tuple[Array, Array, Array, Array, Array]] = []
-    for number, recording in enumerate(stack.recordings):
-        load = recording.load_nm
-        used = eroded(stack.used[stack.run == number], 4, 4)
-        order = np.argsort(recording.command_ns, kind="stable")
-        commands = recording.commands
-        size = (commands.kp_nm_per_rad * commands.position_rad)[order]
-        step = np.diff(size, axis=0)
-        state, later = recording.next_row(recording.command_ns[order][1:])
-        good = (state > 3) & (state < len(recording) - 4)
-        row = state[good]
-        keep = used[row]
-        row, phase = row[keep], later[good][keep] * recording.period_s
-        change = np.diff(load, axis=0, prepend=load[:1])
-        earlier = np.stack([change[row - 1], change[row - 2]], axis=-1)
-        found.append((step[good][keep], phase, change[row], change[row + 1], earlier))
-    parts = [np.concatenate(p) for p in zip(*found, strict=True)]
-    finite = np.isfinite(np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)).all(axis=1)
+def set_point_steps(recording: Recording) -> tuple[Array, NDArray[np.int64], NDArray[np.intp], Array]:
+    """New set-points in their order, m in all.
+
+    Returns:
+        Stiffness times the step (m, J), N·m; when it was received, ns; the state after that, and how many periods later
+        that is.
+    """
+    order = np.argsort(recording.command_ns, kind="stable")
+    commands, received_ns = recording.commands, recording.command_ns[order][1:]
+    step = np.diff((commands.kp_nm_per_rad * commands.position_rad)[order], axis=0)
+    return step, received_ns, *recording.next_row(received_ns)
+
+
+def _events(stack: Stack) -> tuple[Array, Array, Array]:
+    """Set-point steps (m, J), N·m, phases (m,), s, and changes of the load from two states before to one after."""
+    found: list[tuple[Array, Array, Array]] = []
+    for used, recording in zip(np.split(stack.used, stack.starts()[1:]), stack.recordings, strict=True):
+        step, _, state, later = set_point_steps(recording)
+        inside = (state > 3) & (state < len(recording) - 4)
+        keep = np.flatnonzero(inside)[eroded(used, 4, 4)[state[inside]]]
+        change = np.diff(recording.load_nm, axis=0, prepend=recording.load_nm[:1])
+        loads = np.stack([change[state[keep] + k] for k in (-2, -1, 0, 1)], axis=-1)
+        found.append((step[keep], later[keep] * recording.period_s, loads))
+    steps, phase, loads = (np.concatenate(p) for p in zip(*found, strict=True))
+    finite = np.isfinite(steps).all(axis=1) & np.isfinite(phase) & np.isfinite(loads).all(axis=(1, 2))
     thin = max(1, -(-int(finite.sum()) // MAX_EVENTS))
-    steps, phase, first, second, before = (p[finite][::thin] for p in parts)
-    return steps, phase, first, second, before
+    return steps[finite][::thin], phase[finite][::thin], loads[finite][::thin]
 
 
-def _cost(
-    steps: Array, phase: Array, first: Array, second: Array, before: Array, lag_s: float, period_s: float
-) -> float:
-    """Robust cost of the best fit with this lag, all joints together."""
-    shows = (phase > lag_s)[:, None]
-    since = ((phase - lag_s) / period_s)[:, None]
+def _cost(steps: Array, since_s: Array, loads: Array, period_s: float) -> float:
+    """Robust cost of the best fit with a lag, all joints together; ``since_s`` is the phase less the lag, (m,)."""
+    shows, since = (since_s > 0.0)[:, None], (since_s / period_s)[:, None]
+    before, last, first, second = np.moveaxis(loads, -1, 0)
     zero = np.zeros_like(steps)
-    now = [steps * shows, steps * shows * since, zero]
-    later = [steps * ~shows, steps * ~shows * (1.0 + since), steps * shows]
+    now = [steps * shows, steps * shows * since, zero, last, before]
+    later = [steps * ~shows, steps * ~shows * (1.0 + since), steps * shows, first, last]
     x = np.concatenate([np.stack(now, axis=-1), np.stack(later, axis=-1)])
-    past = np.concatenate([before, np.stack([first, before[..., 0]], axis=-1)])
-    x = np.concatenate([x, past], axis=-1)
     y = np.concatenate([first, second])
     residual = y - _fitted(x, y, np.ones_like(y))
     bound = 2.0 * 1.4826 * np.median(np.abs(residual), axis=0) + 1e-9

@@ -18,22 +18,9 @@ FRICTION_SPEED_RAD_S: Final = 0.05
 
 
 def nominal_torque_nm(
-    effects: Sequence[Effect],
-    request_nm: Array,
-    position_rad: Array,
-    velocity_rad_s: Array,
-    run: Ints,
-    period_s: float,
+    effects: Sequence[Effect], request_nm: Array, position_rad: Array, velocity_rad_s: Array, run: Ints, period_s: float
 ) -> Array:
-    """Motor torque of the nominal model.
-
-    Args:
-        effects: The nominal model's.
-        request_nm: The servo law's torque. Shape (N, J).
-        position_rad: Shape (N, J).
-        velocity_rad_s: Shape (N, J).
-        run: Recording of each row, rising: memories start afresh with each. Shape (N,).
-        period_s: Time between rows.
+    """Motor torque of the nominal model, of the servo law's request; arguments as of :func:`torque_after_nm`.
 
     Raises:
         BadInputError: There are torque effects, and the robot has not Spot's joints.
@@ -61,19 +48,11 @@ def torque_after_nm(
 ) -> Array:
     """The effect's formula at every joint, recordings side by side where it carries something from step to step.
 
-    Args:
-        effect: Its parameters are numbers, or arrays of shape (12,).
-        torque_nm: What goes in. Shape (N, J).
-        position_rad: Shape (N, J).
-        velocity_rad_s: Shape (N, J).
-        run: Recording of each row, rising. Shape (N,).
-        period_s: Time between rows.
-
-    Returns:
-        Shape (N, J).
+    Signals and result have shape (N, J); ``run`` is the recording of each row, rising, shape (N,). The effect's
+    parameters are numbers, or arrays of shape (12,).
     """
     ready = effect.arrays_like(torque_nm)
-    if not _carries(ready, torque_nm[:1], period_s):
+    if effect.is_memoryless:
         motion = Motion(position_rad, velocity_rad_s, period_s)
         return np.asarray(ready.torque(torque_nm, motion, ready.start(torque_nm))[0])
     (torque, position, velocity), place = side_by_side(run, torque_nm, position_rad, velocity_rad_s)
@@ -84,11 +63,7 @@ def torque_after_nm(
 
 
 def side_by_side(run: Ints, *values: Array) -> tuple[Array, tuple[Ints, Ints]]:
-    """Recordings beside each other, zero after their ends, so that one step serves all.
-
-    Args:
-        run: Recording of each row, rising. Shape (N,).
-        values: Each of shape (N, J).
+    """Recordings beside each other, zero after their ends, so that one step serves all; values of shape (N, J).
 
     Returns:
         Shape (number of values, longest recording, number of recordings, J), and the place of each row in it.
@@ -101,26 +76,13 @@ def side_by_side(run: Ints, *values: Array) -> tuple[Array, tuple[Ints, Ints]]:
     return out, place
 
 
-def _carries(effect: TorqueEffect, torque: Array, period_s: float) -> bool:
-    """Whether the effect carries anything from one step to the next: its memory changes when it is used."""
-    memory = effect.start(torque)
-    _, after = effect.torque(torque + 1.0, Motion(torque * 0.0, torque * 0.0 + 1.0, period_s), memory)
-    return after is not memory
-
-
 def direction(velocity_rad_s: Array) -> Array:
     """Sign of a velocity, smooth near zero; same shape."""
     return np.asarray(smooth_sign(velocity_rad_s, FRICTION_SPEED_RAD_S))
 
 
 def presliding(position_rad: Array, run: Ints, distance_rad: float) -> Array:
-    """Dry friction over its level, as it builds up over a distance after each reversal (Dahl); same shape.
-
-    Args:
-        position_rad: Shape (N, J).
-        run: Recording of each row, rising. Shape (N,).
-        distance_rad: Over which a contact that sticks gives way, > 0.
-    """
+    """Dry friction over its level, as it builds up over a distance after each reversal (Dahl); shape (N, J)."""
     (position,), place = side_by_side(run, position_rad)
     moved = np.diff(position, axis=0, prepend=position[:1])
     towards, keep = np.sign(moved), np.exp(-np.abs(moved) / distance_rad)

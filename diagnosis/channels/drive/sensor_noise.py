@@ -8,21 +8,17 @@ quartile has more, while little is asked for. The load's noise is that of the lo
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags
-from diagnosis.channels.drive.actuator import ActuatorSignals, leg_of_joint
+from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
-from diagnosis.read.recording import Recording
 
-SIGNALS: Final = ("position", "velocity", "load")
-KNOCKS: Final = "knocks"
-"""The fourth group of rows."""
+SIGNALS: Final = {"position": "position_rad", "velocity": "velocity_rad_s", "load": "load_nm", "knocks": "load_nm"}
+"""The groups of rows, and what a log must have for each."""
 USUAL: Final = np.array([4e-4, 0.06, 0.5])
 """Usual standard deviations, rad, rad/s, N·m: an encoder, its derivative with what motion leaks in, a strain gauge."""
 BLOCK: Final = 128
@@ -40,40 +36,18 @@ KNOCK_FLOOR: Final = 2.0
 MIN_SAMPLES: Final = 24
 
 
-@dataclass(frozen=True)
-class NoiseSignals:
-    """Signals of channel *sensor noise*."""
-
-    sigma: Array
-    """Standard deviation by block: position, velocity, load and knocks in turn, joints within. Shape (n, 4 J)."""
-
-
 def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> ChannelView | ChannelOff:
-    """Build the channel *sensor noise*; response and columns are variances in units of the usual ones.
-
-    Args:
-        stack: The recordings.
-        actuator: Channel *set-point to load*'s signals, where it is on.
-    """
-    parts: tuple[Callable[[Recording], Array], ...] = (
-        lambda r: r.position_rad,
-        lambda r: r.velocity_rad_s,
-        lambda r: r.load_nm,
-    )
-    if not all(r.has("position_rad") for r in stack.recordings):
+    """Build the channel *sensor noise*, variances in units of the usual ones; ``actuator`` where that channel is on."""
+    if not stack.has("position_rad"):
         return ChannelOff(Channel.SENSOR_NOISE, "no measured joint positions")
-    n_joints = stack.recordings[0].n_joints
-    groups = (*SIGNALS, KNOCKS)
-    rows = tuple(f"{joint}_{signal}" for signal in groups for joint in stack.recordings[0].joint_names)
-    blocks, runs, states = [], [], []
+    n_joints = len(stack.joint_names)
+    blocks, middles = [], []
     usable = stack.inner(stack.used, ORDER, ORDER)
-    starts = np.arange(0, stack.n - BLOCK, BLOCK)
-    values = np.concatenate([stack.filled(part) for part in parts], axis=1)
-    if actuator is not None:
-        values[:, 2 * n_joints :] = actuator.load_nm - actuator.torque_nm
-    square = _high_squares(values)
+    load = stack.filled(lambda r: r.load_nm) if actuator is None else actuator.load_nm - actuator.torque_nm
+    joints = stack.filled(lambda r: np.concatenate([r.position_rad, r.velocity_rad_s], axis=1))
+    square = _high_squares(np.concatenate([joints, load], axis=1))
     steps = _high_squares(actuator.torque_nm) if actuator is not None else None
-    for start in starts:
+    for start in range(0, stack.n - BLOCK, BLOCK):
         block = slice(start, start + BLOCK)
         good = usable[block]
         if good.sum() < BLOCK // 2:
@@ -82,36 +56,30 @@ def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> Channel
         knocks = np.full(n_joints, np.nan)
         if actuator is not None and steps is not None:
             little = np.abs(actuator.torque_nm[block]) < LITTLE_NM
-            load = square[block, 2 * n_joints :]
-            knocks = _knocks(load, steps[block], little & good[:, None], white[2 * n_joints :])
+            high = square[block, 2 * n_joints :]
+            knocks = _knocks(high, steps[block], little & good[:, None], white[2 * n_joints :])
         blocks.append(np.concatenate([white, knocks]))
-        middle = start + BLOCK // 2
-        runs.append(stack.run[middle])
-        states.append(stack.state[middle])
+        middles.append(start + BLOCK // 2)
     if not blocks:
         return ChannelOff(Channel.SENSOR_NOISE, "no stretch long enough")
     variance = np.stack(blocks)
     usual = np.repeat([*USUAL**2, USUAL[2] ** 2], n_joints)
-    names = ("position_rad", "velocity_rad_s", "load_nm", "load_nm")
-    has = np.repeat([all(r.has(name) for r in stack.recordings) for name in names], n_joints) & np.isfinite(variance)
-    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
+    has = np.repeat([stack.has(signal) for signal in SIGNALS.values()], n_joints) & np.isfinite(variance)
     # A knock has no usual size: what is left of the steps is taken off already.
     beyond = np.repeat([1.0, 1.0, 1.0, 0.0], n_joints)
     response = np.maximum(np.nan_to_num(variance) / usual - beyond, 0.0)
-    return ChannelView(
-        name=Channel.SENSOR_NOISE,
-        rows=rows,
+    return stack.view(
+        Channel.SENSOR_NOISE,
+        np.array(middles),
+        response,
+        rows=tuple(f"{joint}_{group}" for group in SIGNALS for joint in stack.joint_names),
         unit="usual variances",
-        response=response,
         usable=has,
-        run=np.array(runs, dtype=np.intp),
-        state=np.array(states, dtype=np.intp),
         noise=np.repeat([1.0, 1.0, 1.0, KNOCK_FLOOR], n_joints),
-        nuisance=np.zeros((*response.shape, 0)),
-        row_joint=np.tile(np.arange(n_joints, dtype=np.intp), len(groups)),
-        row_leg=np.tile(legs, len(groups)),
-        leg_of_joint=legs,
-        signals=NoiseSignals(np.sqrt(variance)),
+        row_joint=np.tile(np.arange(n_joints), len(SIGNALS)),
+        row_leg=np.tile(stack.legs, len(SIGNALS)),
+        leg_of_joint=stack.legs,
+        signals=None,
         is_robust=False,
     )
 

@@ -10,43 +10,34 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
-from diagnosis.channels.timing import FAST_QUANTILE, TimingSignals
-from diagnosis.library.base import ALL_OF_IT, WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location
-from diagnosis.library.experiments import WIRED_LINK, Experiment
-from spot_model.effects.base import Effect
+from diagnosis.channels.timing import FAST_QUANTILE, nominal_delay_s
+from diagnosis.library.base import ALL_OF_IT, WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location, constant_columns
+from diagnosis.library.experiments import WIRED_LINK
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.command.command_drop import CommandDrop
 from spot_model.effects.command.command_jitter import CommandJitter
 from spot_model.io.model_file import RobotModel
 
-DELAY, SPREAD, LOST = 0, 1, 2
-"""Rows of channel *time stamps*."""
 N_WAITS: Final = 8_000
 
 
 class _LinkEntry(LibraryEffect):
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.TIME_STAMPS,)
-    location: ClassVar[Location] = Location.ROBOT
-    split_by: ClassVar[Experiment] = WIRED_LINK
-
-    def rows(self, view: ChannelView, joints: Flags) -> Flags:
-        """All three, so that what one leaves in another's row counts against it."""
-        return np.ones(len(view.rows), dtype=np.bool_)
+    channels = (Channel.TIME_STAMPS,)
+    location = Location.ROBOT
+    split_by = WIRED_LINK
 
 
 class CommandDelayEntry(_LinkEntry):
     """All commands later by the same time."""
 
-    title: ClassVar[str] = "delay of commands"
-    effect: ClassVar[type[Effect]] = CommandDelay
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("delay_s", "s", -0.2, 0.2),)
-    confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "command_jitter")
+    title = "delay of commands"
+    effect = CommandDelay
+    coefficients = (Coefficient("delay_s", "s", -0.2, 0.2),)
+    confused_with = ("torque_bandwidth", "command_jitter")
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """One, in the delay."""
-        out = np.zeros((view.n, len(view.rows), 1))
-        out[:, DELAY, 0] = 1.0
-        return out
+        return constant_columns(view, np.array([1.0, 0.0, 0.0]))
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Delay beyond the nominal one; may be negative."""
@@ -54,38 +45,30 @@ class CommandDelayEntry(_LinkEntry):
 
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
         """One delay in place of the nominal ones, longer or shorter by what was found, at least none."""
-        nominal_s = sum(float(np.mean(e.delay_s)) for e in model.effects if isinstance(e, CommandDelay))
         others = tuple(e for e in model.effects if not isinstance(e, CommandDelay))
-        total_s = max(0.0, nominal_s + values["delay_s"])
+        total_s = max(0.0, nominal_delay_s(model.effects) + values["delay_s"])
         return RobotModel(effects=(*others, CommandDelay(delay_s=total_s)), robot=model.robot)
 
 
 class CommandJitterEntry(_LinkEntry):
     """Exponentially distributed waits on top; a command that the next one overtakes is never in effect."""
 
-    title: ClassVar[str] = "jitter of commands"
-    effect: ClassVar[type[Effect]] = CommandJitter
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
+    title = "jitter of commands"
+    effect = CommandJitter
+    coefficients = (ALL_OF_IT,)
     grid: ClassVar[Grid] = {"mean_s": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)}
     nearby: ClassVar[Grid] = {"mean_s": WIDE_STEPS}
-    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "command_drop")
+    confused_with = ("command_delay", "command_drop")
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What waits do to commands that come one after the other."""
-        s: TimingSignals = view.signals
-        out = np.zeros((view.n, len(view.rows), 1))
-        out[:, :, 0] = waits(float(shape["mean_s"]), s.command_period_s)
-        return out
+        command_period_s: float = view.signals
+        return constant_columns(view, np.array(waits(float(shape["mean_s"]), command_period_s)))
 
 
 @cache
 def waits(mean_s: float, period_s: float) -> tuple[float, float, float]:
-    """Mean delay and spread of commands in effect, s, and the share that is overtaken, with exponential waits.
-
-    Args:
-        mean_s: Of the waits.
-        period_s: Between two commands.
-    """
+    """Mean delay and spread of commands in effect, s, and the share that is overtaken, with exponential waits."""
     sent = period_s * np.arange(N_WAITS)
     arrival = np.maximum.accumulate(sent + np.random.default_rng(0).exponential(mean_s, N_WAITS))
     overtaken = arrival[1:] <= arrival[:-1]
@@ -97,13 +80,11 @@ def waits(mean_s: float, period_s: float) -> tuple[float, float, float]:
 class CommandDropEntry(_LinkEntry):
     """Commands that never arrive."""
 
-    title: ClassVar[str] = "lost commands"
-    effect: ClassVar[type[Effect]] = CommandDrop
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("probability", "1", 0.0, 0.9),)
-    confused_with: ClassVar[tuple[str, ...]] = ("command_jitter",)
+    title = "lost commands"
+    effect = CommandDrop
+    coefficients = (Coefficient("probability", "1", 0.0, 0.9),)
+    confused_with = ("command_jitter",)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """One, in the losses."""
-        out = np.zeros((view.n, len(view.rows), 1))
-        out[:, LOST, 0] = 1.0
-        return out
+        return constant_columns(view, np.array([0.0, 0.0, 1.0]))

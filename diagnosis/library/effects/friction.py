@@ -9,9 +9,8 @@ import numpy as np
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.drive.nominal_torque import presliding
-from diagnosis.library.base import Coefficient, Grid, LibraryEffect, on_joints
-from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK, Experiment
-from spot_model.effects.base import Effect
+from diagnosis.library.base import WIDE_STEPS, Coefficient, Grid, LibraryEffect, on_joints
+from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.effects.drive.load_friction import LoadFriction
 from spot_model.effects.drive.stribeck_friction import StribeckFriction
@@ -26,13 +25,13 @@ FASTEST_RAD_S: Final = 1.2
 class CoulombEntry(LibraryEffect):
     """−F·sign(q̇): the same at any torque and speed; after a reversal it may build up over a distance."""
 
-    title: ClassVar[str] = "dry friction"
-    effect: ClassVar[type[Effect]] = CoulombFriction
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 5.0),)
+    title = "dry friction"
+    effect = CoulombFriction
+    coefficients = (Coefficient("level_nm", "N·m", 0.0, 5.0),)
     grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0, 0.004, 0.015)}
     nearby: ClassVar[Grid] = {BUILDS_UP_RAD: (0.6, 1.6)}
-    confused_with: ClassVar[tuple[str, ...]] = ("stribeck_friction", "load_friction", "viscous_friction")
-    split_by: ClassVar[Experiment] = LOADED_WALK
+    confused_with = ("stribeck_friction", "load_friction", "viscous_friction")
+    split_by = LOADED_WALK
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The direction of motion, negative, at once or built up."""
@@ -53,27 +52,26 @@ def _built_up(s: ActuatorSignals, distance_rad: float) -> Array:
 class ViscousEntry(LibraryEffect):
     """−D·q̇; at one set of gains the same as a larger kd."""
 
-    title: ClassVar[str] = "viscous friction"
-    effect: ClassVar[type[Effect]] = ViscousFriction
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("damping_nm_s_per_rad", "N·m·s/rad", 0.0, 5.0),)
-    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_bandwidth", "torque_speed_curve")
-    split_by: ClassVar[Experiment] = OTHER_KD
+    effect = ViscousFriction
+    coefficients = (Coefficient("damping_nm_s_per_rad", "N·m·s/rad", 0.0, 5.0),)
+    confused_with = ("coulomb_friction", "torque_bandwidth", "torque_speed_curve")
+    split_by = OTHER_KD
 
 
 class StribeckEntry(LibraryEffect):
     """−F·exp(−(q̇/v)²)·sign(q̇): only near standstill; it, too, may build up over a distance."""
 
-    title: ClassVar[str] = "friction near standstill (Stribeck)"
-    effect: ClassVar[type[Effect]] = StribeckFriction
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
+    title = "friction near standstill (Stribeck)"
+    effect = StribeckFriction
+    coefficients = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
     grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0015, 0.005), "speed_rad_s": (0.2, 0.4, 0.8)}
-    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "backlash")
-    split_by: ClassVar[Experiment] = SLOW_WALK
+    nearby: ClassVar[Grid] = {"speed_rad_s": WIDE_STEPS}
+    confused_with = ("coulomb_friction", "backlash")
+    split_by = SLOW_WALK
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Speeds nearby."""
-        near = (shape["speed_rad_s"] * f for f in (0.72, 0.85, 1.19, 1.4))
-        return tuple({**shape, "speed_rad_s": v} for v in near if v <= FASTEST_RAD_S)
+        return tuple(s for s in super().neighbours(shape) if s["speed_rad_s"] <= FASTEST_RAD_S)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The fading direction of motion, negative, built up."""
@@ -85,11 +83,11 @@ class StribeckEntry(LibraryEffect):
 class LoadFrictionEntry(LibraryEffect):
     """−k·|g|·sign(q̇), with g the load that is measured behind the gear: its efficiency."""
 
-    title: ClassVar[str] = "friction that grows with load"
-    effect: ClassVar[type[Effect]] = LoadFriction
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 0.0, 0.9),)
-    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_gain", "backlash")
-    split_by: ClassVar[Experiment] = LOADED_WALK
+    title = "friction that grows with load"
+    effect = LoadFriction
+    coefficients = (Coefficient("share", "1", 0.0, 0.9),)
+    confused_with = ("coulomb_friction", "torque_gain", "backlash")
+    split_by = LOADED_WALK
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The loss at a share of 1, from the measured load."""

@@ -15,11 +15,10 @@ HIGHEST_PER_RAD: Final = 700.0
 STEP_PER_RAD: Final = 0.5
 WINDOW_BINS: Final = 81
 """What varies more slowly than over this many bins is taken off first."""
-
-
 SLOW_PER_RAD: Final = np.arange(9.0, 36.0)
 """So near to each other since hips and knees, 2.7 rad apart, share a phase: half a step aside a third of it is lost."""
 MAX_SLOW_SAMPLES: Final = 2000
+MIN_SAMPLES: Final = 50
 
 
 def slow_orders(
@@ -28,44 +27,28 @@ def slow_orders(
     """The ``n`` slow orders with the most power, at the set of joints that has most with one phase for all.
 
     A leg's swing holds a wave or two of such a line, so one joint does not tell it from a trend; several do together.
-
-    Args:
-        position_rad: Shape (m, J).
-        residual: Shape (m, J).
-        beside: What trends go with, and is taken off first. Shape (m, J, k).
-        usable: Shape (m, J).
-        sets: Joints that may share a phase, shape (S, J).
-        n: How many.
+    Arrays have shape (m, J); what trends go with, and is taken off first, is ``beside``, (m, J, k), and joints that may
+    share a phase are ``sets``, (S, J).
     """
-    step = max(1, len(position_rad) // MAX_SLOW_SAMPLES)
+    step = slice(None, None, max(1, len(position_rad) // MAX_SLOW_SAMPLES))
     joints = position_rad.shape[1]
     waves, energy = np.zeros((len(SLOW_PER_RAD), joints), dtype=np.complex128), np.full(joints, 1e-12)
-    for joint in range(joints):
-        good = usable[::step, joint]
-        if good.sum() < 50:
-            continue
-        values, x = residual[::step, joint][good], beside[::step, joint][good]
-        values = values - x @ np.linalg.lstsq(x, values, rcond=None)[0]
-        waves[:, joint] = np.exp(-1j * np.outer(SLOW_PER_RAD, position_rad[::step, joint][good])) @ values
-        energy[joint] = float(values @ values)
+    for joint, good in enumerate(usable[step].T):
+        if good.sum() >= MIN_SAMPLES:
+            values, x = residual[step, joint][good], beside[step, joint][good]
+            values = values - x @ np.linalg.lstsq(x, values, rcond=None)[0]
+            waves[:, joint] = np.exp(-1j * np.outer(SLOW_PER_RAD, position_rad[step, joint][good])) @ values
+            energy[joint] = float(values @ values)
     power = np.abs(waves @ sets.T.astype(np.float64)) ** 2 / (sets @ energy)
     return _strongest(SLOW_PER_RAD, power.max(axis=1), 1.5, n)
 
 
 def strongest_orders(position_rad: Array, residual: Array, usable: Flags, n: int = 4) -> tuple[float, ...]:
-    """The ``n`` orders (cycles of phase per rad of joint) with the most power, joints taken together.
-
-    Args:
-        position_rad: Shape (m, J).
-        residual: Shape (m, J).
-        usable: Shape (m, J).
-        n: How many.
-    """
+    """The ``n`` orders (cycles of phase per rad of joint) with the most power, joints taken together; shapes (m, J)."""
     orders = np.arange(LOWEST_PER_RAD, HIGHEST_PER_RAD, STEP_PER_RAD)
     power = np.zeros(len(orders))
-    for joint in range(position_rad.shape[1]):
-        good = usable[:, joint]
-        if good.sum() < 50:
+    for joint, good in enumerate(usable.T):
+        if good.sum() < MIN_SAMPLES:
             continue
         # Outliers would be a comb of their own.
         values = residual[good, joint]
@@ -81,7 +64,7 @@ def strongest_orders(position_rad: Array, residual: Array, usable: Flags, n: int
         sums = sums - smooth * counts
         centres = first + BIN_RAD * np.arange(len(sums))
         waves = np.exp(-1j * np.outer(orders, centres))
-        power += np.abs(waves @ sums) ** 2 / (float(np.sum(values**2)) * 1.0 + 1e-12)
+        power += np.abs(waves @ sums) ** 2 / (float(np.sum(values**2)) + 1e-12)
     return _strongest(orders, power, 3.0, n)
 
 

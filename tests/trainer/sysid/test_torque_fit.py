@@ -10,7 +10,7 @@ from trainer.sysid.identify.verdict import Estimate, ParameterVerdict, is_narrow
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SysidConfig
 from trainer.sysid.torque.fit import TorqueFit, fit_torque
-from trainer.sysid.torque.model import NUISANCE_NAMES, TorqueModel, friction_direction, is_memoryless
+from trainer.sysid.torque.model import NUISANCE_NAMES, TorqueModel, friction_direction
 from trainer.sysid.torque.torque_samples import TorqueSamples, torque_samples
 
 from .conftest import OTHER_PHYSICS, MakeLogs
@@ -131,8 +131,8 @@ def test_an_effect_with_a_memory_is_not_fitted_sample_by_sample() -> None:
     from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
     from spot_model.effects.limits.torque_limit import TorqueLimit
 
-    assert is_memoryless(TorqueLimit(limit_nm=40.0))
-    assert not is_memoryless(TorqueBandwidth(time_constant_s=0.01))
+    assert TorqueLimit(limit_nm=40.0).is_memoryless
+    assert not TorqueBandwidth(time_constant_s=0.01).is_memoryless
 
 
 def test_narrow_means_a_tenth_of_the_value_or_a_small_friction() -> None:

@@ -62,7 +62,7 @@ class TorqueModel:
     def torque_effects(self) -> frozenset[int]:
         """Which effects of the model act on single samples of torque."""
         effects = enumerate(self.space.model.effects)
-        return frozenset(i for i, e in effects if isinstance(e, TorqueEffect) and is_memoryless(e))
+        return frozenset(i for i, e in effects if isinstance(e, TorqueEffect) and e.is_memoryless)
 
     def load_nm(self, samples: TorqueSamples, values: Array, nuisance: Array) -> Array:
         """Predicted load.
@@ -181,15 +181,6 @@ def friction_direction(velocity_rad_s: Array, acceleration_rad_s2: Array) -> Arr
     slow_change = np.abs(acceleration_rad_s2) < np.minimum(speed / TURNING_TIME_S, STEADY_RAD_S2)
     steady = (speed > MIN_SPEED_RAD_S) & slow_change
     return np.asarray(np.sign(velocity_rad_s) * steady)
-
-
-def is_memoryless(effect: TorqueEffect) -> bool:
-    """Whether an effect hands its memory on unchanged, so that a sample needs nothing from the one before."""
-    probe = np.array([np.full(facts.N_JOINTS, 30.0), np.full(facts.N_JOINTS, -30.0)])
-    ready = effect.arrays_like(probe)
-    memory = ready.start(probe)
-    motion = Motion(np.tile(facts.DEFAULT_POSITION_RAD, (2, 1)), 0.1 * probe, 0.003)
-    return ready.torque(probe, motion, memory)[1] is memory
 
 
 def _by_joint(hip: float, knee: float) -> Array:
