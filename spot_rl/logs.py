@@ -72,25 +72,45 @@ def diagnose(
     from rich.console import Console
 
     from diagnosis.library.extra_effect import chosen_library
+    from diagnosis.next.inputs import Inputs, absolute, save_inputs
     from diagnosis.progress import Progress
     from diagnosis.report.output import check_free
     from diagnosis.session import Request, run_session
+    from spot_model.io.model_file import RobotModel, save_model
+    from spot_model.io.whole import check_new
     from spot_rl.simulation import model_of, policy_file
 
     folder = to_path(out, "out")
     paths = existing_all(logs, "logs")
     model, name = model_of(nominal)
+    added: list[str | type] = one_or_more(add_effects, "add_effects")
+    left_out: list[str] = one_or_more(without, "without")
     check_free(folder)
+    kept = (folder / "nominal.yaml").absolute() if isinstance(nominal, RobotModel) else None
+    if kept is not None:
+        check_new(kept)
     request = Request(
         logs=tuple(paths),
         nominal=model,
         nominal_name=name,
         out=folder,
         policy=policy_file(policy) if policy is not None else None,
-        library=chosen_library(one_or_more(add_effects, "add_effects"), one_or_more(without, "without")),
+        library=chosen_library(added, left_out),
         seed=whole(seed, "seed"),
     )
     result, _ = run_session(request, Progress(None if progress else Console(file=io.StringIO())))
+    if kept is not None:
+        save_model(model, kept)
+    save_inputs(
+        Inputs(
+            logs=tuple(str(path.absolute()) for path in paths),
+            nominal=absolute(name) if kept is None else str(kept),
+            policy=None if request.policy is None else str(request.policy.absolute()),
+            add_effect=tuple(e if isinstance(e, str) else f"{e.__module__}:{e.__qualname__}" for e in added),
+            without=tuple(left_out),
+        ),
+        folder,
+    )
     return result.verdict
 
 

@@ -9,6 +9,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -262,3 +264,21 @@ def test_a_policy_is_trained_and_exported(in_project: None, tmp_path: Path) -> N
     policy = spot_rl.load_policy(spot_rl.export(run, tmp_path / "mine.onnx", name="mine"))
     assert policy.contract.name == "mine"
     assert policy.act(np.zeros(48)).shape == (12,)
+
+
+def test_a_diagnosis_made_in_python_can_be_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from diagnosis.next.inputs import load_inputs
+    from spot_model.io.model_file import load_model
+
+    def at_once(request: Any, _: Any) -> Any:
+        request.out.mkdir()
+        return SimpleNamespace(verdict="done"), {}
+
+    monkeypatch.setattr("diagnosis.session.run_session", at_once)
+    model = spot_rl.load_model("paper_identified")
+    assert spot_rl.diagnose(WALK, model, tmp_path / "gap", without="armature") == "done"
+    inputs = load_inputs(tmp_path / "gap")
+    assert (inputs.logs, inputs.without) == ((str(Path(WALK).absolute()),), ("armature",))
+    assert load_model(inputs.nominal) == model
+    spot_rl.diagnose(WALK, "ideal", tmp_path / "other")
+    assert load_inputs(tmp_path / "other").nominal == "ideal"
