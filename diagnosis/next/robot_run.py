@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,9 +11,6 @@ from spot_log import read_run
 from spot_model.errors import SpotRlError
 from spot_model.io.child_process import module_command
 from spot_model.io.signals import run_in_foreground
-
-Start = Callable[[Sequence[str]], bool]
-"""Runs ``spot-rl`` with arguments until it has ended; says whether a person asked to stop meanwhile."""
 
 WHOLE: Final = "completed"
 """Outcome of a run that went to its end."""
@@ -31,10 +28,10 @@ class Ran:
     is_interrupted: bool = False
 
 
-def run_on_robot(words: Sequence[str], log_dir: Path, start: Start) -> Ran:
-    """Run an experiment; ``words`` are the arguments of ``spot-rl``."""
+def run_on_robot(words: Sequence[str], log_dir: Path) -> Ran:
+    """Run an experiment until the robot rests; ``words`` are the arguments of ``spot-rl``."""
     before = set(log_dir.glob("*.mcap"))
-    is_interrupted = start(words)
+    is_interrupted = run_in_foreground(module_command("spot_model", *words)).is_interrupted
     made = sorted(set(log_dir.glob("*.mcap")) - before)
     if not made:
         return Ran(None, 0.0, "it left no log", is_interrupted)
@@ -57,8 +54,3 @@ def is_here(robot: str) -> bool:
 
     address = parse_address(robot)
     return is_loopback(address.host if is_unix(address.host) else f"{address.host}:{address.port}")
-
-
-def start_here(words: Sequence[str]) -> bool:
-    """Start ``spot-rl``, wait until it has ended, and say whether somebody asked for that: the robot rests."""
-    return run_in_foreground(module_command("spot_model", *words)).is_interrupted

@@ -14,10 +14,11 @@ from typer.testing import CliRunner
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
+from diagnosis.next import robot_run
 from diagnosis.next.choose import design as choice
 from diagnosis.next.choose.candidates import HEAT, Candidate, candidates, given
 from diagnosis.next.choose.design import Design, Proposal, in_words, judged
-from diagnosis.next.choose.information import Told, entropy_bits, told_by
+from diagnosis.next.choose.information import Told, told_by
 from diagnosis.next.choose.robots import (
     N_WIDE,
     Robots,
@@ -44,6 +45,7 @@ from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import Squat, load_joint_experiment
 from spot_model.io.model_file import RobotModel, load_model
+from spot_model.io.signals import Ended
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
@@ -68,11 +70,6 @@ def posterior(**weights: float) -> Posterior:
 
 
 # What an experiment tells --------------------------------------------------------------------------------------------
-
-
-def test_entropy_by_hand() -> None:
-    assert entropy_bits(np.array([0.5, 0.25, 0.25])) == pytest.approx(1.5)
-    assert entropy_bits(np.array([1.0, 0.0])) == 0.0
 
 
 def test_robots_that_are_far_apart_tell_all_that_odd_runs_leave() -> None:
@@ -204,7 +201,7 @@ def _contract():  # type: ignore[no-untyped-def]
 def test_every_corner_of_a_candidates_bounds_can_be_built(candidate: Candidate) -> None:
     for side in ("start", "low"):
         values = {name: getattr(free, side) for name, free in candidate.free.items()}
-        motion = candidate.replace_values(values).motion()
+        motion = replace(candidate, values=values).motion()
         assert 4.0 <= motion.duration_s <= (40.0 if candidate.name == "warm_up" else 20.0)
 
 
@@ -287,7 +284,7 @@ def test_a_squat_tells_a_weak_knee_from_a_sound_one() -> None:
     own = posterior(torque_gain=0.5, none=0.5)
     robots = drawn_robots(own, 8, np.random.default_rng(0))
     squat = next(c for c in candidates(None, ("fl_kn",)) if c.name == "squat")
-    proposal = judged(squat.replace_values({"duration_s": 6.0}), robots, None, 0)
+    proposal = judged(replace(squat, values={"duration_s": 6.0}), robots, None, 0)
     assert proposal.refused == ()
     assert proposal.told.bits > 0.3
     assert "torque gain from ordinary errors alone" in proposal.decides(robots.causes, robots.weights) or (
@@ -367,18 +364,19 @@ def test_a_users_own_experiment_is_run_whatever_it_tells_if_it_is_safe(refused: 
     own = Proposal(given(SQUAT), SQUAT, Told(0.0, 1.0, np.zeros((2, 2))), "", refused, is_proved=True)
     plan = Design((("torque_gain",), ()), np.array([0.6, 0.4]), (own,))
     assert plan.worthwhile == (() if refused else (own,))
-    assert ranking_lines(plan, [])[4] == f"1. {SQUAT.name}, from a file", "a file's numbers are not ours to list"
+    assert ranking_lines(plan, {})[4] == f"1. {SQUAT.name}, from a file", "a file's numbers are not ours to list"
 
 
 def test_files_commands_and_pages_of_a_ranking(tmp_path: Path) -> None:
     plan = made_design({"a": 0.2, "bad": 0.9}, refused=("bad",))
-    offers = write_offers(plan, tmp_path, tmp_path, None)
-    assert [o.file.name for o in offers] == ["01_a.yaml"]
-    assert load_joint_experiment(offers[0].file) == plan.proposals[0].motion
-    told = "\n".join(ranking_lines(plan, offers))
+    commands = write_offers(plan, tmp_path, tmp_path, None)
+    file = tmp_path / "01_a.yaml"
+    assert list(tmp_path.glob("*.yaml")) == [file]
+    assert load_joint_experiment(file) == plan.proposals[0].motion
+    told = "\n".join(ranking_lines(plan, commands))
     assert "refused: 1 of 2 simulated robots tip over" in told
-    assert f"spot-rl run --experiment {offers[0].file}" in told
-    page = ranking_page(plan, offers)
+    assert f"spot-rl run --experiment {file}" in told
+    page = ranking_page(plan, commands)
     assert "tip over" in page
     assert "torque gain" in page
     assert free_folder(tmp_path, "next").name == "next"
@@ -566,8 +564,9 @@ def test_many_unlikely_rivals_together_are_not_forgotten(tmp_path: Path) -> None
     assert found.odds["others"] == pytest.approx(0.27)
 
 
-def test_a_run_that_leaves_no_log_is_told(tmp_path: Path) -> None:
-    ran = run_on_robot(["run"], tmp_path, lambda _: False)
+def test_a_run_that_leaves_no_log_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_run, "run_in_foreground", lambda _: Ended(0, False))
+    ran = run_on_robot(["run"], tmp_path)
     assert (ran.log, ran.outcome) == (None, "it left no log")
 
 

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.next.choose.trial import STAND_S
+from diagnosis.closed_loop.run_numbers import given_power_w
+from diagnosis.next.choose.trial import STAND_S, STATE_S
 from spot_log.read.run import Run
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
@@ -26,11 +27,7 @@ STOP_MARGIN_RAD: Final = 0.05
 
 
 def refusals(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Why an experiment must not be run, a sentence each; none where all robots bear it.
-
-    Args:
-        runs: Of :func:`diagnosis.next.choose.trial.try_on`, on robots drawn from all that is still possible.
-    """
+    """Why an experiment must not be run, a sentence each; none where the robots of all runs bear it."""
     found: dict[str, list[float]] = {}
     for run in runs:
         for words, value in _wrong(run):
@@ -71,10 +68,5 @@ def burden(runs: Sequence[Run]) -> str:
     """What an experiment loads on the robot, in words: the largest of all simulated robots."""
     knee = max(float(np.abs(r.states.load_nm[:, 2::3]).max()) for r in runs)
     speed = max(float(np.abs(r.states.velocity_rad_s).max()) for r in runs)
-    work = max(_work_j(r) for r in runs)
-    return f"knee up to {knee:.0f} N·m, joints up to {speed:.1f} rad/s, {work / 1e3:.1f} kJ of work"
-
-
-def _work_j(run: Run) -> float:
-    power = np.maximum(run.states.load_nm * run.states.velocity_rad_s, 0.0).sum(axis=1)
-    return float(power.sum() * facts.STATE_PERIOD_NS * 1e-9)
+    work_j = max(given_power_w(r.states.load_nm, r.states.velocity_rad_s).sum() for r in runs) * STATE_S
+    return f"knee up to {knee:.0f} N·m, joints up to {speed:.1f} rad/s, {work_j / 1e3:.1f} kJ of work"

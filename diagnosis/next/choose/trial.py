@@ -20,6 +20,7 @@ from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 
+STATE_S: Final = facts.STATE_PERIOD_NS * 1e-9
 STAND_S: Final = 1.0
 """Robots stand for so long before the motion begins; it is a part of the runs."""
 
@@ -44,7 +45,7 @@ def try_on(
         BadInputError: A velocity sequence needs a policy, or asks for more than it knows, a joint experiment breaks its
             bounds, or the robots cannot be simulated side by side.
     """
-    together = merged(list(models))
+    together = merged(models)
     if together is None:
         raise BadInputError("these robots cannot be simulated side by side: an effect has a number a run already")
     if isinstance(motion, VelocitySequence):
