@@ -185,8 +185,9 @@ def played(own: Subject, name: str, seed: int) -> Story:
         lambda logs, out: diagnosed(inputs, logs, out),
         found_in,
         lambda _: None,
+        told,
     )
-    return ask_robot(read_story(place / "story.json", first), lab, Limits(1e9, ROUNDS), own.case.diagnosis_seed, told)
+    return ask_robot(read_story(place / "story.json", first), lab, Limits(1e9, ROUNDS), own.case.diagnosis_seed)
 
 
 def _told(own: Subject, first: Found, story: Story) -> dict[str, Any]:

@@ -122,11 +122,12 @@ class Session:
             diagnose=lambda logs, out: diagnosed(self.inputs, logs, out),
             open=found_in,
             say=lambda text: Console(stderr=True).print(text, markup=False, highlight=False),
+            told=told,
         )
         story = read_story(place / "story.json", self.found)
         if self.own is not None:
             limits = replace(limits, rounds=min(limits.rounds, len(story.rounds) + 1))
-        return ask_robot(story, lab, limits, self.seed, told)
+        return ask_robot(story, lab, limits, self.seed)
 
     def _chosen(
         self,

@@ -404,7 +404,7 @@ class FakeLab:
         self.stops_at = ""
         agreed = lambda *_: self.agrees  # noqa: E731
         opened = lambda place: self.found(place, self.odds[int(place.parent.name.removeprefix("round_"))])  # noqa: E731
-        self.lab = Lab(folder, self.choose, agreed, self.run, self.diagnose, opened, lambda _: None)
+        self.lab = Lab(folder, self.choose, agreed, self.run, self.diagnose, opened, lambda _: None, self.told)
 
     def found(self, folder: Path, odds: float) -> Found:
         return Found(folder, posterior(torque_gain=odds, none=1.0 - odds), "explained", "words")
@@ -434,7 +434,7 @@ class FakeLab:
     def ask(self, *, budget_s: float = 100.0, rounds: int = 5) -> Story:
         self.story_file.parent.mkdir(exist_ok=True)
         story = read_story(self.story_file, self.found(Path("first"), self.odds[0]))
-        return ask_robot(story, self.lab, Limits(budget_s, rounds), 0, self.told)
+        return ask_robot(story, self.lab, Limits(budget_s, rounds), 0)
 
 
 def test_it_goes_on_until_one_cause_stands(tmp_path: Path) -> None:
@@ -459,7 +459,7 @@ def test_a_cause_that_stands_already_asks_for_nothing(tmp_path: Path) -> None:
 def test_ordinary_errors_alone_are_an_answer_where_there_is_no_gap(tmp_path: Path, status: str, n_rounds: int) -> None:
     fake = FakeLab(tmp_path, [0.6, 0.97])
     story = Story(Found(tmp_path, posterior(none=0.97, torque_gain=0.03), status, "words"))
-    assert len(ask_robot(story, fake.lab, Limits(100.0, 5), 0, fake.told).rounds) == n_rounds
+    assert len(ask_robot(story, fake.lab, Limits(100.0, 5), 0).rounds) == n_rounds
 
 
 def test_the_budget_of_robot_time_ends_it(tmp_path: Path) -> None:
