@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -18,6 +19,7 @@ from diagnosis.closed_loop.run_numbers import (
     QUANTITIES,
     Lasted,
     Quantity,
+    known_mean,
     restricted_mean_s,
     run_numbers,
     time_to_fall,
@@ -31,6 +33,7 @@ from diagnosis.closed_loop.shrink import (
     mean_floor,
     pair_distances,
     resamples,
+    sequence_of,
     shrinkage,
 )
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
@@ -73,32 +76,15 @@ Runs = Mapping[str, Sequence[Run]]
 
 
 def consequences(bench: Bench, trials: Trials, before: str, after: str, rng: np.random.Generator) -> Consequences:
-    """What the second model has beyond the first does.
-
-    Args:
-        bench: The robot's runs.
-        trials: Runs of both models, with every state.
-        before: Name of the model without it.
-        after: Name of the model with it.
-        rng: Draws resamples.
-    """
+    """What the model named ``after`` has beyond the one named ``before`` does; ``trials`` hold every state of both."""
     # The surroundings were chosen for the corrected model: another choice would move its distance from the robot.
     doubt = bench.around(after).doubt if before == NOMINAL else 0.0
     real, first, second = _by_sequence(bench.runs), _by_sequence(trials.runs[before]), _by_sequence(trials.runs[after])
     gaps = []
     for gap, compared in _compared(real, {before: first, after: second}, after):
-        found = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
+        d0, d1, floor, s, low, high = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
         gaps.append(
-            GapChange(
-                gap=gap.name,
-                unit=gap.unit,
-                before=found.d0,
-                after=found.d1,
-                floor=found.floor,
-                share=found.s,
-                low=found.low,
-                high=found.high,
-            )
+            GapChange(gap=gap.name, unit=gap.unit, before=d0, after=d1, floor=floor, share=s, low=low, high=high)
         )
     length_s = {s.sequence: len(s.velocity_command) * s.tick_period_s for s in bench.scripts}
     return Consequences(loop="closed", gaps=tuple(gaps), changes=_changes(real, first, second, length_s, rng))
@@ -137,17 +123,14 @@ def worse_gaps(whole: Consequences) -> list[str]:
 def _by_sequence(runs: Sequence[Run]) -> Runs:
     out: dict[str, list[Run]] = {}
     for run in runs:
-        out.setdefault(run.header.command_sequence or "unnamed", []).append(run)
+        out.setdefault(sequence_of(run), []).append(run)
     return out
 
 
 def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[Compared]]]:
     """Distances by gap, in its unit, and by sequence; without gaps whose signal a log lacks.
 
-    Args:
-        real: The robot's runs.
-        models: Simulated runs by model.
-        stand_in: Model whose scatter is the floor of a robot that did not repeat itself.
+    ``stand_in`` is the model whose scatter is the floor of a robot that did not repeat itself.
     """
     by_gap: dict[Gap, list[Compared]] = {gap: [] for gap in GAPS}
     for sequence in next(iter(models.values())):
@@ -169,11 +152,12 @@ def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tup
     return out
 
 
-def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts[list[Array]]:
+def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts:
     """Of each run up to each tick the quantiles of each gap's components, shape (Q, k)."""
     ticks_ns = [run.ticks.robot_stamp_ns[policy_ticks(run, at_least)] for run in runs]
     signals = [[gap.pick(run) for gap in GAPS] for run in runs]
 
+    @cache
     def digest(i: int, n: int) -> list[Array]:
         first, last = np.searchsorted(runs[i].states.robot_stamp_ns, [ticks_ns[i][0], ticks_ns[i][n - 1] + 1])
         rows = (QUANTILES * (last - first)).astype(np.intp)
@@ -230,34 +214,17 @@ def _changes(
             low, high = interval(with_it - without, known, [n for _, n in sizes])
             if q is FALLS:
                 low, high = max(low, -without), min(high, 1.0 - without)
-        out.append(
-            QuantityChange(
-                quantity=q.name,
-                title=q.title,
-                unit=q.unit,
-                before=without,
-                after=with_it,
-                robot=own,
-                low=low,
-                high=high,
-            )
-        )
+        change = {"before": without, "after": with_it, "robot": own, "low": low, "high": high}
+        out.append(QuantityChange(quantity=q.name, title=q.title, unit=q.unit, **change))
     return tuple(out)
 
 
 def _summary(sequences: Sequence[_Came]) -> Array:
     """:data:`QUANTITIES`, the share of falls and the time to a fall, over all sequences; NaN where no run gives one."""
-    by_sequence = np.array([_mean(came.numbers) for came in sequences])
-    mean, known = _mean(by_sequence), np.isfinite(by_sequence).any(axis=0)
+    by_sequence = np.array([known_mean(came.numbers) for came in sequences])
+    mean, known = known_mean(by_sequence), np.isfinite(by_sequence).any(axis=0)
     top = np.where(known, np.max(np.where(np.isfinite(by_sequence), by_sequence, -np.inf), axis=0), np.nan)
     values = np.where([q.name in LARGEST for q in QUANTITIES], top, mean)
     share = np.mean([np.mean([one.has_fallen for one in came.lasted]) for came in sequences])
     time_s = np.mean([restricted_mean_s(came.lasted, came.length_s) for came in sequences])
     return np.array([*values, share, time_s])
-
-
-def _mean(values: Array) -> Array:
-    """Over the rows that have a value, by column."""
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from diagnosis.channels.channel_view import Array, ChannelView, Ints
 from diagnosis.channels.stack import Stack
-from diagnosis.closed_loop.regimes import Regimes, under_policy
+from diagnosis.closed_loop.regimes import regimes, under_policy
+from diagnosis.closed_loop.run_numbers import known_mean
 from diagnosis.document import GapCell
 
 QUANTILES: Final = (np.arange(25) + 0.5) / 25
@@ -20,6 +21,10 @@ MIN_SAMPLES: Final = 40
 N_PERMUTATIONS: Final = 400
 BLOCK_S: Final = 1.0
 N_BLOCK_DRAWS: Final = 200
+NO_FLOOR: Final = (
+    "no command sequence was run twice: there is no real-versus-real floor and no p-value; intervals of the gap come "
+    "from blocks of one second"
+)
 UNITS: Final = {"position": "rad", "velocity": "rad/s", "load": "N·m", "load error": "N·m"}
 
 
@@ -41,17 +46,12 @@ class Side:
 
 
 def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Generator) -> GapMap:
-    """Compare real and simulated runs of the same commands, cell by cell.
+    """Compare real logs and the nominal model's runs of the same commands, cell by cell.
 
-    Args:
-        real: The logs.
-        simulated: The nominal model through the same commands.
-        leg_of_joint: Shape (J,), -1 for none.
-        rng: Draws the permutations.
+    ``leg_of_joint`` has shape (J,), -1 for none; ``rng`` draws the permutations.
     """
-    regimes = Regimes(real.stack)
     joints = real.stack.recordings[0].joint_names
-    sides = [(side, _signals(side), regimes.of(side.stack, leg_of_joint)) for side in (real, simulated)]
+    sides = [(side, _signals(side), regimes(real.stack, side.stack, leg_of_joint)) for side in (real, simulated)]
     names = [name for name in sides[0][2] if name in sides[1][2]]
     signals = [s for s in sides[0][1] if s in sides[1][1]]
     sequences = [r.sequence for side in (real, simulated) for r in side.stack.recordings]
@@ -66,8 +66,8 @@ def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Gene
     distance = np.array([np.abs(digest[i] - digest[j]).mean(axis=-1) for i, j in pairs])
     first, second = (np.array(p) for p in zip(*pairs, strict=True))
     repeated = any(sum(s == name and r for s, r in zip(sequences, is_real, strict=True)) > 1 for name in set(sequences))
-    gap = _mean(distance, is_real[first] != is_real[second])
-    floor = _mean(distance, is_real[first] & is_real[second]) if repeated else np.full(gap.shape, np.nan)
+    gap = known_mean(distance[is_real[first] != is_real[second]])
+    floor = known_mean(distance[is_real[first] & is_real[second]]) if repeated else np.full(gap.shape, np.nan)
     p_values = _p_values(distance, first, second, is_real, sequences, rng) if repeated else np.full(gap.shape, np.nan)
     total = counts[0].sum(axis=0)
     low, high = (np.full(gap.shape, np.nan),) * 2
@@ -93,16 +93,8 @@ def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Gene
                     n_samples=int(total[j, r]),
                 )
             )
-    note = (
-        ""
-        if repeated
-        else (
-            "no command sequence was run twice: there is no real-versus-real floor and no p-value; intervals of the "
-            "gap come from blocks of one second"
-        )
-    )
     cells.sort(key=lambda c: -(c.ratio if c.ratio is not None else c.gap))
-    return GapMap(tuple(cells), repeated, note)
+    return GapMap(tuple(cells), repeated, "" if repeated else NO_FLOOR)
 
 
 def _signals(side: Side) -> dict[str, Array]:
@@ -140,14 +132,6 @@ def _digests(
                     ordered = np.sort(x, axis=0)
                     out[run, :, joint, r] = ordered[(QUANTILES * len(x)).astype(np.intp)].T
     return out, counts
-
-
-def _mean(distance: Array, chosen: NDArray[np.bool_]) -> Array:
-    part = distance[chosen]
-    there = np.isfinite(part)
-    total = np.where(there, part, 0.0).sum(axis=0)
-    count = there.sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _p_values(
@@ -206,8 +190,7 @@ def _block_interval(
     active, _ = under_policy(stack)
     kinds, number = np.unique(np.where(stack.used & active, block, -1), return_inverse=True)
     rows_of = [np.flatnonzero(number == k)[::4] for k in range(len(kinds)) if kinds[k] >= 0]
-    known = np.isfinite(model).sum(axis=0)
-    reference = np.where(known > 0, np.nansum(model, axis=0) / np.maximum(known, 1), np.nan)
+    reference = known_mean(model)
     shape = reference.shape[:-1]
     draws = np.full((N_BLOCK_DRAWS, *shape), np.nan)
     at = names.index("all")
@@ -216,4 +199,4 @@ def _block_interval(
         ordered = np.sort(values[rows], axis=0)[(QUANTILES * len(rows)).astype(np.intp)]  # (Q, J, S)
         draws[draw, :, :, at] = np.abs(np.moveaxis(ordered, (0, 1, 2), (2, 1, 0)) - reference[:, :, at]).mean(axis=-1)
     with np.errstate(all="ignore"):
-        return np.nan_to_num(np.quantile(draws, 0.05, axis=0), nan=np.nan), np.quantile(draws, 0.95, axis=0)
+        return np.quantile(draws, 0.05, axis=0), np.quantile(draws, 0.95, axis=0)

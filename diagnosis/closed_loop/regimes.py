@@ -9,69 +9,58 @@ from scipy.ndimage import maximum_filter1d
 
 from diagnosis.channels.channel_view import Array, Flags, Ints
 from diagnosis.channels.stack import Stack
+from diagnosis.closed_loop.run_numbers import given_power_w
 from diagnosis.read.recording import ACTIVE
 
 REVERSAL_S: Final = 0.02
 """Around a velocity reversal this long either way."""
 
 
-class Regimes:
-    """Regimes with bounds from real logs, so that simulated ones are cut alike."""
-
-    def __init__(self, real: Stack) -> None:
-        """Take terciles of torque, speed, power and time from the real logs."""
-        load, speed = np.abs(real.filled(lambda r: r.load_nm)), np.abs(real.filled(lambda r: r.velocity_rad_s))
-        active, _ = under_policy(real)
-        used = real.used & active if (real.used & active).any() else np.ones(real.n, dtype=np.bool_)
-        self.load = np.quantile(load[used], (1 / 3, 2 / 3), axis=0)
-        self.speed = np.quantile(speed[used], (1 / 3, 2 / 3), axis=0)
-        self.power = np.quantile(_power_w(real)[used], (1 / 3, 2 / 3))
-        self.time = np.quantile(_time_s(real)[used], (1 / 3, 2 / 3))
-
-    def of(self, stack: Stack, leg_of_joint: Ints) -> dict[str, Flags]:
-        """Flags of shape (n, J) by regime, among them all."""
-        load, velocity = stack.filled(lambda r: r.load_nm), stack.filled(lambda r: r.velocity_rad_s)
-        size, speed = np.abs(load), np.abs(velocity)
-        driving = load * velocity > 0.0
-        n, n_joints = load.shape
-        found: dict[str, Flags] = {"all": np.ones((n, n_joints), dtype=np.bool_)}
-        fast, heavy = speed > self.speed[1], size > self.load[1]
-        for name, flags in (("motoring", driving), ("braking", ~driving)):
-            found[name] = flags
-            found[f"{name}, high speed"] = flags & fast
-            found[f"{name}, high torque"] = flags & heavy
-        found["low torque"], found["middle torque"], found["high torque"] = _thirds(size, self.load)
-        found["low speed"], found["middle speed"], found["high speed"] = _thirds(speed, self.speed)
-        sign = np.sign(stack.smooth(velocity))
-        turned = np.diff(sign, axis=0, prepend=sign[:1]) != 0.0
-        reach = max(1, round(REVERSAL_S / stack.period_s))
-        found["velocity reversal"] = maximum_filter1d(turned.astype(np.int8), 2 * reach + 1, axis=0) > 0
-        contact = stack.cat(lambda r: r.foot_contact)
-        if contact.shape[1] and leg_of_joint.max(initial=-1) >= 0:
-            stance = contact[:, np.maximum(leg_of_joint, 0)] & (leg_of_joint >= 0)[None]
-            found["stance"], found["swing"] = stance, ~stance
-        for title, values, bounds in (
-            ("total power", _power_w(stack), self.power),
-            ("time", _time_s(stack), self.time),
-        ):
-            low, _, high = _thirds(values[:, None], bounds)
-            words = ("low", "high") if title == "total power" else ("first third of", "last third of")
-            for word, flags in zip(words, (low, high), strict=True):
-                found[f"{word} {title}"] = np.repeat(flags, n_joints, axis=1)
-        return found
-
-
-def _thirds(values: Array, bounds: Array) -> tuple[Flags, Flags, Flags]:
-    return values <= bounds[0], (values > bounds[0]) & (values <= bounds[1]), values > bounds[1]
-
-
-def _power_w(stack: Stack) -> Array:
+def regimes(real: Stack, stack: Stack, leg_of_joint: Ints) -> dict[str, Flags]:
+    """Samples by regime, among them all, shape (n, J); thirds are those of the real logs, so that all are cut alike."""
+    active, _ = under_policy(real)
+    used = real.used & active if (real.used & active).any() else np.ones(real.n, dtype=np.bool_)
+    bounds = {name: np.quantile(values[used], (1 / 3, 2 / 3), axis=0) for name, values in _sizes(real).items()}
+    thirds = {}
+    for name, values in _sizes(stack).items():
+        low, high = bounds[name]
+        thirds[name] = {"low": values <= low, "middle": (values > low) & (values <= high), "high": values > high}
     load, velocity = stack.filled(lambda r: r.load_nm), stack.filled(lambda r: r.velocity_rad_s)
-    return np.asarray(np.maximum(load * velocity, 0.0).sum(axis=1))
+    n_joints, driving = load.shape[1], load * velocity > 0.0
+    found: dict[str, Flags] = {"all": np.ones(load.shape, dtype=np.bool_)}
+    for word, flags in (("motoring", driving), ("braking", ~driving)):
+        found[word] = flags
+        found[f"{word}, high speed"] = flags & thirds["speed"]["high"]
+        found[f"{word}, high torque"] = flags & thirds["torque"]["high"]
+    for name in ("torque", "speed"):
+        found |= {f"{word} {name}": flags for word, flags in thirds[name].items()}
+    sign = np.sign(stack.smooth(velocity))
+    turned = np.diff(sign, axis=0, prepend=sign[:1]) != 0.0
+    reach = max(1, round(REVERSAL_S / stack.period_s))
+    found["velocity reversal"] = maximum_filter1d(turned.astype(np.int8), 2 * reach + 1, axis=0) > 0
+    contact = stack.cat(lambda r: r.foot_contact)
+    if contact.shape[1] and leg_of_joint.max(initial=-1) >= 0:
+        stance = contact[:, np.maximum(leg_of_joint, 0)] & (leg_of_joint >= 0)[None]
+        found["stance"], found["swing"] = stance, ~stance
+    for title, name, word in (
+        ("low total power", "power", "low"),
+        ("high total power", "power", "high"),
+        ("first third of time", "time", "low"),
+        ("last third of time", "time", "high"),
+    ):
+        found[title] = np.repeat(thirds[name][word], n_joints, axis=1)
+    return found
 
 
-def _time_s(stack: Stack) -> Array:
-    return under_policy(stack)[1]
+def _sizes(stack: Stack) -> dict[str, Array]:
+    """What has a low, a middle and a high third: of each joint, shape (n, J), or of the robot, shape (n, 1)."""
+    load, velocity = stack.filled(lambda r: r.load_nm), stack.filled(lambda r: r.velocity_rad_s)
+    return {
+        "torque": np.abs(load),
+        "speed": np.abs(velocity),
+        "power": given_power_w(load, velocity)[:, None],
+        "time": under_policy(stack)[1][:, None],
+    }
 
 
 def under_policy(stack: Stack) -> tuple[Flags, Array]:
