@@ -22,8 +22,7 @@ import numpy as np
 
 from diagnosis.next.choose.candidates import HEAT, candidates
 from diagnosis.next.choose.robots import compact, with_ordinary_errors
-from diagnosis.next.choose.safety_check import burden, refusals
-from diagnosis.next.choose.trial import STAND_S, try_on
+from diagnosis.next.choose.trial import STAND_S, burden, refusals, try_on
 from spot_log.read.run import Run
 from spot_model.effects.drive.armature import Armature
 from spot_model.io.model_file import load_model

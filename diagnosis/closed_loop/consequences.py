@@ -171,41 +171,31 @@ def _apart(first: list[Array], second: list[Array]) -> list[float]:
     return [float(np.mean(np.abs(a - b))) for a, b in zip(first, second, strict=True)]
 
 
-@dataclass(frozen=True)
-class _Came:
-    """What the runs of one sequence came to."""
+Came = Sequence[tuple[list[float], Lasted]]
+"""What each run of one sequence came to: :data:`QUANTITIES`, and how long it lasted."""
 
-    numbers: Array
-    """Of each run, shape (n, len(QUANTITIES))."""
-    lasted: Sequence[Lasted]
-    length_s: float
-    """Of the command."""
 
-    @staticmethod
-    def of(runs: Sequence[Run], length_s: float) -> _Came:
-        found = [(run_numbers(run), lasted) for run in runs if (lasted := time_to_fall(run)) is not None]
-        numbers = np.array([[own[q.name] for q in QUANTITIES] for own, _ in found]).reshape(-1, len(QUANTITIES))
-        return _Came(numbers, [lasted for _, lasted in found], length_s)
-
-    def drawn(self, rows: Ints) -> _Came:
-        """Some of the runs."""
-        return _Came(self.numbers[rows], [self.lasted[i] for i in rows], self.length_s)
+def _came(runs: Sequence[Run]) -> Came:
+    found = [(run_numbers(run), lasted) for run in runs if (lasted := time_to_fall(run)) is not None]
+    return [([numbers[q.name] for q in QUANTITIES], lasted) for numbers, lasted in found]
 
 
 def _changes(
     real: Runs, first: Runs, second: Runs, length_s: Mapping[str, float], rng: np.random.Generator
 ) -> tuple[QuantityChange, ...]:
     names = list(first)
-    robot, before, after = ([_Came.of(runs[s], length_s[s]) for s in names] for runs in (real, first, second))
-    values = [_summary(side) for side in (robot, before, after)]
-    sizes = [(len(b.lasted), len(a.lasted)) for b, a in zip(before, after, strict=True)]
+    robot, before, after = ([_came(runs[s]) for s in names] for runs in (real, first, second))
+    lengths_s = [length_s[s] for s in names]
+    values = [_summary(side, lengths_s) for side in (robot, before, after)]
+    sizes = [(len(b), len(a)) for b, a in zip(before, after, strict=True)]
 
-    def of(side: Sequence[_Came], drawn: Sequence[tuple[int, Ints, Ints]]) -> Array:
-        return _summary([side[i].drawn(rows) for i, _, rows in drawn])
+    def of(side: Sequence[Came], drawn: Sequence[tuple[int, Ints, Ints]]) -> Array:
+        some = [[side[i][row] for row in rows] for i, _, rows in drawn]
+        return _summary(some, [lengths_s[i] for i, _, _ in drawn])
 
     draws = np.array([np.subtract(of(after, drawn), of(before, drawn)) for drawn in resamples(sizes, rng)])
     out = []
-    falls = any(one.has_fallen for side in (robot, before, after) for came in side for one in came.lasted)
+    falls = any(one.has_fallen for side in (robot, before, after) for came in side for _, one in came)
     for k, q in enumerate((*QUANTITIES, FALLS, *([FALL_TIME] if falls else []))):
         own, without, with_it = (float(v[k]) if np.isfinite(v[k]) else None for v in values)
         known = draws[np.isfinite(draws[:, k]), k]
@@ -219,12 +209,14 @@ def _changes(
     return tuple(out)
 
 
-def _summary(sequences: Sequence[_Came]) -> Array:
+def _summary(sequences: Sequence[Came], lengths_s: Sequence[float]) -> Array:
     """:data:`QUANTITIES`, the share of falls and the time to a fall, over all sequences; NaN where no run gives one."""
-    by_sequence = np.array([known_mean(came.numbers) for came in sequences])
+    numbers = [np.array([own for own, _ in came]).reshape(-1, len(QUANTITIES)) for came in sequences]
+    lasted = [[one for _, one in came] for came in sequences]
+    by_sequence = np.array([known_mean(own) for own in numbers])
     mean, known = known_mean(by_sequence), np.isfinite(by_sequence).any(axis=0)
     top = np.where(known, np.max(np.where(np.isfinite(by_sequence), by_sequence, -np.inf), axis=0), np.nan)
     values = np.where([q.name in LARGEST for q in QUANTITIES], top, mean)
-    share = np.mean([np.mean([one.has_fallen for one in came.lasted]) for came in sequences])
-    time_s = np.mean([restricted_mean_s(came.lasted, came.length_s) for came in sequences])
+    share = np.mean([np.mean([one.has_fallen for one in own]) for own in lasted])
+    time_s = np.mean([restricted_mean_s(own, length_s) for own, length_s in zip(lasted, lengths_s, strict=True)])
     return np.array([*values, share, time_s])

@@ -9,14 +9,28 @@ from typing import Final
 
 from diagnosis.next.choose.design import Design, Proposal, in_words
 from diagnosis.next.files import free_folder
-from diagnosis.next.robot_run import WHOLE, Ran
-from diagnosis.next.story import SURE, Asked, Found, Story
+from diagnosis.next.story import SURE, WHOLE, Asked, Found, Story
 from diagnosis.verdict.posterior_file import Posterior
+from spot_log import read_run
 from spot_model.errors import SpotRlError
+from spot_model.io.child_process import module_command
+from spot_model.io.signals import run_in_foreground
 
 STOPPED: Final = "a person stopped it"
 MOST_FAILURES: Final = 2
 """Experiments that leave no log, or end early, before a person has to look."""
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What came of a run."""
+
+    log: Path | None
+    robot_s: float
+    """From the log's first state to its last."""
+    outcome: str
+    """:data:`WHOLE`, or why it ended early."""
+    is_interrupted: bool = False
 
 
 @dataclass(frozen=True)
@@ -152,3 +166,31 @@ def _ending(found: Found, story: Story, limits: Limits) -> str:
     if len(story.failed) >= MOST_FAILURES:
         return f"{len(story.failed)} experiments did not run to their end; see to the robot"
     return f"{limits.rounds} experiments were run" if len(story.rounds) >= limits.rounds else ""
+
+
+def run_on_robot(words: Sequence[str], log_dir: Path) -> Ran:
+    """Run an experiment until the robot rests; ``words`` are the arguments of ``spot-rl``."""
+    before = set(log_dir.glob("*.mcap"))
+    is_interrupted = run_in_foreground(module_command("spot_model", *words)).is_interrupted
+    made = sorted(set(log_dir.glob("*.mcap")) - before)
+    if not made:
+        return Ran(None, 0.0, "it left no log", is_interrupted)
+    try:
+        run = read_run(made[-1])
+    except SpotRlError as error:
+        return Ran(None, 0.0, str(error), is_interrupted)
+    return Ran(made[-1], run.duration_s, run.outcome, is_interrupted)
+
+
+def is_here(robot: str) -> bool:
+    """Whether an address is of this computer, where no real robot is.
+
+    Raises:
+        BadInputError: It is no address.
+    """
+    # Here: a ranking needs no connection, and no gRPC.
+    from spot_runtime.hal.connection.address import parse_address
+    from spot_runtime.operator.listening import is_loopback, is_unix
+
+    address = parse_address(robot)
+    return is_loopback(address.host if is_unix(address.host) else f"{address.host}:{address.port}")

@@ -20,8 +20,7 @@ from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.check import check_log, check_prediction
 from diagnosis.next.predict.prediction import digest_of, load_prediction, predict, with_log
-from diagnosis.next.robot_run import Ran, run_on_robot
-from diagnosis.next.rounds import Lab, Limits, ask_robot
+from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot, run_on_robot
 from diagnosis.next.story import Found, Story, read_story
 from diagnosis.progress import Progress
 from diagnosis.read.log_files import find_policy, find_policy_file, read_all

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
-from diagnosis.next import robot_run
+from diagnosis.next import rounds as robot_rounds
 from diagnosis.next.choose import design as choice
 from diagnosis.next.choose.candidates import HEAT, Candidate, candidates, given
 from diagnosis.next.choose.design import Design, Proposal, in_words, judged
@@ -28,16 +28,14 @@ from diagnosis.next.choose.robots import (
     suspects,
     with_ordinary_errors,
 )
-from diagnosis.next.choose.safety_check import refusals
 from diagnosis.next.choose.signature import _roughness
-from diagnosis.next.choose.trial import try_on
+from diagnosis.next.choose.trial import refusals, try_on
 from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
 from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.robot_run import WHOLE, Ran, is_here, run_on_robot
-from diagnosis.next.rounds import Lab, Limits, ask_robot
+from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot, is_here, run_on_robot
 from diagnosis.next.session import Session, found_in
-from diagnosis.next.story import SURE, Found, Story, read_story
+from diagnosis.next.story import SURE, WHOLE, Found, Story, read_story
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain
@@ -565,7 +563,7 @@ def test_many_unlikely_rivals_together_are_not_forgotten(tmp_path: Path) -> None
 
 
 def test_a_run_that_leaves_no_log_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(robot_run, "run_in_foreground", lambda _: Ended(0, False))
+    monkeypatch.setattr(robot_rounds, "run_in_foreground", lambda _: Ended(0, False))
     ran = run_on_robot(["run"], tmp_path)
     assert (ran.log, ran.outcome) == (None, "it left no log")
 

@@ -13,9 +13,8 @@ from scipy.optimize import minimize
 from diagnosis.next.choose.candidates import Candidate, Motion, candidates, given
 from diagnosis.next.choose.information import Told, told_by
 from diagnosis.next.choose.robots import Cause, Robots, beliefs, drawn_robots, suspects
-from diagnosis.next.choose.safety_check import burden, refusals
 from diagnosis.next.choose.signature import signature
-from diagnosis.next.choose.trial import try_on
+from diagnosis.next.choose.trial import burden, refusals, try_on
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy
