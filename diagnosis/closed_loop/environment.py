@@ -165,16 +165,7 @@ def best_surroundings(
     """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
 
     First hard and soft ground, then around the best the ground and the estimator, and around both together the ground
-    finer and how it damps.
-
-    Args:
-        models: Whose runs are compared; all are run side by side.
-        scripts: Of the real runs.
-        real: Real runs' features by sequence.
-        policy: The policy that ran.
-        engine: Computes the runs.
-        rng: Draws seeds.
-        tell: Called with the share that is done.
+    finer and how it damps. All models run side by side; ``real`` holds the real runs' features by sequence.
     """
     tried = {name: _Tried(model, scripts, real, policy) for name, model in models.items()}
     if any(not t.names for t in tried.values()):

@@ -22,7 +22,6 @@ N_RESAMPLES: Final = 1000
 LEVEL: Final = 0.90
 MIN_GAP: Final = 0.05
 """A gap that exceeds its floor by less than this share of the floor has nothing to shrink."""
-
 WHOLE: Final = 0.9
 """Of two runs, one of less than this share of the other one fell, or was cut: they are compared up to its end."""
 
@@ -107,14 +106,10 @@ def simulated_features(runs: Sequence[Run], policy: Policy) -> dict[str, list[ND
 
 
 def compare(sequence: str, real: Features, models: Mapping[str, Features], steady: str = "") -> Compared:
-    """Distances of one sequence, in floors.
+    """Distances of one sequence, in floors, from the features of real runs and of each model's.
 
-    Args:
-        sequence: Its name.
-        real: Real runs' features.
-        models: By model, its runs' features.
-        steady: Model that scatters at least as a robot does that walks. Where the robot did not repeat itself, models
-            that stumble give no larger floor than this one.
+    ``steady`` is a model that scatters at least as a robot does that walks. Where the robot did not repeat itself,
+    models that stumble give no larger floor than this one.
     """
     reference = SequenceReference.build(sequence, list(real))
 

@@ -47,16 +47,10 @@ def simulate(
     only_ticks: bool = False,
     tell: Callable[[float], None] = lambda _: None,
 ) -> list[Run]:
-    """Run all scripts in one batch.
+    """Run all scripts, which have one tick period, in one batch.
 
-    Args:
-        model: With which effects.
-        policy: What controls.
-        scripts: How each run starts and what it is told; all with one tick period.
-        rng: Draws the sensors' noise and the delays.
-        noise: Of the sensors.
-        only_ticks: Keep no state between the policy's ticks, and no loads of the links: enough to compare gaits.
-        tell: Called with the share that is done.
+    ``rng`` draws the sensors' noise and the delays; ``tell`` is called with the share that is done. With
+    ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links: enough to compare gaits.
 
     Raises:
         ValueError: There are no scripts.

@@ -45,14 +45,10 @@ def try_on(
     rng: np.random.Generator,
     tick_period_s: float | None = None,
 ) -> tuple[Run, ...]:
-    """Runs of an experiment, one a robot, with every state of the stream.
+    """Runs of an experiment, one a robot, with every state of the stream; ``policy`` is for velocity sequences.
 
-    Args:
-        motion: What is run.
-        models: The robots.
-        policy: For velocity sequences.
-        rng: Draws sensors' noise and delays.
-        tick_period_s: Of the program that will run it; by default the contract's.
+    ``rng`` draws sensors' noise and delays; ``tick_period_s`` is of the program that will run it, by default that of
+    the policy's contract.
 
     Raises:
         BadInputError: A velocity sequence needs a policy, or asks for more than it knows, a joint experiment breaks its
@@ -75,12 +71,11 @@ def try_on(
         controller = joint_script(motion)
         rate_hz = controller.contract.rate_hz
         asked = controller.motion.sampled(rate_hz)
-    stand = np.zeros((round(STAND_S * rate_hz), asked.shape[1]))
+    command = np.concatenate([np.zeros((round(STAND_S * rate_hz), asked.shape[1])), asked])
     still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
     start = StartState(
         facts.DEFAULT_POSITION_RAD, joints, np.array([1.0, 0.0, 0.0, 0.0]), still, still, joints.astype(np.float32)
     )
-    command = np.concatenate([stand, asked])
     scripts = [Script(motion.name, number, start, command, 1.0 / rate_hz) for number in range(len(models))]
     return tuple(simulate(together, controller, scripts, rng, SensorNoise()))
 

@@ -148,15 +148,7 @@ def predict(
     logs: Sequence[Run],
     seed: int,
 ) -> Prediction:
-    """Predict a run of a command within the policy's range.
-
-    Args:
-        posterior: What is still possible.
-        library: Where its effects come from.
-        sequence: The command.
-        policy: That will run.
-        logs: Those that were diagnosed.
-        seed: Of all draws.
+    """Predict a run of a command within the policy's range; ``logs`` are those that were diagnosed.
 
     Raises:
         BadInputError: Every simulated robot falls.
