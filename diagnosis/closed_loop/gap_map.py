@@ -95,7 +95,7 @@ def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Gene
     return GapMap(tuple(cells), repeated, "" if repeated else NO_FLOOR)
 
 
-def _known(value: float) -> float | None:
+def _known(value: Array) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
