@@ -14,6 +14,7 @@ import sys
 import time
 from argparse import ArgumentParser
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,7 @@ import numpy as np
 
 from diagnosis.next.choose.candidates import HEAT, candidates
 from diagnosis.next.choose.robots import compact, with_ordinary_errors
-from diagnosis.next.choose.safety_check import burden, refusals
-from diagnosis.next.choose.trial import STAND_S, try_on
+from diagnosis.next.choose.trial import STAND_S, burden, refusals, try_on
 from spot_log.read.run import Run
 from spot_model.effects.drive.armature import Armature
 from spot_model.io.model_file import load_model
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str]) -> None:
     rows: dict[str, Any] = json.loads(given.out.read_text()) if given.out.exists() else {}
     for candidate in candidates(policy.contract, SUSPECTS, (HEAT,))[::-1]:
         most = {n: free.high for n, free in candidate.free.items()}
-        sizes = {"as proposed": candidate, "at its bounds": candidate.replace_values(most)}
+        sizes = {"as proposed": candidate, "at its bounds": replace(candidate, values=most)}
         for words, chosen in list(sizes.items())[: 2 if given.bounds else 1]:
             row = rows.setdefault(f"{candidate.name}, {words}", {"refused": [], "tilts_deg": []})
             if row["tilts_deg"] or given.only not in candidate.name:

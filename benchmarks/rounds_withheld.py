@@ -33,10 +33,9 @@ from diagnosis.next.choose.design import Design, Proposal, design
 from diagnosis.next.choose.information import Told
 from diagnosis.next.choose.robots import beliefs
 from diagnosis.next.inputs import Inputs
-from diagnosis.next.robot_run import WHOLE, Ran
-from diagnosis.next.rounds import Lab, Limits, ask_robot
+from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot
 from diagnosis.next.session import diagnosed, found_in
-from diagnosis.next.story import SURE, Found, Story, read_story
+from diagnosis.next.story import SURE, WHOLE, Found, Story, read_story
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
@@ -185,8 +184,9 @@ def played(own: Subject, name: str, seed: int) -> Story:
         lambda logs, out: diagnosed(inputs, logs, out),
         found_in,
         lambda _: None,
+        told,
     )
-    return ask_robot(read_story(place / "story.json", first), lab, Limits(1e9, ROUNDS), own.case.diagnosis_seed, told)
+    return ask_robot(read_story(place / "story.json", first), lab, Limits(1e9, ROUNDS), own.case.diagnosis_seed)
 
 
 def _told(own: Subject, first: Found, story: Story) -> dict[str, Any]:

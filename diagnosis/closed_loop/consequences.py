@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -18,6 +19,7 @@ from diagnosis.closed_loop.run_numbers import (
     QUANTITIES,
     Lasted,
     Quantity,
+    known_mean,
     restricted_mean_s,
     run_numbers,
     time_to_fall,
@@ -31,6 +33,7 @@ from diagnosis.closed_loop.shrink import (
     mean_floor,
     pair_distances,
     resamples,
+    sequence_of,
     shrinkage,
 )
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
@@ -73,32 +76,15 @@ Runs = Mapping[str, Sequence[Run]]
 
 
 def consequences(bench: Bench, trials: Trials, before: str, after: str, rng: np.random.Generator) -> Consequences:
-    """What the second model has beyond the first does.
-
-    Args:
-        bench: The robot's runs.
-        trials: Runs of both models, with every state.
-        before: Name of the model without it.
-        after: Name of the model with it.
-        rng: Draws resamples.
-    """
+    """What the model named ``after`` has beyond the one named ``before`` does; ``trials`` hold every state of both."""
     # The surroundings were chosen for the corrected model: another choice would move its distance from the robot.
     doubt = bench.around(after).doubt if before == NOMINAL else 0.0
     real, first, second = _by_sequence(bench.runs), _by_sequence(trials.runs[before]), _by_sequence(trials.runs[after])
     gaps = []
     for gap, compared in _compared(real, {before: first, after: second}, after):
-        found = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
+        d0, d1, floor, s, low, high = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
         gaps.append(
-            GapChange(
-                gap=gap.name,
-                unit=gap.unit,
-                before=found.d0,
-                after=found.d1,
-                floor=found.floor,
-                share=found.s,
-                low=found.low,
-                high=found.high,
-            )
+            GapChange(gap=gap.name, unit=gap.unit, before=d0, after=d1, floor=floor, share=s, low=low, high=high)
         )
     length_s = {s.sequence: len(s.velocity_command) * s.tick_period_s for s in bench.scripts}
     return Consequences(loop="closed", gaps=tuple(gaps), changes=_changes(real, first, second, length_s, rng))
@@ -137,17 +123,14 @@ def worse_gaps(whole: Consequences) -> list[str]:
 def _by_sequence(runs: Sequence[Run]) -> Runs:
     out: dict[str, list[Run]] = {}
     for run in runs:
-        out.setdefault(run.header.command_sequence or "unnamed", []).append(run)
+        out.setdefault(sequence_of(run), []).append(run)
     return out
 
 
 def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[Compared]]]:
     """Distances by gap, in its unit, and by sequence; without gaps whose signal a log lacks.
 
-    Args:
-        real: The robot's runs.
-        models: Simulated runs by model.
-        stand_in: Model whose scatter is the floor of a robot that did not repeat itself.
+    ``stand_in`` is the model whose scatter is the floor of a robot that did not repeat itself.
     """
     by_gap: dict[Gap, list[Compared]] = {gap: [] for gap in GAPS}
     for sequence in next(iter(models.values())):
@@ -169,11 +152,12 @@ def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tup
     return out
 
 
-def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts[list[Array]]:
+def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts:
     """Of each run up to each tick the quantiles of each gap's components, shape (Q, k)."""
     ticks_ns = [run.ticks.robot_stamp_ns[policy_ticks(run, at_least)] for run in runs]
     signals = [[gap.pick(run) for gap in GAPS] for run in runs]
 
+    @cache
     def digest(i: int, n: int) -> list[Array]:
         first, last = np.searchsorted(runs[i].states.robot_stamp_ns, [ticks_ns[i][0], ticks_ns[i][n - 1] + 1])
         rows = (QUANTILES * (last - first)).astype(np.intp)
@@ -187,41 +171,31 @@ def _apart(first: list[Array], second: list[Array]) -> list[float]:
     return [float(np.mean(np.abs(a - b))) for a, b in zip(first, second, strict=True)]
 
 
-@dataclass(frozen=True)
-class _Came:
-    """What the runs of one sequence came to."""
+Came = Sequence[tuple[list[float], Lasted]]
+"""What each run of one sequence came to: :data:`QUANTITIES`, and how long it lasted."""
 
-    numbers: Array
-    """Of each run, shape (n, len(QUANTITIES))."""
-    lasted: Sequence[Lasted]
-    length_s: float
-    """Of the command."""
 
-    @staticmethod
-    def of(runs: Sequence[Run], length_s: float) -> _Came:
-        found = [(run_numbers(run), lasted) for run in runs if (lasted := time_to_fall(run)) is not None]
-        numbers = np.array([[own[q.name] for q in QUANTITIES] for own, _ in found]).reshape(-1, len(QUANTITIES))
-        return _Came(numbers, [lasted for _, lasted in found], length_s)
-
-    def drawn(self, rows: Ints) -> _Came:
-        """Some of the runs."""
-        return _Came(self.numbers[rows], [self.lasted[i] for i in rows], self.length_s)
+def _came(runs: Sequence[Run]) -> Came:
+    found = [(run_numbers(run), lasted) for run in runs if (lasted := time_to_fall(run)) is not None]
+    return [([numbers[q.name] for q in QUANTITIES], lasted) for numbers, lasted in found]
 
 
 def _changes(
     real: Runs, first: Runs, second: Runs, length_s: Mapping[str, float], rng: np.random.Generator
 ) -> tuple[QuantityChange, ...]:
     names = list(first)
-    robot, before, after = ([_Came.of(runs[s], length_s[s]) for s in names] for runs in (real, first, second))
-    values = [_summary(side) for side in (robot, before, after)]
-    sizes = [(len(b.lasted), len(a.lasted)) for b, a in zip(before, after, strict=True)]
+    robot, before, after = ([_came(runs[s]) for s in names] for runs in (real, first, second))
+    lengths_s = [length_s[s] for s in names]
+    values = [_summary(side, lengths_s) for side in (robot, before, after)]
+    sizes = [(len(b), len(a)) for b, a in zip(before, after, strict=True)]
 
-    def of(side: Sequence[_Came], drawn: Sequence[tuple[int, Ints, Ints]]) -> Array:
-        return _summary([side[i].drawn(rows) for i, _, rows in drawn])
+    def of(side: Sequence[Came], drawn: Sequence[tuple[int, Ints, Ints]]) -> Array:
+        some = [[side[i][row] for row in rows] for i, _, rows in drawn]
+        return _summary(some, [lengths_s[i] for i, _, _ in drawn])
 
     draws = np.array([np.subtract(of(after, drawn), of(before, drawn)) for drawn in resamples(sizes, rng)])
     out = []
-    falls = any(one.has_fallen for side in (robot, before, after) for came in side for one in came.lasted)
+    falls = any(one.has_fallen for side in (robot, before, after) for came in side for _, one in came)
     for k, q in enumerate((*QUANTITIES, FALLS, *([FALL_TIME] if falls else []))):
         own, without, with_it = (float(v[k]) if np.isfinite(v[k]) else None for v in values)
         known = draws[np.isfinite(draws[:, k]), k]
@@ -230,34 +204,19 @@ def _changes(
             low, high = interval(with_it - without, known, [n for _, n in sizes])
             if q is FALLS:
                 low, high = max(low, -without), min(high, 1.0 - without)
-        out.append(
-            QuantityChange(
-                quantity=q.name,
-                title=q.title,
-                unit=q.unit,
-                before=without,
-                after=with_it,
-                robot=own,
-                low=low,
-                high=high,
-            )
-        )
+        change = {"before": without, "after": with_it, "robot": own, "low": low, "high": high}
+        out.append(QuantityChange(quantity=q.name, title=q.title, unit=q.unit, **change))
     return tuple(out)
 
 
-def _summary(sequences: Sequence[_Came]) -> Array:
+def _summary(sequences: Sequence[Came], lengths_s: Sequence[float]) -> Array:
     """:data:`QUANTITIES`, the share of falls and the time to a fall, over all sequences; NaN where no run gives one."""
-    by_sequence = np.array([_mean(came.numbers) for came in sequences])
-    mean, known = _mean(by_sequence), np.isfinite(by_sequence).any(axis=0)
+    numbers = [np.array([own for own, _ in came]).reshape(-1, len(QUANTITIES)) for came in sequences]
+    lasted = [[one for _, one in came] for came in sequences]
+    by_sequence = np.array([known_mean(own) for own in numbers])
+    mean, known = known_mean(by_sequence), np.isfinite(by_sequence).any(axis=0)
     top = np.where(known, np.max(np.where(np.isfinite(by_sequence), by_sequence, -np.inf), axis=0), np.nan)
     values = np.where([q.name in LARGEST for q in QUANTITIES], top, mean)
-    share = np.mean([np.mean([one.has_fallen for one in came.lasted]) for came in sequences])
-    time_s = np.mean([restricted_mean_s(came.lasted, came.length_s) for came in sequences])
+    share = np.mean([np.mean([one.has_fallen for one in own]) for own in lasted])
+    time_s = np.mean([restricted_mean_s(own, length_s) for own, length_s in zip(lasted, lengths_s, strict=True)])
     return np.array([*values, share, time_s])
-
-
-def _mean(values: Array) -> Array:
-    """Over the rows that have a value, by column."""
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)

@@ -43,22 +43,18 @@ class Engine(Protocol):
         """
         ...
 
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
-class LocalEngine:
-    """Computes one rollout after the other in this process."""
-
-    def __init__(self, policy: Policy) -> None:
-        self._policy = policy
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        pass
+        return None
+
+
+class LocalEngine(Engine):
+    """Computes one rollout after the other in this process."""
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
 
     def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
         """Runs of each rollout."""
@@ -72,7 +68,7 @@ class LocalEngine:
         return out
 
 
-class RayEngine:
+class RayEngine(Engine):
     """Computes each rollout as a task of a Ray cluster (the extra ``ray``): the running one, or one on this machine.
 
     Args:

@@ -47,14 +47,7 @@ MAX_SEQUENCES: Final = 4
 MAX_TICKS: Final = 200
 """Of a run, from its start."""
 SURROUNDING_EFFECTS: Final = frozenset(
-    {
-        "ground_compliance",
-        "ground_friction",
-        "foot_radius",
-        "contact_delay",
-        "velocity_estimate",
-        "imu_tilt",
-    }
+    {"ground_compliance", "ground_friction", "foot_radius", "contact_delay", "velocity_estimate", "imu_tilt"}
 )
 """Effects that other surroundings could hide."""
 
@@ -86,7 +79,7 @@ class _Tried:
         if len(names) > MAX_SEQUENCES:
             names = [names[i * len(names) // MAX_SEQUENCES] for i in range(MAX_SEQUENCES)]
         self.names = names
-        self.model, self._policy = model, policy
+        self._model, self._policy = model, policy
         self._real = {name: [f[:MAX_TICKS] for f in real[name]] for name in names}
         first = [next(s for s in scripts if s.sequence == name) for name in names]
         self._scripts = [replace(s, velocity_command=s.velocity_command[:MAX_TICKS]) for s in first]
@@ -97,7 +90,7 @@ class _Tried:
         return [s for s in dict.fromkeys(some) if s not in self._costs]
 
     def add(self, some: Sequence[Surroundings], runs: Sequence[Run]) -> None:
-        """Score runs of :meth:`scripts_for`."""
+        """Score runs of :meth:`jobs_for`."""
         found = simulated_features(runs, self._policy)
         costs = np.empty((len(some), len(self.names)))
         for column, name in enumerate(self.names):
@@ -106,10 +99,10 @@ class _Tried:
                 costs[int(k), column] = float(np.mean(distances))
         self._costs.update(zip(some, costs, strict=True))
 
-    def scripts_for(self, some: Sequence[Surroundings]) -> list[tuple[Script, Surroundings]]:
+    def jobs_for(self, some: Sequence[Surroundings]) -> list[Job]:
         """One run of each sequence in each of them."""
         return [
-            (replace(script, sequence=f"{k}:{script.sequence}"), s)
+            (self._model, replace(script, sequence=f"{k}:{script.sequence}"), s)
             for k, s in enumerate(some)
             for script in self._scripts
         ]
@@ -127,9 +120,8 @@ class _Tried:
         def best(changes: list[Surroundings]) -> Surroundings:
             return min((s for s in changes if s in total), key=lambda s: total[s], default=centre)
 
-        ground = best([centre, *_nearer(centre)])
         estimator = best([centre, *_estimators(centre)])
-        return replace(ground, odometry_time_s=estimator.odometry_time_s)
+        return replace(best([centre, *_nearer(centre)]), odometry_time_s=estimator.odometry_time_s)
 
     def _totals(self, names: Sequence[str]) -> dict[Surroundings, float]:
         keep = [i for i, n in enumerate(self.names) if n not in names] or list(range(len(self.names)))
@@ -173,16 +165,7 @@ def best_surroundings(
     """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
 
     First hard and soft ground, then around the best the ground and the estimator, and around both together the ground
-    finer and how it damps.
-
-    Args:
-        models: Whose runs are compared; all are run side by side.
-        scripts: Of the real runs.
-        real: Real runs' features by sequence.
-        policy: The policy that ran.
-        engine: Computes the runs.
-        rng: Draws seeds.
-        tell: Called with the share that is done.
+    finer and how it damps. All models run side by side; ``real`` holds the real runs' features by sequence.
     """
     tried = {name: _Tried(model, scripts, real, policy) for name, model in models.items()}
     if any(not t.names for t in tried.values()):
@@ -206,7 +189,12 @@ def best_surroundings(
         def part(share: float, done: int = done) -> None:
             tell((done + share) / 3)
 
-        _try(list(tried.values()), [t.new(step(name)) for name, t in tried.items()], engine, rng, part)
+        new = {name: t.new(step(name)) for name, t in tried.items()}
+        jobs = [job for name, t in tried.items() for job in t.jobs_for(new[name])]
+        runs = iter(run_all(jobs, engine, rng, part, only_ticks=True))
+        for name, some in new.items():
+            if some:
+                tried[name].add(some, [next(runs) for _ in tried[name].jobs_for(some)])
     every = sorted({s.sequence for s in scripts})
     return {
         name: Chosen({s: t.best_without(s) for s in every}, t.best_without(), t.doubt()) for name, t in tried.items()
@@ -230,17 +218,6 @@ def _with_times(centre: Surroundings, factors: Sequence[float]) -> list[Surround
     return [replace(centre, contact_time_constant_s=t) for t in sorted(times_s)]
 
 
-def _try(
-    tried: Sequence[_Tried], new: Sequence[Sequence[Surroundings]], engine: Engine, rng: np.random.Generator, tell: Tell
-) -> None:
-    """Run what each model has not tried yet, in one batch where the models allow it."""
-    parts = [(t, some, t.scripts_for(some)) for t, some in zip(tried, new, strict=True) if some]
-    jobs = [(t.model, script, around) for t, _, scripts in parts for script, around in scripts]
-    runs = iter(run_all(jobs, engine, rng, tell, only_ticks=True))
-    for t, some, scripts in parts:
-        t.add(some, [next(runs) for _ in scripts])
-
-
 def run_all(
     jobs: Sequence[Job], engine: Engine, rng: np.random.Generator, tell: Tell, *, only_ticks: bool = False
 ) -> list[Run]:
@@ -257,19 +234,15 @@ def run_all(
         for model, _, around in jobs
     ]
     together = merged(models)
-    if together is not None:
-        groups = [(together, list(range(len(jobs))))]
-    else:
-        by_model: dict[int, list[int]] = {}
-        for i, model in enumerate(models):
-            by_model.setdefault(id(model), []).append(i)
-        groups = [(models[rows[0]], rows) for rows in by_model.values()]
+    by_model: dict[int, list[int]] = {}
+    for i, model in enumerate(models):
+        by_model.setdefault(id(together or model), []).append(i)
+    groups = [(together or models[rows[0]], rows) for rows in by_model.values()]
     rollouts = [
         Rollout(model, tuple(jobs[i][1] for i in rows), int(rng.integers(2**31)), only_ticks=only_ticks)
         for model, rows in groups
     ]
-    made: list[Run | None] = [None] * len(jobs)
+    made: dict[int, Run] = {}
     for (_, rows), runs in zip(groups, engine.simulate(rollouts, tell), strict=True):
-        for i, run in zip(rows, runs, strict=True):
-            made[i] = run
-    return [run for run in made if run is not None]
+        made.update(zip(rows, runs, strict=True))
+    return [made[i] for i in range(len(jobs))]

@@ -18,8 +18,7 @@ from spot_model.io.model_file import RobotModel
 def merged(models: Sequence[RobotModel]) -> RobotModel | None:
     """One model for a batch whose run i is of ``models[i]``; None where no such model exists.
 
-    Args:
-        models: One a run, each with plain numbers, or one number a joint, shape (1, J).
+    Models have plain numbers, or one number a joint, shape (1, J).
     """
     first = models[0]
     if all(m is first for m in models):

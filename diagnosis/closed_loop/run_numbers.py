@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.read.policy_ticks import fall_stamp_ns, policy_ticks
 from spot_log.read.run import Run
@@ -48,28 +47,20 @@ class Lasted(NamedTuple):
     has_fallen: bool
 
 
-def followed_rows(run: Run) -> NDArray[np.intp]:
-    """States while the policy followed the command, up to a fall, by number."""
-    ticks = policy_ticks(run)
-    if len(ticks) == 0:
-        return np.zeros(0, dtype=np.intp)
-    stamps = run.ticks.robot_stamp_ns[ticks]
-    s = run.states.robot_stamp_ns
-    return np.flatnonzero((s >= stamps[0]) & (s <= stamps[-1]))
-
-
 def run_numbers(run: Run) -> Mapping[str, float]:
     """:data:`QUANTITIES` of a run, by name; NaN where no policy ran for :data:`HELD_S`, or the log lacks the signal."""
-    rows, s = followed_rows(run), run.states
-    period_s = float(np.median(np.diff(s.robot_stamp_ns))) * 1e-9 if len(s) > 1 else np.inf
-    if len(rows) * period_s < HELD_S:
+    s, ticks, stamps_ns = run.states, run.ticks, run.states.robot_stamp_ns
+    followed_ns = ticks.robot_stamp_ns[policy_ticks(run)]
+    first, last = np.searchsorted(stamps_ns, [followed_ns[0], followed_ns[-1] + 1]) if len(followed_ns) else (0, 0)
+    rows = slice(first, last)
+    period_s = float(np.median(np.diff(stamps_ns))) * 1e-9 if len(s) > 1 else np.inf
+    if (last - first) * period_s < HELD_S:
         return {q.name: float("nan") for q in QUANTITIES}
     attitude, load = s.odom_from_body_wxyz[rows], s.load_nm[rows]
     velocity = np.asarray(rotate_inverse_wxyz(attitude, s.linear_vel_of_body_in_odom_m_s[rows]))[:, 0]
     window = min(round(HELD_S / period_s), len(velocity))
     total = np.concatenate([[0.0], np.cumsum(velocity)])
-    ticks = run.ticks
-    at = np.clip(np.searchsorted(ticks.robot_stamp_ns, s.robot_stamp_ns[rows], side="right") - 1, 0, len(ticks) - 1)
+    at = np.clip(np.searchsorted(ticks.robot_stamp_ns, stamps_ns[rows], side="right") - 1, 0, len(ticks) - 1)
     return {
         "top_speed": float(np.max(total[window:] - total[:-window]) / window),
         "mean_speed": float(velocity.mean()),
@@ -109,3 +100,10 @@ def restricted_mean_s(lasted: Sequence[Lasted], length_s: float) -> float:
         share *= 1.0 - sum(one.has_fallen and one.time_s == fall_s for one in lasted) / n_walking
         at_s = fall_s
     return area_s + share * (length_s - at_s)
+
+
+def known_mean(values: Array) -> Array:
+    """Mean over the first axis of what is finite; NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Generic, TypeVar
+from functools import cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,19 +16,17 @@ from diagnosis.channels.channel_view import Array
 from diagnosis.read.policy_ticks import MIN_TICKS, features
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy
-from trainer.sysid.distance.measures import RunDigest, SequenceReference, digest, distance
+from trainer.sysid.distance.measures import SequenceReference, digest, distance
 
 N_RESAMPLES: Final = 1000
 LEVEL: Final = 0.90
 MIN_GAP: Final = 0.05
 """A gap that exceeds its floor by less than this share of the floor has nothing to shrink."""
-
 WHOLE: Final = 0.9
 """Of two runs, one of less than this share of the other one fell, or was cut: they are compared up to its end."""
 
 Features = Sequence[NDArray[np.float32]]
 """Of the runs of one sequence, each of shape (n, 36)."""
-Digest = TypeVar("Digest")
 
 
 @dataclass(frozen=True)
@@ -45,28 +44,16 @@ class Compared:
     """Where the robot did not repeat itself, what stands in for the distance between two of its runs."""
 
 
-class Cuts(Generic[Digest]):
-    """The runs of one side of one sequence, each as what a distance needs of its first ticks.
+class Cuts(NamedTuple):
+    """The runs of one side of one sequence, each as what a distance needs of its first ticks."""
 
-    Args:
-        lengths: Ticks of each run.
-        digest: Of run i up to tick n.
-    """
-
-    def __init__(self, lengths: Sequence[int], digest: Callable[[int, int], Digest]) -> None:
-        self.lengths = lengths
-        self._digest = digest
-        self._made: dict[tuple[int, int], Digest] = {}
-
-    def to(self, run: int, n_ticks: int) -> Digest:
-        """Of a run up to a tick, computed once."""
-        key = (run, n_ticks)
-        if key not in self._made:
-            self._made[key] = self._digest(run, n_ticks)
-        return self._made[key]
+    lengths: Sequence[int]
+    """Ticks of each run."""
+    to: Callable[[int, int], Any]
+    """Digest of run i up to tick n."""
 
 
-def pair_distances(first: Cuts[Digest], second: Cuts[Digest], distance: Callable[[Digest, Digest], Any]) -> Array:
+def pair_distances(first: Cuts, second: Cuts, distance: Callable[[Any, Any], Any]) -> Array:
     """From each run of one side to each of the other, up to the end of the shorter where that fell or was cut.
 
     Returns:
@@ -82,8 +69,7 @@ def pair_distances(first: Cuts[Digest], second: Cuts[Digest], distance: Callable
     return np.array([[one(i, j) for j in range(len(second.lengths))] for i in range(len(first.lengths))])
 
 
-@dataclass(frozen=True)
-class Shrinkage:
+class Shrinkage(NamedTuple):
     """A share with its interval, and what it is made of."""
 
     d0: float
@@ -94,21 +80,23 @@ class Shrinkage:
     high: float | None
 
 
+def sequence_of(run: Run) -> str:
+    """Name of the command sequence that a run follows."""
+    return run.header.command_sequence or "unnamed"
+
+
 def features_by_sequence(
     runs: Sequence[Run], policy: Policy, at_least: int = 0
 ) -> dict[str, list[NDArray[np.float32]]]:
     """Features of the runs by sequence, each up to its fall; runs of less than :data:`MIN_TICKS` are left out.
 
-    Args:
-        runs: Logs, or simulated runs.
-        policy: That ran.
-        at_least: So many ticks are kept even of a robot that falls sooner, and no run is left out.
+    With ``at_least``, so many ticks are kept even of a robot that falls sooner, and no run is left out.
     """
     found: dict[str, list[NDArray[np.float32]]] = {}
     for run in runs:
         own = features(run, policy, at_least)
         if len(own) >= MIN_TICKS or at_least:
-            found.setdefault(run.header.command_sequence or "unnamed", []).append(own)
+            found.setdefault(sequence_of(run), []).append(own)
     return found
 
 
@@ -117,21 +105,16 @@ def simulated_features(runs: Sequence[Run], policy: Policy) -> dict[str, list[ND
     return features_by_sequence(runs, policy, MIN_TICKS)
 
 
-def compare(sequence: str, real: Features, models: Mapping[str, Features], seed: int = 0, steady: str = "") -> Compared:
-    """Distances of one sequence, in floors.
+def compare(sequence: str, real: Features, models: Mapping[str, Features], steady: str = "") -> Compared:
+    """Distances of one sequence, in floors, from the features of real runs and of each model's.
 
-    Args:
-        sequence: Its name.
-        real: Real runs' features.
-        models: By model, its runs' features.
-        seed: Of the measure's random features.
-        steady: Model that scatters at least as a robot does that walks. Where the robot did not repeat itself, models
-            that stumble give no larger floor than this one.
+    ``steady`` is a model that scatters at least as a robot does that walks. Where the robot did not repeat itself,
+    models that stumble give no larger floor than this one.
     """
-    reference = SequenceReference.build(sequence, list(real), seed)
+    reference = SequenceReference.build(sequence, list(real))
 
-    def cuts(runs: Features) -> Cuts[RunDigest]:
-        return Cuts([len(f) for f in runs], lambda i, n: digest(runs[i][:n], reference.fourier))
+    def cuts(runs: Features) -> Cuts:
+        return Cuts([len(f) for f in runs], cache(lambda i, n: digest(runs[i][:n], reference.fourier)))
 
     own = cuts(real)
     pairs = pair_distances(own, own, distance)
@@ -139,7 +122,7 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], seed:
         scale = pairs.sum(axis=(0, 1)) / (len(real) * (len(real) - 1))
     else:
         # The robot did not repeat itself: what its models scatter by stands in for what it scatters by.
-        others = {n: SequenceReference.build(sequence, list(r), seed).scale for n, r in models.items() if len(r) > 1}
+        others = {n: SequenceReference.build(sequence, list(r)).scale for n, r in models.items() if len(r) > 1}
         scale = np.median(list(others.values()), axis=0) if others else reference.scale
         scale = np.minimum(scale, others.get(steady, scale))
 
@@ -151,23 +134,13 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], seed:
 
 
 def shrinkage(
-    compared: Sequence[Compared],
-    before: str,
-    after: str,
-    rng: np.random.Generator,
-    doubt: float = 0.0,
+    compared: Sequence[Compared], before: str, after: str, rng: np.random.Generator, doubt: float = 0.0
 ) -> Shrinkage:
     """S = (D0 − D1)/(D0 − floor), averaged over sequences, with a paired hierarchical bootstrap.
 
     Each resample draws sequences, within them real runs, and simulated runs, the same for both models. Without
-    repeats the floor is the scatter of simulated runs.
-
-    Args:
-        compared: By sequence.
-        before: Name of the model without something.
-        after: Name of the model with it.
-        rng: Draws the resamples.
-        doubt: Standard error of the distance after that no resample holds: other surroundings might have been chosen.
+    repeats the floor is the scatter of simulated runs. ``doubt`` is a standard error of the distance after that no
+    resample holds: other surroundings might have been chosen.
     """
     d0, d1, floor = mean_distance(compared, before), mean_distance(compared, after), mean_floor(compared)
     if d0 - floor <= MIN_GAP * max(floor, 1e-9):
@@ -200,25 +173,16 @@ def mean_floor(compared: Sequence[Compared]) -> float:
 def resamples(
     sizes: Sequence[tuple[int, int]], rng: np.random.Generator
 ) -> Iterator[list[tuple[int, NDArray[np.intp], NDArray[np.intp]]]]:
-    """:data:`N_RESAMPLES` times sequences, and of each its real and its simulated runs, drawn with replacement.
-
-    Args:
-        sizes: Real and simulated runs of each sequence.
-        rng: Draws.
-    """
+    """:data:`N_RESAMPLES` times sequences, and rows of the two sides of each, drawn with replacement."""
     for _ in range(N_RESAMPLES):
         chosen = rng.integers(len(sizes), size=len(sizes))
         yield [(int(i), *(rng.integers(n, size=n) for n in sizes[i])) for i in chosen]
 
 
 def interval(value: float, draws: Sequence[float], counts: Sequence[int], doubt: float = 0.0) -> tuple[float, float]:
-    """The 90 % interval of a value from its :func:`resamples`.
+    """The 90 % interval of a value from that of each of its :func:`resamples`.
 
-    Args:
-        value: The estimate.
-        draws: The same of each resample.
-        counts: Runs of each sequence.
-        doubt: Standard error of the value that no resample holds.
+    ``counts`` are the runs of each sequence; ``doubt`` is a standard error that no resample holds.
     """
     tail = 50.0 * (1.0 - LEVEL)
     z = float(normal.ppf(1.0 - tail / 100.0))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
@@ -17,12 +16,11 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.shared.threads import available_threads
 from trainer.sysid.simulation import recorded_loop
 from trainer.sysid.simulation.recorded_loop import RecordedLoop, Told
-
-Array = NDArray[np.float64]
 
 SUBSTEPS: Final = 2
 """Physics steps between two states."""
@@ -47,18 +45,12 @@ def simulate(
     noise: SensorNoise,
     *,
     only_ticks: bool = False,
-    tell: Callable[[float], None] | None = None,
+    tell: Callable[[float], None] = lambda _: None,
 ) -> list[Run]:
-    """Run all scripts in one batch.
+    """Run all scripts, which have one tick period, in one batch.
 
-    Args:
-        model: With which effects.
-        policy: What controls.
-        scripts: How each run starts and what it is told; all with one tick period.
-        rng: Draws the sensors' noise and the delays.
-        noise: Of the sensors.
-        only_ticks: Keep no state between the policy's ticks, and no loads of the links: enough to compare gaits.
-        tell: Called with the share that is done.
+    ``rng`` draws the sensors' noise and the delays; ``tell`` is called with the share that is done. With
+    ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links: enough to compare gaits.
 
     Raises:
         ValueError: There are no scripts.
@@ -93,4 +85,4 @@ def simulate(
         only_ticks=only_ticks,
         tick_period_s=scripts[0].tick_period_s,
     )
-    return loop.runs() if tell is None else loop.runs(tell)
+    return loop.runs(tell)

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.channel_view import Array
 from diagnosis.closed_loop.engine import Engine, Tell
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
 from diagnosis.closed_loop.run_numbers import time_to_fall
@@ -17,6 +16,7 @@ from diagnosis.closed_loop.shrink import (
     Features,
     compare,
     features_by_sequence,
+    sequence_of,
     shrinkage,
     simulated_features,
 )
@@ -51,6 +51,15 @@ class Bench:
     def around(self, name: str) -> Chosen:
         """Surroundings of a model; none of its own before any were chosen."""
         return self.surroundings.get("all" if self.shared is not None else name, Chosen({}))
+
+    def choose(self, models: Mapping[str, RobotModel], rng: np.random.Generator, tell: Tell) -> None:
+        """Choose surroundings for those of the models that have none, or for :attr:`shared` alone."""
+        wanted = models if self.shared is None else {"all": self.shared}
+        missing = {name: model for name, model in wanted.items() if name not in self.surroundings}
+        if missing:
+            self.surroundings.update(
+                best_surroundings(missing, self.scripts, self.real(), self.policy, self.engine, rng, tell)
+            )
 
     @staticmethod
     def of(runs: Sequence[Run], policy: Policy, engine: Engine, shared: RobotModel | None = None) -> Bench | None:
@@ -89,54 +98,6 @@ LOWER: Final = 1.0 / 3.0
 """Of a sequence's simulated runs, the quantile that counts: some stumble where the robot did not."""
 SMALLEST: Final = 0.01
 """No distance counts as less."""
-Models = Mapping[str, RobotModel]
-"""By command sequence, the model that runs it."""
-
-
-def roll_out(
-    bench: Bench,
-    models: Mapping[str, Models],
-    references: Models,
-    rng: np.random.Generator,
-    tell: Tell,
-    like: Mapping[str, str] | None = None,
-    *,
-    only_ticks: bool = False,
-) -> dict[str, list[Run]]:
-    """Runs of all scripts by each model, all side by side, in the surroundings that suit them.
-
-    Args:
-        bench: What to run.
-        models: By name.
-        references: By name, the model for which surroundings are chosen, unless the bench has one for all.
-        like: By name of a model without a reference, the name of the one whose surroundings it shares.
-        rng: Draws seeds.
-        tell: Called with the share that is done.
-        only_ticks: No states between the policy's ticks: enough for distances.
-
-    Raises:
-        BadInputError: A model cannot be simulated.
-    """
-    wanted = references if bench.shared is None else {"all": bench.shared}
-    missing = {name: model for name, model in wanted.items() if name not in bench.surroundings}
-    if missing:
-        bench.surroundings.update(
-            best_surroundings(
-                missing, bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
-            )
-        )
-    jobs, names = [], []
-    for name, by_sequence in models.items():
-        around = bench.around((like or {}).get(name, name)) if name != NOMINAL else Chosen({})
-        for sequence, model in by_sequence.items():
-            mine = [s for s in bench.scripts if s.sequence == sequence]
-            jobs += [(model, s, around.by_sequence.get(sequence)) for s in mine]
-            names += [name] * len(mine)
-    made: dict[str, list[Run]] = {name: [] for name in models}
-    made_runs = run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share), only_ticks=only_ticks)
-    for name, run in zip(names, made_runs, strict=True):
-        made[name].append(run)
-    return made
 
 
 @dataclass(frozen=True)
@@ -151,9 +112,13 @@ class Trials:
     notes: tuple[str, ...]
 
     def distances(self) -> dict[str, float]:
-        """By model, in floors: distances between the robot's own repeats; without repeats between the model's."""
+        """One by model, in floors: distances between the robot's own repeats; without repeats between the model's.
+
+        Neither one simulated run that stumbles nor one sequence rules it.
+        """
         names = self.compared[0].models if self.compared else ()
-        return {name: typical([c.models[name] for c in self.compared]) for name in names}
+        lower = {n: [np.quantile(c.models[n].mean(axis=1), LOWER) for c in self.compared] for n in names}
+        return {name: float(np.exp(np.mean(np.log(np.maximum(own, SMALLEST))))) for name, own in lower.items()}
 
     def scatter_nm(self) -> float:
         """The floor's W1 part, over the sequences; NaN where nothing was compared."""
@@ -170,15 +135,6 @@ class Trials:
         return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
 
 
-def typical(distances: Sequence[Array]) -> float:
-    """One number for a model, in floors, that neither one simulated run that stumbles nor one sequence rules.
-
-    Args:
-        distances: By sequence, from simulated runs to real runs.
-    """
-    return float(np.exp(np.mean([np.log(max(float(np.quantile(d.mean(axis=1), LOWER)), SMALLEST)) for d in distances])))
-
-
 def run_trials(
     bench: Bench,
     nominal: RobotModel,
@@ -190,7 +146,7 @@ def run_trials(
     *,
     only_ticks: bool = False,
 ) -> Trials:
-    """Run the nominal model, and the nominal model with each candidate's ordinary errors and effects.
+    """Run the nominal model, and it with each candidate's ordinary errors and effects, in the surroundings that suit.
 
     Args:
         bench: Real logs and how to simulate them.
@@ -200,14 +156,14 @@ def run_trials(
         like: By name of a candidate, the one whose environment it shares; the others choose their own.
         rng: Draws seeds.
         tell: Called with the share that is done.
-        only_ticks: See :func:`roll_out`.
+        only_ticks: No states between the policy's ticks: enough for distances.
 
     Raises:
         BadInputError: The nominal model cannot be simulated.
     """
     names, notes = bench.sequences, []
     crossed = list(board.fold_names) == names and len(names) > 1
-    models: dict[str, Models] = {NOMINAL: dict.fromkeys(names, nominal)}
+    models = {NOMINAL: dict.fromkeys(names, nominal)}  # by name and command sequence
     references: dict[str, RobotModel] = {}
     for name, scored in candidates.items():
         made, why = _fitted_models(nominal, board, scored, names if crossed else [])
@@ -217,7 +173,18 @@ def run_trials(
         models[name] = {s: made[k if crossed else -1] for k, s in enumerate(names)}
         if name not in like:
             references[name] = made[-1]
-    runs = roll_out(bench, models, references, rng, tell, like, only_ticks=only_ticks)
+    bench.choose(references, rng, lambda share: tell(0.6 * share))
+    jobs, owners = [], []
+    for name, by_sequence in models.items():
+        around = bench.around(like.get(name, name)).by_sequence if name != NOMINAL else {}
+        for sequence, model in by_sequence.items():
+            mine = [s for s in bench.scripts if s.sequence == sequence]
+            jobs += [(model, s, around.get(sequence)) for s in mine]
+            owners += [name] * len(mine)
+    runs: dict[str, list[Run]] = {name: [] for name in models}
+    made_runs = run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share), only_ticks=only_ticks)
+    for name, run in zip(owners, made_runs, strict=True):
+        runs[name].append(run)
     compared, told = compared_by_sequence(bench, runs)
     return Trials(runs, tuple(compared), crossed, (*notes, *told))
 
@@ -234,26 +201,19 @@ def _fitted_models(
 
 
 def measure_shrink(bench: Bench, trials: Trials, stated: str, rng: np.random.Generator) -> Shrink | None:
-    """How much of the gap the stated model closes; where trials are crossed, on sequences that its numbers never saw.
-
-    Args:
-        bench: Real logs.
-        trials: Runs of the models.
-        stated: Name of the model that is delivered.
-        rng: Draws resamples.
-    """
+    """How much of the gap the stated model closes; in crossed trials on sequences that its numbers never saw."""
     compared = trials.compared
     if not compared or stated not in trials.runs:
         return None
-    after = shrinkage(compared, NOMINAL, stated, rng, bench.around(stated).doubt)
+    d0, d1, floor, s, low, high = shrinkage(compared, NOMINAL, stated, rng, bench.around(stated).doubt)
     return Shrink(
-        d0=after.d0,
-        d1=after.d1,
-        floor=after.floor,
+        d0=d0,
+        d1=d1,
+        floor=floor,
         floor_of="robot" if compared[0].real.shape[0] > 1 else "model",
-        s=after.s,
-        s_low=after.low,
-        s_high=after.high,
+        s=s,
+        s_low=low,
+        s_high=high,
         held_out=tuple(c.sequence for c in compared) if trials.is_crossed else (),
     )
 
@@ -267,7 +227,7 @@ def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> t
         notes += _falls_of(sequence, bench.runs)
         own = {name: part[sequence] for name, part in parts.items()}
         compared.append(compare(sequence, real[sequence], own, steady=NOMINAL))
-    for sequence in sorted({r.header.command_sequence or "unnamed" for r in bench.runs} - set(bench.sequences)):
+    for sequence in sorted({sequence_of(r) for r in bench.runs} - set(bench.sequences)):
         notes += _falls_of(sequence, bench.runs) and [
             f"sequence {sequence}: every run fell within a second; none is simulated"
         ]
@@ -280,7 +240,7 @@ def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> t
 
 
 def _falls_of(sequence: str, runs: Sequence[Run]) -> list[str]:
-    mine = [run for run in runs if (run.header.command_sequence or "unnamed") == sequence]
+    mine = [run for run in runs if sequence_of(run) == sequence]
     falls_s = [lasted.time_s for run in mine if (lasted := time_to_fall(run)) is not None and lasted.has_fallen]
     if not falls_s:
         return []

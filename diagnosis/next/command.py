@@ -40,8 +40,7 @@ def next_experiment(
     """Propose the experiment that tells most about a cause; with --run, run experiments until one cause is left."""
     typer.echo("loading the library of effects and the simulator …", err=True)
     from diagnosis.next.files import load_motion
-    from diagnosis.next.robot_run import is_here
-    from diagnosis.next.rounds import Limits
+    from diagnosis.next.rounds import Limits, is_here
     from diagnosis.next.session import Session
     from spot_model.errors import BadInputError
     from trainer.collect.collect_run import run_arguments

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import suppress
+from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from diagnosis.next.choose.candidates import Motion
-from diagnosis.next.choose.design import Design, Proposal, in_words
+from diagnosis.next.choose.design import Design
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import SCHEMA as JOINT_EXPERIMENT
 from spot_model.io.joint_experiment import joint_experiment_from_data, save_joint_experiment
@@ -20,27 +21,14 @@ LASTS_S: Final = (4.0, 60.0)
 """Of a walk that is judged: it is simulated on some seventy robots."""
 
 
-@dataclass(frozen=True)
-class Offer:
-    """A proposal that was written."""
-
-    proposal: Proposal
-    file: Path
-    command: str
-    """For a terminal."""
-
-
 def free_folder(parent: Path, name: str) -> Path:
     """``parent/name``, or the first of ``name-2``, ``name-3`` ... that is not there; made."""
-    number = 1
-    while True:
+    for number in count(1):
         folder = parent / (name if number == 1 else f"{name}-{number}")
-        try:
+        with suppress(FileExistsError):
             folder.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        else:
-            return folder
+            break
+    return folder
 
 
 def save_motion(motion: Motion, path: Path) -> None:
@@ -78,26 +66,22 @@ def run_words(motion: Motion, file: Path, policy: str | None, log_dir: str) -> l
     return ["run", *what, "--log-dir", log_dir]
 
 
-def write_offers(design: Design, part: Path, folder: Path, policy: str | None) -> tuple[Offer, ...]:
+def write_offers(design: Design, part: Path, folder: Path, policy: str | None) -> dict[str, str]:
     """Write the experiments that are safe and worth their time, the most telling first, and ``ranking.json``.
 
-    They are written into ``part`` and named as they will lie in ``folder``.
+    They are written into ``part`` and named as they will lie in ``folder``. Returns the command of each for a terminal,
+    by the experiment's name.
     """
-    offers = []
+    commands = {}
     for number, proposal in enumerate(design.worthwhile, start=1):
-        file = folder / f"{number:02d}_{proposal.candidate.name}.yaml"
+        name = proposal.candidate.name
+        file = folder / f"{number:02d}_{name}.yaml"
         save_motion(proposal.motion, part / file.name)
         words = run_words(proposal.motion, file, policy, "MORE_LOGS")
-        offers.append(Offer(proposal, file, " ".join(["spot-rl", *words, "--robot", "HOST"])))
-    (part / "ranking.json").write_text(json.dumps(_data(design, offers), indent=1) + "\n", encoding="utf-8")
-    return tuple(offers)
-
-
-def _data(design: Design, offers: Sequence[Offer]) -> dict[str, Any]:
-    commands = {id(o.proposal): o.command for o in offers}
-    return {
+        commands[name] = " ".join(["spot-rl", *words, "--robot", "HOST"])
+    data = {
         "schema": "spot-rl/next-experiments/1",
-        "causes": {in_words(c): float(w) for c, w in zip(design.causes, design.weights, strict=True)},
+        "causes": design.odds,
         "experiments": [
             {
                 "name": p.candidate.name,
@@ -108,31 +92,28 @@ def _data(design: Design, offers: Sequence[Offer]) -> dict[str, Any]:
                 "loads": p.burden,
                 "needs": p.candidate.needs,
                 "refused": list(p.refused),
-                "command": commands.get(id(p), ""),
+                "command": commands.get(p.candidate.name, ""),
             }
             for p in design.proposals
         ],
     }
+    (part / "ranking.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    return commands
 
 
-def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
-    """For a terminal."""
-    commands = {id(o.proposal): o.command for o in offers}
-    lines = ["possible causes"]
-    lines += [f"  {w:5.2f}  {in_words(c)}" for c, w in zip(design.causes, design.weights, strict=True)]
+def ranking_lines(design: Design, commands: Mapping[str, str]) -> list[str]:
+    """For a terminal; ``commands`` are those of :func:`write_offers`."""
+    lines = ["possible causes", *(f"  {odds:5.2f}  {cause}" for cause, odds in design.odds.items())]
     for number, p in enumerate(design.proposals, start=1):
-        lines.append("")
-        lines.append(f"{number}. {p.candidate.title}{f' ({p.values})' if p.values else ''}")
+        lines += ["", f"{number}. {p.candidate.title}{f' ({p.values})' if p.values else ''}"]
         if p.refused:
             lines += [f"   refused: {reason}" for reason in p.refused]
             continue
-        tells = (
-            f"{p.told.bits:.2f} of {p.told.of_bits:.2f} bits in {p.robot_s:.0f} s: {p.bits_a_second:.3f} bits a second"
-        )
-        lines.append(f"   information  {tells}")
+        bits = f"{p.told.bits:.2f} of {p.told.of_bits:.2f} bits in {p.robot_s:.0f} s"
+        lines.append(f"   information  {bits}: {p.bits_a_second:.3f} bits a second")
         if p.told.bits > 0.0:
             lines.append(f"   separates    {p.decides(design.causes, design.weights)}")
         lines.append(f"   loads        {p.burden}; needs {p.candidate.needs}")
-        if id(p) in commands:
-            lines.append(f"   run          {commands[id(p)]}")
+        if p.candidate.name in commands:
+            lines.append(f"   run          {commands[p.candidate.name]}")
     return lines

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from diagnosis.next.choose.design import Design, Proposal, in_words
-from diagnosis.next.files import Offer
+from diagnosis.next.choose.design import Design, Proposal
 from diagnosis.next.story import OTHERS, SURE, Asked, Story
 from diagnosis.report.output import NAMES
 from spot_log.page.look import boxed, framed, headed
@@ -24,10 +23,8 @@ SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f
 GREY: Final = "#bab0ab"
 
 
-def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
-    """The page of a ranking, as text."""
-    odds = {in_words(c): float(w) for c, w in zip(design.causes, design.weights, strict=True)}
-    commands = {id(o.proposal): o.command for o in offers}
+def ranking_page(design: Design, commands: Mapping[str, str]) -> str:
+    """The page of a ranking, as text; ``commands`` by the experiment's name."""
     offered = [p for p in design.proposals if not p.refused]
     about = (
         "Ranked by information about the cause per second of robot time, simulated on robots that agree with the logs. "
@@ -35,8 +32,8 @@ def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
     )
     body = [
         f"<section><h1>What to run next</h1><p class='lead'>{esc(_lead(design))}</p></section>",
-        boxed("Possible causes", "Their probabilities, from the logs so far.", _moves([("", odds)])),
-        boxed("Experiments", about, "".join(_offered(p, design, commands.get(id(p), "")) for p in offered)),
+        boxed("Possible causes", "Their probabilities, from the logs so far.", _moves([("", design.odds)])),
+        boxed("Experiments", about, "".join(_offered(p, design, commands.get(p.candidate.name, "")) for p in offered)),
     ]
     refused = {p.candidate.title: esc("; ".join(p.refused)) for p in design.proposals if p.refused}
     body += [boxed("Refused", "Do not run these on a robot.", _rows(refused))] if refused else []
@@ -115,7 +112,8 @@ def _report(asked: Asked) -> str:
 
 def _moves(stages: Sequence[tuple[str, Mapping[str, float]]]) -> str:
     """A bar for each stage, divided among the causes."""
-    colours = _colours([odds for _, odds in stages])
+    names = dict.fromkeys(name for _, odds in stages for name in odds)
+    colours = {name: GREY if name == OTHERS else SHADES[i % len(SHADES)] for i, name in enumerate(names)}
     legend = "".join(f"<span><i style='background:{c}'></i>{esc(name)}</span>" for name, c in colours.items())
     bars = []
     for label, odds in stages:
@@ -134,7 +132,7 @@ def _percent(p: float) -> str:
 
 def _lead(design: Design) -> str:
     if len(design.causes) < 2:
-        return f"One cause is left: {in_words(design.causes[0])}. No experiment is needed."
+        return f"One cause is left: {next(iter(design.odds))}. No experiment is needed."
     if not design.worthwhile:
         return "No safe experiment would tell more."
     best = design.worthwhile[0]
@@ -144,8 +142,3 @@ def _lead(design: Design) -> str:
         f"that decide between the causes, in {best.robot_s:.0f} s of robot time. (One bit decides between two equally "
         "likely causes.)"
     )
-
-
-def _colours(all_odds: Sequence[Mapping[str, float]]) -> dict[str, str]:
-    names = list(dict.fromkeys(name for odds in all_odds for name in odds))
-    return {name: GREY if name == OTHERS else SHADES[i % len(SHADES)] for i, name in enumerate(names)}

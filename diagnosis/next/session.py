@@ -20,8 +20,7 @@ from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.check import check_log, check_prediction
 from diagnosis.next.predict.prediction import digest_of, load_prediction, predict, with_log
-from diagnosis.next.robot_run import Ran, run_on_robot, start_here
-from diagnosis.next.rounds import Lab, Limits, ask_robot
+from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot, run_on_robot
 from diagnosis.next.story import Found, Story, read_story
 from diagnosis.progress import Progress
 from diagnosis.read.log_files import find_policy, find_policy_file, read_all
@@ -89,24 +88,19 @@ class Session:
         plan = self._chosen(self.found.posterior, self.seed, wanted=None)
         place = free_folder(self.folder, "next")
         with whole_folder(place) as part:
-            offers = write_offers(plan, part, place, self.inputs.policy)
-            (part / "next.html").write_text(ranking_page(plan, offers), encoding="utf-8")
+            commands = write_offers(plan, part, place, self.inputs.policy)
+            (part / "next.html").write_text(ranking_page(plan, commands), encoding="utf-8")
         self.page = place / "next.html"
-        return [*ranking_lines(plan, offers), "", f"page: {self.page}"]
+        return [*ranking_lines(plan, commands), "", f"page: {self.page}"]
 
-    def ask(
-        self,
-        robot_words: Sequence[str],
-        confirm: Callable[[Proposal, list[str]], bool],
-        limits: Limits,
-    ) -> Story:
+    def ask(self, robot_words: Sequence[str], confirm: Callable[[Proposal, list[str]], bool], limits: Limits) -> Story:
         """Run experiments on a robot; logs, diagnoses and the story stay in ``asked``, where a later start goes on."""
         place = self.folder / "asked"
         place.mkdir(exist_ok=True)
         self.page = page = place / "story.html"
 
         def agreed(proposal: Proposal, plan: Design) -> bool:
-            return confirm(proposal, ranking_lines(Design(plan.causes, plan.weights, (proposal,)), ()))
+            return confirm(proposal, ranking_lines(replace(plan, proposals=(proposal,)), {}))
 
         def told(story: Story) -> None:
             for path, text in ((page, story_page(story)), (place / "story.json", story.to_json())):
@@ -117,7 +111,7 @@ class Session:
             logs.mkdir()
             save_motion(chosen.motion, file)
             words = run_words(chosen.motion, file, self.inputs.policy, str(logs))
-            return run_on_robot([*words, *robot_words], logs, start_here)
+            return run_on_robot([*words, *robot_words], logs)
 
         lab = Lab(
             folder=place,
@@ -127,11 +121,12 @@ class Session:
             diagnose=lambda logs, out: diagnosed(self.inputs, logs, out),
             open=found_in,
             say=lambda text: Console(stderr=True).print(text, markup=False, highlight=False),
+            told=told,
         )
         story = read_story(place / "story.json", self.found)
         if self.own is not None:
             limits = replace(limits, rounds=min(limits.rounds, len(story.rounds) + 1))
-        return ask_robot(story, lab, limits, self.seed, told)
+        return ask_robot(story, lab, limits, self.seed)
 
     def _chosen(
         self,
@@ -148,14 +143,7 @@ class Session:
 
             tell(0.0)
             return design(
-                posterior,
-                self.policy,
-                seed,
-                tell,
-                excluded=excluded,
-                own=self.own,
-                wanted=wanted,
-                most_s=most_s,
+                posterior, self.policy, seed, tell, excluded=excluded, own=self.own, wanted=wanted, most_s=most_s
             )
 
     def predicted(self, sequence: str, log: Path | None, out: Path | None) -> list[str]:

@@ -10,11 +10,12 @@ from typing import Final
 
 from diagnosis.next.choose.design import in_words
 from diagnosis.next.choose.robots import LIKELY, all_beliefs
-from diagnosis.next.robot_run import WHOLE
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import BadInputError
 
 SCHEMA: Final = "spot-rl/next-story/1"
+WHOLE: Final = "completed"
+"""Outcome of a run that went to its end."""
 SURE: Final = 0.95
 """A cause of this probability is the answer."""
 STILL: Final = 0.05

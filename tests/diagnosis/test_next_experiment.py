@@ -14,10 +14,11 @@ from typer.testing import CliRunner
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
+from diagnosis.next import rounds as robot_rounds
 from diagnosis.next.choose import design as choice
 from diagnosis.next.choose.candidates import HEAT, Candidate, candidates, given
 from diagnosis.next.choose.design import Design, Proposal, in_words, judged
-from diagnosis.next.choose.information import Told, entropy_bits, told_by
+from diagnosis.next.choose.information import Told, told_by
 from diagnosis.next.choose.robots import (
     N_WIDE,
     Robots,
@@ -27,16 +28,14 @@ from diagnosis.next.choose.robots import (
     suspects,
     with_ordinary_errors,
 )
-from diagnosis.next.choose.safety_check import refusals
 from diagnosis.next.choose.signature import _roughness
-from diagnosis.next.choose.trial import try_on
+from diagnosis.next.choose.trial import refusals, try_on
 from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
 from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.robot_run import WHOLE, Ran, is_here, run_on_robot
-from diagnosis.next.rounds import Lab, Limits, ask_robot
+from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot, is_here, run_on_robot
 from diagnosis.next.session import Session, found_in
-from diagnosis.next.story import SURE, Found, Story, read_story
+from diagnosis.next.story import SURE, WHOLE, Found, Story, read_story
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain
@@ -44,6 +43,7 @@ from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import Squat, load_joint_experiment
 from spot_model.io.model_file import RobotModel, load_model
+from spot_model.io.signals import Ended
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
@@ -68,11 +68,6 @@ def posterior(**weights: float) -> Posterior:
 
 
 # What an experiment tells --------------------------------------------------------------------------------------------
-
-
-def test_entropy_by_hand() -> None:
-    assert entropy_bits(np.array([0.5, 0.25, 0.25])) == pytest.approx(1.5)
-    assert entropy_bits(np.array([1.0, 0.0])) == 0.0
 
 
 def test_robots_that_are_far_apart_tell_all_that_odd_runs_leave() -> None:
@@ -204,7 +199,7 @@ def _contract():  # type: ignore[no-untyped-def]
 def test_every_corner_of_a_candidates_bounds_can_be_built(candidate: Candidate) -> None:
     for side in ("start", "low"):
         values = {name: getattr(free, side) for name, free in candidate.free.items()}
-        motion = candidate.replace_values(values).motion()
+        motion = replace(candidate, values=values).motion()
         assert 4.0 <= motion.duration_s <= (40.0 if candidate.name == "warm_up" else 20.0)
 
 
@@ -287,7 +282,7 @@ def test_a_squat_tells_a_weak_knee_from_a_sound_one() -> None:
     own = posterior(torque_gain=0.5, none=0.5)
     robots = drawn_robots(own, 8, np.random.default_rng(0))
     squat = next(c for c in candidates(None, ("fl_kn",)) if c.name == "squat")
-    proposal = judged(squat.replace_values({"duration_s": 6.0}), robots, None, 0)
+    proposal = judged(replace(squat, values={"duration_s": 6.0}), robots, None, 0)
     assert proposal.refused == ()
     assert proposal.told.bits > 0.3
     assert "torque gain from ordinary errors alone" in proposal.decides(robots.causes, robots.weights) or (
@@ -367,18 +362,19 @@ def test_a_users_own_experiment_is_run_whatever_it_tells_if_it_is_safe(refused: 
     own = Proposal(given(SQUAT), SQUAT, Told(0.0, 1.0, np.zeros((2, 2))), "", refused, is_proved=True)
     plan = Design((("torque_gain",), ()), np.array([0.6, 0.4]), (own,))
     assert plan.worthwhile == (() if refused else (own,))
-    assert ranking_lines(plan, [])[4] == f"1. {SQUAT.name}, from a file", "a file's numbers are not ours to list"
+    assert ranking_lines(plan, {})[4] == f"1. {SQUAT.name}, from a file", "a file's numbers are not ours to list"
 
 
 def test_files_commands_and_pages_of_a_ranking(tmp_path: Path) -> None:
     plan = made_design({"a": 0.2, "bad": 0.9}, refused=("bad",))
-    offers = write_offers(plan, tmp_path, tmp_path, None)
-    assert [o.file.name for o in offers] == ["01_a.yaml"]
-    assert load_joint_experiment(offers[0].file) == plan.proposals[0].motion
-    told = "\n".join(ranking_lines(plan, offers))
+    commands = write_offers(plan, tmp_path, tmp_path, None)
+    file = tmp_path / "01_a.yaml"
+    assert list(tmp_path.glob("*.yaml")) == [file]
+    assert load_joint_experiment(file) == plan.proposals[0].motion
+    told = "\n".join(ranking_lines(plan, commands))
     assert "refused: 1 of 2 simulated robots tip over" in told
-    assert f"spot-rl run --experiment {offers[0].file}" in told
-    page = ranking_page(plan, offers)
+    assert f"spot-rl run --experiment {file}" in told
+    page = ranking_page(plan, commands)
     assert "tip over" in page
     assert "torque gain" in page
     assert free_folder(tmp_path, "next").name == "next"
@@ -406,7 +402,7 @@ class FakeLab:
         self.stops_at = ""
         agreed = lambda *_: self.agrees  # noqa: E731
         opened = lambda place: self.found(place, self.odds[int(place.parent.name.removeprefix("round_"))])  # noqa: E731
-        self.lab = Lab(folder, self.choose, agreed, self.run, self.diagnose, opened, lambda _: None)
+        self.lab = Lab(folder, self.choose, agreed, self.run, self.diagnose, opened, lambda _: None, self.told)
 
     def found(self, folder: Path, odds: float) -> Found:
         return Found(folder, posterior(torque_gain=odds, none=1.0 - odds), "explained", "words")
@@ -436,7 +432,7 @@ class FakeLab:
     def ask(self, *, budget_s: float = 100.0, rounds: int = 5) -> Story:
         self.story_file.parent.mkdir(exist_ok=True)
         story = read_story(self.story_file, self.found(Path("first"), self.odds[0]))
-        return ask_robot(story, self.lab, Limits(budget_s, rounds), 0, self.told)
+        return ask_robot(story, self.lab, Limits(budget_s, rounds), 0)
 
 
 def test_it_goes_on_until_one_cause_stands(tmp_path: Path) -> None:
@@ -461,7 +457,7 @@ def test_a_cause_that_stands_already_asks_for_nothing(tmp_path: Path) -> None:
 def test_ordinary_errors_alone_are_an_answer_where_there_is_no_gap(tmp_path: Path, status: str, n_rounds: int) -> None:
     fake = FakeLab(tmp_path, [0.6, 0.97])
     story = Story(Found(tmp_path, posterior(none=0.97, torque_gain=0.03), status, "words"))
-    assert len(ask_robot(story, fake.lab, Limits(100.0, 5), 0, fake.told).rounds) == n_rounds
+    assert len(ask_robot(story, fake.lab, Limits(100.0, 5), 0).rounds) == n_rounds
 
 
 def test_the_budget_of_robot_time_ends_it(tmp_path: Path) -> None:
@@ -566,8 +562,9 @@ def test_many_unlikely_rivals_together_are_not_forgotten(tmp_path: Path) -> None
     assert found.odds["others"] == pytest.approx(0.27)
 
 
-def test_a_run_that_leaves_no_log_is_told(tmp_path: Path) -> None:
-    ran = run_on_robot(["run"], tmp_path, lambda _: False)
+def test_a_run_that_leaves_no_log_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_rounds, "run_in_foreground", lambda _: Ended(0, False))
+    ran = run_on_robot(["run"], tmp_path)
     assert (ran.log, ran.outcome) == (None, "it left no log")
 
 

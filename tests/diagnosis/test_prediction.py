@@ -11,8 +11,7 @@ from pydantic import ValidationError
 
 from diagnosis.next.inputs import Inputs
 from diagnosis.next.predict.check import check_log, check_prediction
-from diagnosis.next.predict.outcome import MOTION
-from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
+from diagnosis.next.predict.prediction import MOTION, Forecast, Prediction, _forecast, load_prediction
 from diagnosis.next.session import Session
 from diagnosis.next.story import Found
 from diagnosis.read.recording import ACTIVE

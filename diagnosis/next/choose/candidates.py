@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -61,10 +61,6 @@ class Candidate:
         """All numbers."""
         return {name: self.values.get(name, free.start) for name, free in self.free.items()}
 
-    def replace_values(self, values: Mapping[str, float]) -> Candidate:
-        """The same kind with other numbers."""
-        return replace(self, values=dict(values))
-
     def motion(self) -> Motion:
         """The experiment with these numbers."""
         return self.build(self.chosen)
@@ -75,18 +71,58 @@ class Candidate:
         return self.motion().duration_s + HANDOVER_S
 
 
+STANDING: Final = Candidate(
+    "standing",
+    "stand, and shift the weight slowly over the feet",
+    "level ground",
+    {
+        "shift_m": Free(0.04, 0.02, 0.06, "m"),
+        "frequency_hz": Free(0.4, 0.15, 0.8, "Hz"),
+        "duration_s": Free(8.0, 6.0, 16.0, "s"),
+    },
+    lambda v: Standing(
+        name="standing",
+        duration_s=v["duration_s"],
+        shift_x_m=v["shift_m"],
+        shift_y_m=v["shift_m"],
+        frequency_hz=v["frequency_hz"],
+    ),
+)
+SQUAT: Final = Candidate(
+    "squat",
+    "stand, and go down and up",
+    "level ground",
+    {
+        "depth_m": Free(0.10, 0.04, 0.14, "m"),
+        "frequency_hz": Free(0.6, 0.2, 1.2, "Hz"),
+        **GAINS,
+        "duration_s": Free(8.0, 6.0, 16.0, "s"),
+    },
+    lambda v: Squat.model_validate({"name": "squat", **v}),
+)
+WARM_UP: Final = Candidate(
+    "warm_up",
+    "go down and up until the motors are warm",
+    "level ground; the motors get hot: keep hands off them afterwards",
+    {
+        "depth_m": Free(0.12, 0.06, 0.14, "m"),
+        "frequency_hz": Free(0.8, 0.4, 1.0, "Hz"),
+        "duration_s": Free(40.0, 30.0, 50.0, "s"),
+    },
+    lambda v: Squat.model_validate({"name": "warm_up", **v}),
+)
+
+
 def candidates(
     policy: PolicyContract | None, suspects: Sequence[str], effects: Collection[str] = ()
 ) -> tuple[Candidate, ...]:
-    """All that could be next.
+    """All that could be next: walks where there is a policy, sweeps of the likeliest ``suspects`` among the joints.
 
-    Args:
-        policy: Contract of the policy for walks; None where there is none.
-        suspects: Joints at which something may be wrong, the likeliest first.
-        effects: Names of those that may be the cause.
+    ``effects`` are those that may be the cause.
     """
     walks = _walks(policy) if policy is not None else ()
-    return (*walks, *_in_the_stand(), *(_warm_up() if HEAT in effects else ()), *_sweeps(suspects))
+    sweeps = [_sweep(joint) for joint in suspects[:SWEPT] if joint in facts.JOINT_NAMES]
+    return (*walks, STANDING, SQUAT, *([WARM_UP] if HEAT in effects else []), *sweeps)
 
 
 def given(motion: Motion) -> Candidate:
@@ -96,9 +132,7 @@ def given(motion: Motion) -> Candidate:
 
 
 def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
-    top, turn = policy.velocity_command_high[0], policy.velocity_command_high[2]
-    aside = policy.velocity_command_high[1]
-    fast = Free(0.6 * top, 0.3 * top, 0.8 * top, "m/s")
+    top, aside, turn = policy.velocity_command_high
     brisk = min(top, 1.6)
     needs = "the policy, and room to walk"
     return (
@@ -106,16 +140,16 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             "sprint",
             "run ahead with rising speed, then stop",
             f"the policy, and {0.4 * top * 12.0 + 2.0:.0f} m straight ahead",
-            {"speed_m_s": fast, "duration_s": Free(8.0, 6.0, 12.0, "s")},
-            lambda v: sequence_of(
+            {
+                "speed_m_s": Free(0.6 * top, 0.3 * top, 0.8 * top, "m/s"),
+                "duration_s": Free(8.0, 6.0, 12.0, "s"),
+            },
+            lambda v: _ramped(
                 "sprint",
                 v["duration_s"],
-                (0.0, 0.0, 0.0, 0.0),
-                (0.5, 0.1, 0.0, 0.0),
-                (0.7 * v["duration_s"], v["speed_m_s"], 0.0, 0.0),
-                (0.85 * v["duration_s"], v["speed_m_s"], 0.0, 0.0),
-                (v["duration_s"] - 0.5, 0.0, 0.0, 0.0),
-                is_ramped=True,
+                (0.5, 0.1),
+                (0.7 * v["duration_s"], v["speed_m_s"]),
+                (0.85 * v["duration_s"], v["speed_m_s"]),
             ),
         ),
         Candidate(
@@ -139,12 +173,12 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             lambda v: sequence_of(
                 "turns",
                 8.0,
-                (0.0, 0.0, 0.0, 0.0),
+                (0.0,),
                 (0.5, 0.0, 0.0, v["turn_rad_s"]),
                 (2.3, 0.0, 0.0, -v["turn_rad_s"]),
-                (4.1, 0.0, v["aside_m_s"], 0.0),
-                (5.8, 0.0, -v["aside_m_s"], 0.0),
-                (7.5, 0.0, 0.0, 0.0),
+                (4.1, 0.0, v["aside_m_s"]),
+                (5.8, 0.0, -v["aside_m_s"]),
+                (7.5,),
             ),
         ),
         Candidate(
@@ -152,94 +186,27 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             "walk slowly",
             needs,
             {"speed_m_s": Free(0.25, 0.1, 0.5, "m/s")},
-            lambda v: sequence_of(
-                "slow_walk",
-                8.0,
-                (0.0, 0.0, 0.0, 0.0),
-                (1.0, v["speed_m_s"], 0.0, 0.0),
-                (6.5, v["speed_m_s"], 0.0, 0.0),
-                (7.5, 0.0, 0.0, 0.0),
-                is_ramped=True,
-            ),
+            lambda v: _ramped("slow_walk", 8.0, (1.0, v["speed_m_s"]), (6.5, v["speed_m_s"])),
         ),
     )
 
 
-def _in_the_stand() -> tuple[Candidate, ...]:
-    return (
-        Candidate(
-            "standing",
-            "stand, and shift the weight slowly over the feet",
-            "level ground",
-            {
-                "shift_m": Free(0.04, 0.02, 0.06, "m"),
-                "frequency_hz": Free(0.4, 0.15, 0.8, "Hz"),
-                "duration_s": Free(8.0, 6.0, 16.0, "s"),
-            },
-            lambda v: Standing(
-                name="standing",
-                duration_s=v["duration_s"],
-                shift_x_m=v["shift_m"],
-                shift_y_m=v["shift_m"],
-                frequency_hz=v["frequency_hz"],
-            ),
-        ),
-        Candidate(
-            "squat",
-            "stand, and go down and up",
-            "level ground",
-            {
-                "depth_m": Free(0.10, 0.04, 0.14, "m"),
-                "frequency_hz": Free(0.6, 0.2, 1.2, "Hz"),
-                **GAINS,
-                "duration_s": Free(8.0, 6.0, 16.0, "s"),
-            },
-            lambda v: Squat(
-                name="squat",
-                duration_s=v["duration_s"],
-                depth_m=v["depth_m"],
-                frequency_hz=v["frequency_hz"],
-                kp_nm_per_rad=v["kp_nm_per_rad"],
-                kd_nm_s_per_rad=v["kd_nm_s_per_rad"],
-            ),
-        ),
-    )
+def _ramped(name: str, duration_s: float, *points: tuple[float, float]) -> VelocitySequence:
+    """Straight lines between forward speeds, each a time and m/s, from rest to rest."""
+    return sequence_of(name, duration_s, (0.0,), *points, (duration_s - 0.5,), is_ramped=True)
 
 
-def _warm_up() -> tuple[Candidate, ...]:
-    return (
-        Candidate(
-            "warm_up",
-            "go down and up until the motors are warm",
-            "level ground; the motors get hot: keep hands off them afterwards",
-            {
-                "depth_m": Free(0.12, 0.06, 0.14, "m"),
-                "frequency_hz": Free(0.8, 0.4, 1.0, "Hz"),
-                "duration_s": Free(40.0, 30.0, 50.0, "s"),
-            },
-            lambda v: Squat(
-                name="warm_up", duration_s=v["duration_s"], depth_m=v["depth_m"], frequency_hz=v["frequency_hz"]
-            ),
-        ),
-    )
-
-
-def _sweeps(suspects: Sequence[str]) -> tuple[Candidate, ...]:
-    return tuple(_sweep(joint) for joint in suspects[:SWEPT] if joint in facts.JOINT_NAMES)
+def _to_and_fro(speed_m_s: float, period_s: float) -> VelocitySequence:
+    """Each way for a quarter of the period; the turn-round takes as long."""
+    duration_s, quarter_s = 8.0, 0.25 * period_s
+    points = [(0.5, 0.0)]
+    for i, t in enumerate(np.arange(0.5 + quarter_s, duration_s - 1.0 - quarter_s, 2.0 * quarter_s)):
+        speed = speed_m_s * (-1.0) ** i
+        points += [(float(t), speed), (float(t + quarter_s), speed)]
+    return _ramped("to_and_fro", duration_s, *points)
 
 
 def _sweep(joint: str) -> Candidate:
-    def build(v: Mapping[str, float]) -> Sweep:
-        return Sweep(
-            name=f"sweep_{joint}",
-            duration_s=v["duration_s"],
-            joint=joint,
-            amplitude_rad=v["amplitude_rad"],
-            end_hz=v["end_hz"],
-            kp_nm_per_rad=v["kp_nm_per_rad"],
-            kd_nm_s_per_rad=v["kd_nm_s_per_rad"],
-        )
-
     return Candidate(
         f"sweep_{joint}",
         f"stand on three legs, and swing {joint} faster and faster",
@@ -250,17 +217,5 @@ def _sweep(joint: str) -> Candidate:
             **GAINS,
             "duration_s": Free(10.0, 9.0, 16.0, "s"),
         },
-        build,
-    )
-
-
-def _to_and_fro(speed_m_s: float, period_s: float) -> VelocitySequence:
-    """Each way for a quarter of the period; the turn-round takes as long."""
-    duration_s, quarter_s = 8.0, 0.25 * period_s
-    points = [(0.5, 0.0, 0.0, 0.0)]
-    for i, t in enumerate(np.arange(0.5 + quarter_s, duration_s - 1.0 - quarter_s, 2.0 * quarter_s)):
-        speed = speed_m_s * (-1.0) ** i
-        points += [(float(t), speed, 0.0, 0.0), (float(t + quarter_s), speed, 0.0, 0.0)]
-    return sequence_of(
-        "to_and_fro", duration_s, (0.0, 0.0, 0.0, 0.0), *points, (duration_s - 0.5, 0.0, 0.0, 0.0), is_ramped=True
+        lambda v: Sweep.model_validate({"name": f"sweep_{joint}", "joint": joint, **v}),
     )

@@ -13,9 +13,8 @@ from scipy.optimize import minimize
 from diagnosis.next.choose.candidates import Candidate, Motion, candidates, given
 from diagnosis.next.choose.information import Told, told_by
 from diagnosis.next.choose.robots import Cause, Robots, beliefs, drawn_robots, suspects
-from diagnosis.next.choose.safety_check import burden, refusals
 from diagnosis.next.choose.signature import signature
-from diagnosis.next.choose.trial import try_on
+from diagnosis.next.choose.trial import burden, refusals, try_on
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy
@@ -35,7 +34,7 @@ Tell = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Proposal:
-    """An experiment with what it would tell."""
+    """An experiment with what it would tell, and what it loads on the robot."""
 
     candidate: Candidate
     motion: Motion
@@ -76,8 +75,10 @@ class Proposal:
         """Which two causes it sets apart most, in words, with how it does."""
         if len(causes) < 2:
             return "nothing: one cause is left"
-        pairs = list(combinations(range(len(causes)), 2))
-        i, j = max(pairs, key=lambda p: weights[p[0]] * weights[p[1]] * (self.told.right(*p) - 0.5))
+        i, j = max(
+            combinations(range(len(causes)), 2),
+            key=lambda p: weights[p[0]] * weights[p[1]] * (self.told.right(*p) - 0.5),
+        )
         right = self.told.right(i, j)
         return f"{in_words(causes[i])} from {in_words(causes[j])} (decided correctly in {100.0 * right:.0f} %)"
 
@@ -89,6 +90,11 @@ class Design:
     causes: tuple[Cause, ...]
     weights: Array
     proposals: tuple[Proposal, ...]
+
+    @property
+    def odds(self) -> dict[str, float]:
+        """Probability of each cause, by its words."""
+        return {in_words(c): float(w) for c, w in zip(self.causes, self.weights, strict=True)}
 
     @property
     def worthwhile(self) -> tuple[Proposal, ...]:
@@ -107,7 +113,6 @@ def design(
     seed: int,
     tell: Tell = lambda _: None,
     *,
-    tries: int = TRIES,
     excluded: Sequence[str] = (),
     own: Motion | None = None,
     wanted: int | None = None,
@@ -120,7 +125,6 @@ def design(
         policy: For walks; without it only joint experiments are looked at.
         seed: Of all draws; each candidate meets the same robots, noise and delays.
         tell: Called with the share that is done.
-        tries: Simulations in which the numbers of a good candidate are chosen.
         excluded: Names of candidates that are left out.
         own: A user's own experiment, in the place of all others.
         wanted: So many are proved; by default all that tell enough.
@@ -131,7 +135,7 @@ def design(
     effects = {name for cause in robots.causes for name in cause}
     all_of = candidates(policy.contract if policy is not None else None, suspects(posterior), effects)
     kinds = [c for c in all_of if c.name not in excluded] if own is None else [given(own)]
-    n_steps = len(kinds) + tries + 2
+    n_steps = len(kinds) + TRIES + 2
     found: list[Proposal] = []
     for done, candidate in enumerate(kinds, start=1):
         found.append(judged(candidate, robots, policy, seed))
@@ -139,7 +143,7 @@ def design(
     if len(robots.causes) > 1 and own is None and found:
         number = min(range(len(found)), key=lambda i: _rank(found[i]))
         if not found[number].told.is_enough:
-            found[number] = _improved(found[number], robots, policy, seed, tries)
+            found[number] = _improved(found[number], robots, policy, seed)
     tell((n_steps - 2) / n_steps)
     ranked = sorted(found, key=_rank)
     for at, proposal in enumerate(ranked):
@@ -153,18 +157,16 @@ def design(
 
 def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
     """What a candidate tells and loads, and whether all robots that the logs allow bear it."""
-    nothing = Told(0.0, 0.0, np.zeros((len(robots.weights),) * 2))
+    told = Told(0.0, 0.0, np.zeros((len(robots.weights),) * 2))
     motion = candidate.motion()
     try:
         runs = try_on(motion, robots.models, policy, np.random.default_rng([seed, 1]))
     except BadInputError as error:
-        return Proposal(candidate, motion, nothing, "", (str(error),))
-    refused = refusals(runs)
-    told = nothing
+        return Proposal(candidate, motion, told, "", (str(error),))
     signatures = np.array([signature(run) for run in runs])
     if len(robots.causes) > 1 and np.isfinite(signatures).all():
         told = told_by(signatures, robots.cause_of, robots.weights, np.random.default_rng([seed, 2]))
-    return Proposal(candidate, motion, told, burden(runs), refused)
+    return Proposal(candidate, motion, told, burden(runs), refusals(runs))
 
 
 def proved(proposal: Proposal, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
@@ -177,23 +179,22 @@ def _rank(proposal: Proposal) -> tuple[bool, float]:
     return bool(proposal.refused), -proposal.bits_a_second
 
 
-def _improved(start: Proposal, robots: Robots, policy: Policy | None, seed: int, tries: int) -> Proposal:
+def _improved(start: Proposal, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
     """The best of some tries by Nelder and Mead's method within the candidate's bounds; never one that is refused."""
-    names = list(start.candidate.free)
-    bounds = np.array([(start.candidate.free[n].low, start.candidate.free[n].high) for n in names])
-    best = start
+    free, best = start.candidate.free, start
+    low = np.array([own.low for own in free.values()])
+    width = np.array([own.high for own in free.values()]) - low
 
     def loss(x: Array) -> float:
         nonlocal best
-        values = {n: round(float(v), 3) for n, v in zip(names, bounds[:, 0] + x * np.ptp(bounds, axis=1), strict=True)}
-        proposal = judged(start.candidate.replace_values(values), robots, policy, seed)
+        values = {n: round(float(v), 3) for n, v in zip(free, low + x * width, strict=True)}
+        proposal = judged(replace(start.candidate, values=values), robots, policy, seed)
         if _rank(proposal) < _rank(best):
             best = proposal
         return 0.0 if proposal.refused else -proposal.bits_a_second
 
-    at = np.array([start.candidate.chosen[n] for n in names])
-    x = (at - bounds[:, 0]) / np.ptp(bounds, axis=1)
+    x = (np.array(list(start.candidate.chosen.values())) - low) / width
     simplex = np.clip(x + np.concatenate([np.zeros((1, len(x))), np.where(x < 0.5, 0.4, -0.4) * np.eye(len(x))]), 0, 1)
-    options = {"maxfev": tries, "initial_simplex": simplex}
+    options = {"maxfev": TRIES, "initial_simplex": simplex}
     minimize(loss, x, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(x), options=options)
     return best

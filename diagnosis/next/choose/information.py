@@ -21,6 +21,7 @@ from typing import Final
 
 import numpy as np
 from scipy.special import ndtr
+from scipy.stats import entropy
 
 from diagnosis.decision_constants import FORMULA_ERROR, ODD_RUN
 from spot_model.robot.facts import Array
@@ -52,12 +53,6 @@ class Told:
         return float((1.0 - ODD_RUN) * ndtr(0.5 * self.apart[first, second]) + 0.5 * ODD_RUN)
 
 
-def entropy_bits(weights: Array) -> float:
-    """Of probabilities, shape (C,)."""
-    own = weights[weights > 0.0]
-    return float(-np.sum(own * np.log2(own)))
-
-
 def told_by(signatures: Array, cause_of: Array, weights: Array, rng: np.random.Generator) -> Told:
     """What an experiment tells.
 
@@ -72,18 +67,20 @@ def told_by(signatures: Array, cause_of: Array, weights: Array, rng: np.random.G
     for _ in range(REDRAWN):
         x = signatures + _formula_errors(signatures, cause_of, rng)
         groups = [x[rng.permutation(np.flatnonzero(cause_of == c))] for c in range(n_causes)]
-        folds = [[_split(own, fold) for own in groups] for fold in range(FOLDS)]
+        folds = []
+        for fold in range(FOLDS):
+            is_new = [np.arange(len(own)) % FOLDS == fold for own in groups]
+            folds.append([(own[~new], own[new]) for own, new in zip(groups, is_new, strict=True)])
         for i, j in combinations(range(n_causes), 2):
             apart[i, j] += _apart(folds, i, j) / REDRAWN
     apart += apart.T
     near = np.exp(-(apart**2) / 8.0) @ weights
-    return Told(float((1.0 - ODD_RUN) * -weights @ np.log2(near)), entropy_bits(weights), apart)
+    return Told(float((1.0 - ODD_RUN) * -weights @ np.log2(near)), float(entropy(weights, base=2)), apart)
 
 
 def _apart(folds: Sequence[Sequence[tuple[Array, Array]]], i: int, j: int) -> float:
     """Δ of two causes; ``folds`` has the robots of each cause that are seen and that are new, shapes (n, k)."""
-    ours: list[Array] = []
-    theirs: list[Array] = []
+    sides: tuple[list[Array], list[Array]] = [], []
     for groups in folds:
         seen = [own for own, _ in groups]
         left = sum(((own - own.mean(axis=0)) ** 2).sum(axis=0) for own in seen)
@@ -92,9 +89,9 @@ def _apart(folds: Sequence[Sequence[tuple[Array, Array]]], i: int, j: int) -> fl
         is_clear = (first - second) ** 2 > CLEAR**2 * variance * (1.0 / len(seen[i]) + 1.0 / len(seen[j]))
         direction = np.where(is_clear, (first - second) / variance, 0.0)
         size = np.sqrt(float(direction**2 @ variance)) or 1.0
-        ours.append((groups[i][1] - 0.5 * (first + second)) @ direction / size)
-        theirs.append((groups[j][1] - 0.5 * (first + second)) @ direction / size)
-    a, b = np.concatenate(ours), np.concatenate(theirs)
+        for side, (_, new) in zip(sides, (groups[i], groups[j]), strict=True):
+            side.append((new - 0.5 * (first + second)) @ direction / size)
+    a, b = map(np.concatenate, sides)
     free = len(a) + len(b) - 2
     variance_along = (np.sum((a - a.mean()) ** 2) + np.sum((b - b.mean()) ** 2)) / free
     if variance_along == 0.0:
@@ -103,11 +100,6 @@ def _apart(folds: Sequence[Sequence[tuple[Array, Array]]], i: int, j: int) -> fl
     # Unbiased: the square of a mean is too large by its variance, one over a variance by free / (free - 2).
     square = (free - 2) / free * away**2 / variance_along - 1.0 / len(a) - 1.0 / len(b)
     return float(np.sqrt(max(square, 0.0)))
-
-
-def _split(own: Array, fold: int) -> tuple[Array, Array]:
-    is_new = np.arange(len(own)) % FOLDS == fold
-    return own[~is_new], own[is_new]
 
 
 def _formula_errors(signatures: Array, cause_of: Array, rng: np.random.Generator) -> Array:

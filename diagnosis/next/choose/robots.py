@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.nuisance import ErrorKind, error_sets
 from diagnosis.selection.nuisance_model import with_kind
@@ -77,36 +76,27 @@ def suspects(posterior: Posterior) -> tuple[str, ...]:
     odds = dict.fromkeys(facts.JOINT_NAMES, 0.0)
     for possibility in posterior.possibilities:
         for term in possibility.terms:
-            chosen = select_joints(term.joints)
-            for name, is_there in zip(facts.JOINT_NAMES, chosen, strict=True):
-                odds[name] += possibility.weight * float(is_there) / float(chosen.sum())
+            chosen = np.array(facts.JOINT_NAMES)[select_joints(term.joints)]
+            for name in chosen:
+                odds[name] += possibility.weight / len(chosen)
     ranked = sorted((n for n in odds if odds[n] > 0.0), key=lambda n: -odds[n])
     return tuple(ranked) or facts.JOINT_NAMES[:3]
 
 
-def drawn_robots(
-    posterior: Posterior, each: int, rng: np.random.Generator, library: Mapping[str, LibraryEffect] = LIBRARY
-) -> Robots:
-    """Robots of every cause that is still likely, with ordinary errors that the logs leave open; and wide ones.
+def drawn_robots(posterior: Posterior, each: int, rng: np.random.Generator) -> Robots:
+    """Robots, ``each`` of every likely cause, with ordinary errors that the logs leave open; and wide ones."""
 
-    Args:
-        posterior: What is still possible.
-        each: Robots of each cause.
-        rng: Draws them.
-        library: Where the posterior's effects come from.
-    """
+    def drawn(source: Posterior, share: float) -> RobotModel:
+        return with_ordinary_errors(compact(source.draw(LIBRARY, rng)), rng, share, without=SETTLED)
+
     odds = beliefs(posterior)
-    models, index = [], []
-    for number, cause in enumerate(odds):
-        own = tuple(p for p in posterior.possibilities if cause_of(p) == cause)
-        for _ in range(each):
-            model = Posterior(possibilities=own).draw(library, rng)
-            models.append(with_ordinary_errors(compact(model), rng, LEFT, without=SETTLED))
-            index.append(number)
-    wide = tuple(
-        with_ordinary_errors(compact(posterior.draw(library, rng)), rng, WIDE, without=SETTLED) for _ in range(N_WIDE)
-    )
-    return Robots(tuple(odds), np.array(list(odds.values())), tuple(models), np.array(index), wide)
+    models: list[RobotModel] = []
+    for cause in odds:
+        own = Posterior(possibilities=tuple(p for p in posterior.possibilities if cause_of(p) == cause))
+        models += [drawn(own, LEFT) for _ in range(each)]
+    wide = tuple(drawn(posterior, WIDE) for _ in range(N_WIDE))
+    index = np.repeat(np.arange(len(odds)), each)
+    return Robots(tuple(odds), np.array(list(odds.values())), tuple(models), index, wide)
 
 
 def with_ordinary_errors(
@@ -122,14 +112,12 @@ def with_ordinary_errors(
         kind = ErrorKind(effect, given.at, 0, tuple(sets), chosen)
         size = np.array([scale[k] * (given.alike if s.sum() > 1 else 1.0) for s in sets for k in chosen])
         model = with_kind(model, SPOT, kind, kind.coefficients(share * size * rng.standard_normal(len(size))))
-    return replace(model, effects=tuple(_possible(effect) for effect in model.effects))
-
-
-def _possible(effect: Effect) -> Effect:
-    """A mass that is missing is missing in the body's middle: far from it, its inertia would exceed the body's own."""
-    if isinstance(effect, PayloadMass) and effect.mass_kg < 0.0:
-        return replace(effect, x_m=0.0, y_m=0.0, z_m=0.0)
-    return effect
+    # A mass is missing in the body's middle: far from it, its inertia would exceed the body's own.
+    possible = [
+        replace(e, x_m=0.0, y_m=0.0, z_m=0.0) if isinstance(e, PayloadMass) and e.mass_kg < 0.0 else e
+        for e in model.effects
+    ]
+    return replace(model, effects=tuple(possible))
 
 
 def compact(model: RobotModel) -> RobotModel:

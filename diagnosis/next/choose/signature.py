@@ -12,16 +12,14 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.next.choose.trial import STAND_S
+from diagnosis.next.choose.trial import STAND_S, STATE_S
 from spot_log.read.run import Run
-from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import projected_gravity, rotate_inverse_wxyz, rotate_wxyz
 
 SOFT_RAD_S: Final = 0.1
-STATE_S: Final = facts.STATE_PERIOD_NS * 1e-9
 SMOOTHED: Final = 5
 """States over which rates are taken."""
 FORMULA_FLOOR: Final[dict[str, float]] = {

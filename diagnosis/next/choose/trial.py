@@ -1,13 +1,14 @@
-"""One experiment on many simulated robots at once."""
+"""One experiment on many simulated robots at once, and whether they bear it: what is refused, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 
 from diagnosis.closed_loop.merged_models import merged
+from diagnosis.closed_loop.run_numbers import given_power_w
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.next.choose.candidates import Motion
 from diagnosis.read.policy_ticks import Script
@@ -19,9 +20,22 @@ from spot_model.plant.start import StartState
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from spot_model.robot.rotation import rotate_wxyz, tilt_rad
 
+STATE_S: Final = facts.STATE_PERIOD_NS * 1e-9
 STAND_S: Final = 1.0
 """Robots stand for so long before the motion begins; it is a part of the runs."""
+TILT_RAD: Final = 0.6
+"""The safety core stops at 0.785."""
+HEIGHT_M: Final = 0.28
+"""Body over its lowest sole; the safety core stops at 0.25 m."""
+SPEED_RAD_S: Final = 25.0
+"""Of a joint, where the knee's motor gives no more torque; the robot itself stops at 40."""
+LOAD_NM: Final = np.tile([50.0, 50.0, 115.0], facts.N_LEGS)
+"""The joints' limits are 45 and 113 N·m; the rest is noise of the cells."""
+STOP_MARGIN_RAD: Final = 0.05
+"""A joint measured this far beyond its stop was pressed against it."""
 
 
 def try_on(
@@ -31,20 +45,16 @@ def try_on(
     rng: np.random.Generator,
     tick_period_s: float | None = None,
 ) -> tuple[Run, ...]:
-    """Runs of an experiment, one a robot, with every state of the stream.
+    """Runs of an experiment, one a robot, with every state of the stream; ``policy`` is for velocity sequences.
 
-    Args:
-        motion: What is run.
-        models: The robots.
-        policy: For velocity sequences.
-        rng: Draws sensors' noise and delays.
-        tick_period_s: Of the program that will run it; by default the contract's.
+    ``rng`` draws sensors' noise and delays; ``tick_period_s`` is of the program that will run it, by default that of
+    the policy's contract.
 
     Raises:
         BadInputError: A velocity sequence needs a policy, or asks for more than it knows, a joint experiment breaks its
             bounds, or the robots cannot be simulated side by side.
     """
-    together = merged(list(models))
+    together = merged(models)
     if together is None:
         raise BadInputError("these robots cannot be simulated side by side: an effect has a number a run already")
     if isinstance(motion, VelocitySequence):
@@ -61,15 +71,60 @@ def try_on(
         controller = joint_script(motion)
         rate_hz = controller.contract.rate_hz
         asked = controller.motion.sampled(rate_hz)
-    stand = np.zeros((round(STAND_S * rate_hz), asked.shape[1]))
+    command = np.concatenate([np.zeros((round(STAND_S * rate_hz), asked.shape[1])), asked])
     still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
     start = StartState(
         facts.DEFAULT_POSITION_RAD, joints, np.array([1.0, 0.0, 0.0, 0.0]), still, still, joints.astype(np.float32)
     )
-    command = np.concatenate([stand, asked])
     scripts = [Script(motion.name, number, start, command, 1.0 / rate_hz) for number in range(len(models))]
     return tuple(simulate(together, controller, scripts, rng, SensorNoise()))
 
 
 def _numbers(values: Sequence[float]) -> str:
     return ", ".join(f"{v:g}" for v in values)
+
+
+def refusals(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Why an experiment must not be run, a sentence each; none where the robots of all runs bear it."""
+    found: dict[str, list[float]] = {}
+    for run in runs:
+        for words, value in _wrong(run):
+            found.setdefault(words, []).append(value)
+    return tuple(
+        f"{len(values)} of {len(runs)} simulated robots {words.format(max(values, key=abs))}"
+        for words, values in found.items()
+    )
+
+
+def _wrong(run: Run) -> Iterator[tuple[str, float]]:
+    s = run.states
+    rows = s.robot_stamp_ns >= s.robot_stamp_ns[0] + round(0.5 * STAND_S * 1e9)
+    position, velocity, load = s.position_rad[rows], s.velocity_rad_s[rows], s.load_nm[rows]
+    attitude = s.odom_from_body_wxyz[rows]
+    if not all(np.isfinite(a).all() for a in (position, velocity, load, attitude)):
+        yield "break their simulation", 0.0
+        return
+    tilt = np.asarray(tilt_rad(attitude))
+    feet = np.asarray(rotate_wxyz(attitude[:, None, :], np.asarray(foot_position_in_body_m(position))))
+    height = facts.FOOT_RADIUS_M - feet[..., 2].min(axis=1)
+    if tilt.max() > TILT_RAD:
+        yield f"tip over or lean by {{:.2f}} rad (allowed: {TILT_RAD})", float(tilt.max())
+        return
+    if height.min() < HEIGHT_M:
+        yield f"sink to {{:.2f}} m (allowed: {HEIGHT_M} m)", float(height.min())
+    if np.abs(velocity).max() > SPEED_RAD_S:
+        yield f"move a joint at {{:.0f}} rad/s (allowed: {SPEED_RAD_S:g})", float(np.abs(velocity).max())
+    over = np.abs(load) / LOAD_NM
+    if over.max() > 1.0:
+        yield "load a joint with {:.0f} % of what it may carry", float(100.0 * over.max())
+    beyond = np.maximum(facts.POSITION_LOW_RAD - position, position - facts.POSITION_HIGH_RAD).max()
+    if beyond > STOP_MARGIN_RAD:
+        yield f"press a joint {{:.2f}} rad into its stop (allowed: {STOP_MARGIN_RAD})", float(beyond)
+
+
+def burden(runs: Sequence[Run]) -> str:
+    """What an experiment loads on the robot, in words: the largest of all simulated robots."""
+    knee = max(float(np.abs(r.states.load_nm[:, 2::3]).max()) for r in runs)
+    speed = max(float(np.abs(r.states.velocity_rad_s).max()) for r in runs)
+    work_j = max(given_power_w(r.states.load_nm, r.states.velocity_rad_s).sum() for r in runs) * STATE_S
+    return f"knee up to {knee:.0f} N·m, joints up to {speed:.1f} rad/s, {work_j / 1e3:.1f} kJ of work"

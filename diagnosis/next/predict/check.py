@@ -25,25 +25,15 @@ ROUNDING: Final = 1e-6
 def check_prediction(made: Prediction, path: Path, wanted: VelocitySequence, policy: Policy, posterior: str) -> None:
     """Refuse a prediction that is there and is of something else than is asked for.
 
-    Args:
-        made: The prediction.
-        path: Its file, for the message.
-        wanted: The command.
-        policy: That is to run.
-        posterior: Digest of the diagnosis that is asked.
-
     Raises:
-        BadInputError: It is of another command, policy or diagnosis.
+        BadInputError: It is of another command, policy or diagnosis (``posterior`` is the digest of the one asked).
     """
-    differ = [
-        what
-        for what, is_same in (
-            (f"other commands of sequence {made.sequence.name}", made.sequence == wanted),
-            (f"the policy with SHA-256 {made.policy_sha256[:12]}…", made.policy_sha256 == policy.sha256),
-            ("another diagnosis", made.posterior_sha256 == posterior),
-        )
-        if not is_same
-    ]
+    parts = {
+        f"other commands of sequence {made.sequence.name}": made.sequence == wanted,
+        f"the policy with SHA-256 {made.policy_sha256[:12]}…": made.policy_sha256 == policy.sha256,
+        "another diagnosis": made.posterior_sha256 == posterior,
+    }
+    differ = [what for what, is_same in parts.items() if not is_same]
     if differ:
         raise BadInputError(
             f"{path} holds a prediction of {' and '.join(differ)}, which stays as it is; give --out FILE for another"
@@ -52,11 +42,6 @@ def check_prediction(made: Prediction, path: Path, wanted: VelocitySequence, pol
 
 def check_log(made: Prediction, run: Run, policy: Policy) -> None:
     """Refuse a log that cannot say whether a prediction held.
-
-    Args:
-        made: The prediction.
-        run: The log.
-        policy: That was to run.
 
     Raises:
         BadInputError: The log was used in the diagnosis, began before the prediction was made (by the clocks of the two

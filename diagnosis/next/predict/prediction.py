@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
@@ -22,21 +23,11 @@ from pydantic import Field, ValidationError
 from scipy.stats import t as student
 
 from diagnosis.closed_loop.merged_models import merged
+from diagnosis.closed_loop.run_numbers import QUANTITIES, Quantity, given_power_w, run_numbers
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.library.base import LibraryEffect
 from diagnosis.next.choose.robots import compact
-from diagnosis.next.choose.trial import try_on
-from diagnosis.next.predict.outcome import (
-    BATTERY,
-    HEAT,
-    MOTION,
-    Predicted,
-    battery_used_percent,
-    heat_and_time,
-    motion_numbers,
-    warmed_c,
-    work_and_time,
-)
+from diagnosis.next.choose.trial import STATE_S, try_on
 from diagnosis.read.policy_ticks import policy_ticks, script_of, tick_period_s
 from diagnosis.verdict.posterior_file import Posterior
 from spot_log.read.run import Run
@@ -47,6 +38,7 @@ from spot_model.io.validation import explain
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy
+from spot_model.robot import facts
 from spot_model.robot.facts import Array
 
 DRAWS: Final = 12
@@ -55,6 +47,20 @@ KNOWN: Final = 4.0
 """ν₀: so many observations the usual error is worth."""
 SEQUENCES: Final = 6
 """Logged sequences that are simulated, at most."""
+
+
+@dataclass(frozen=True)
+class Predicted(Quantity):
+    """One of the numbers."""
+
+    usual: float
+    """By which simulations of walking robots are usually off, as a share of the number. Not calibrated."""
+
+
+_USUAL: Final = {"top_speed": 0.04, "tracking_error": 0.15, "knee_torque": 0.08}
+MOTION: Final = tuple(Predicted(q.name, q.title, q.unit, _USUAL[q.name]) for q in QUANTITIES if q.name in _USUAL)
+HEAT: Final = Predicted("motor_temperature_rise", "rise of the hottest motor", "°C", 0.2)
+BATTERY: Final = Predicted("battery_used", "battery used", "%", 0.2)
 
 
 class Forecast(Settings):
@@ -67,11 +73,6 @@ class Forecast(Settings):
     low: float
     high: float
     measured: float | None = None
-
-    @property
-    def holds(self) -> bool | None:
-        """Whether what was measured lies within; None before the run."""
-        return None if self.measured is None else self.low <= self.measured <= self.high
 
 
 class Prediction(Settings):
@@ -104,7 +105,8 @@ class Prediction(Settings):
         for f in self.forecasts:
             line = f"  {f.title:36s} {f.value:8.3f} {f.unit:4s} {f.low:8.3f} to {f.high:.3f}"
             if f.measured is not None:
-                line += f"   measured {f.measured:.3f}: {'held' if f.holds else 'did not hold'}"
+                holds = f.low <= f.measured <= f.high
+                line += f"   measured {f.measured:.3f}: {'held' if holds else 'did not hold'}"
             out.append(line)
         if self.fell > 0.0:
             out.append(f"  {100 * self.fell:.0f} % of the simulated robots fell")
@@ -146,15 +148,10 @@ def predict(
     logs: Sequence[Run],
     seed: int,
 ) -> Prediction:
-    """Predict a run.
+    """Predict a run of a command within the policy's range; ``logs`` are those that were diagnosed.
 
-    Args:
-        posterior: What is still possible.
-        library: Where its effects come from.
-        sequence: The command, within the policy's range.
-        policy: That will run.
-        logs: Those that were diagnosed.
-        seed: Of all draws.
+    Raises:
+        BadInputError: Every simulated robot falls.
     """
     rng = np.random.default_rng(seed)
     models = [compact(posterior.draw(library, rng)) for _ in range(DRAWS)]
@@ -184,7 +181,7 @@ def predict(
 def with_log(prediction: Prediction, run: Run) -> Prediction:
     """The prediction beside what came."""
     measured = dict(zip((q.name for q in MOTION), motion_numbers(run).tolist(), strict=True))
-    measured |= {HEAT.name: float(np.max(warmed_c(run))), BATTERY.name: battery_used_percent(run)}
+    measured |= {HEAT.name: float(np.max(warmed_c(run))), BATTERY.name: float(battery_used_percent(run)[0])}
     forecasts = tuple(
         f.model_copy(update={"measured": measured[f.name]}) if np.isfinite(measured.get(f.name, np.nan)) else f
         for f in prediction.forecasts
@@ -207,7 +204,7 @@ def _errors(models: Sequence[RobotModel], policy: Policy, logs: Sequence[Run], r
     found, period_s = [], tick_period_s(logs)
     for own in list(by_name.values())[:SEQUENCES]:
         script = script_of(own[0], period_s)
-        together = merged(list(models))
+        together = merged(models)
         if script is None or together is None:
             continue
         runs = simulate(together, policy, [script] * len(models), rng, SensorNoise())
@@ -218,22 +215,22 @@ def _errors(models: Sequence[RobotModel], policy: Policy, logs: Sequence[Run], r
 
 
 def _forecast(q: Predicted, numbers: Array, errors: Array) -> Forecast:
-    mean, n = float(numbers.mean()), len(errors)
-    centre = mean * (1.0 + float(errors.sum()) / (n + 1))
+    n = len(errors)
+    centre = float(numbers.mean()) * (1.0 + float(errors.sum()) / (n + 1))
     off = np.sqrt((KNOWN * q.usual**2 + float(np.sum(errors**2))) / (KNOWN + n)) * abs(centre)
-    half = float(student.ppf(0.5 + 0.5 * LEVEL, KNOWN + n) * np.hypot(off, numbers.std()))
-    return _around(q, centre, half)
+    return _around(q, centre, float(np.hypot(off, numbers.std())), KNOWN + n)
 
 
 def _of_heat_and_battery(runs: Sequence[Run], logs: Sequence[Run], notes: list[str]) -> list[Forecast]:
-    x = np.concatenate([heat_and_time(log) for log in logs])
-    y = np.concatenate([warmed_c(log) for log in logs])
-    heat = _linear(HEAT, x, y, np.concatenate([heat_and_time(r) for r in runs]), len(runs))
-    x, y = np.array([work_and_time(log) for log in logs]), np.array([battery_used_percent(log) for log in logs])
-    battery = _linear(BATTERY, x, y, np.array([work_and_time(r) for r in runs]), len(runs))
-    missing = [q.title for q, made in ((HEAT, heat), (BATTERY, battery)) if made is None]
-    notes += [f"{title}: the logs do not show enough of it" for title in missing]
-    return [made for made in (heat, battery) if made is not None]
+    made = []
+    for q, cause, effect in ((HEAT, heat_and_time, warmed_c), (BATTERY, work_and_time, battery_used_percent)):
+        x, y, new = (np.concatenate([f(r) for r in rs]) for f, rs in ((cause, logs), (effect, logs), (cause, runs)))
+        forecast = _linear(q, x, y, new, len(runs))
+        if forecast is None:
+            notes.append(f"{q.title}: the logs do not show enough of it")
+        else:
+            made.append(forecast)
+    return made
 
 
 def _linear(q: Predicted, x: Array, y: Array, new: Array, n_runs: int) -> Forecast | None:
@@ -247,9 +244,39 @@ def _linear(q: Predicted, x: Array, y: Array, new: Array, n_runs: int) -> Foreca
     values = ((new / scale) @ line).reshape(n_runs, -1).max(axis=1)
     mean = float(values.mean())
     off = np.sqrt(float(left.var()) + (q.usual * mean) ** 2 + float(values.var()))
-    half = float(student.ppf(0.5 + 0.5 * LEVEL, KNOWN) * off)
-    return _around(q, mean, half)
+    return _around(q, mean, off, KNOWN)
 
 
-def _around(q: Predicted, value: float, half: float) -> Forecast:
+def _around(q: Predicted, value: float, error: float, freedom: float) -> Forecast:
+    half = float(student.ppf(0.5 + 0.5 * LEVEL, freedom) * error)
     return Forecast(name=q.name, title=q.title, unit=q.unit, value=value, low=value - half, high=value + half)
+
+
+def motion_numbers(run: Run) -> Array:
+    """:data:`MOTION` of a run, shape (3,); NaN where no policy ran for long enough."""
+    numbers = run_numbers(run)
+    return np.array([numbers[q.name] for q in MOTION])
+
+
+def heat_and_time(run: Run) -> Array:
+    """For each joint ∫τ² dt, (N·m)²·s, and the time, s; shape (12, 2)."""
+    heat = (run.states.load_nm**2).sum(axis=0) * STATE_S
+    return np.stack([heat, np.full(facts.N_JOINTS, len(run.states) * STATE_S)], axis=1)
+
+
+def work_and_time(run: Run) -> Array:
+    """Positive work of all joints, J, and the time, s; shape (1, 2)."""
+    power_w = given_power_w(run.states.load_nm, run.states.velocity_rad_s).sum()
+    return np.array([[float(power_w) * STATE_S, len(run.states) * STATE_S]])
+
+
+def warmed_c(run: Run) -> Array:
+    """How far each motor warmed up over the log, shape (12,); NaN where nobody measured it."""
+    own = run.slow_states.motor_temperature_c
+    return np.asarray(own[-1] - own[0]) if len(own) > 1 else np.full(facts.N_JOINTS, np.nan)
+
+
+def battery_used_percent(run: Run) -> Array:
+    """Over the log, shape (1,); NaN where nobody measured it."""
+    own = run.slow_states.battery_charge_percent
+    return np.array([float(own[0] - own[-1]) if len(own) > 1 else np.nan])
