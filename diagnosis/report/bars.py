@@ -9,7 +9,8 @@ import numpy as np
 
 from diagnosis.document import CalibratedNumber, Consequences, Dependence
 from diagnosis.report.words import number
-from spot_log.page.svg import disc, heat, line, nice_ticks, rect, svg, text
+from spot_log.page.frame import Frame
+from spot_log.page.svg import disc, heat, line, rect, svg, text
 
 WIDTH: Final = 480
 BAR: Final = 16
@@ -84,41 +85,30 @@ def interval(n: CalibratedNumber) -> str:
     return svg(width, height, parts, f"{n.title} of {n.where}")
 
 
-def dependence(curve: Dependence, unit: str, low: float, high: float) -> str:
-    """What is left over one quantity, on a scale that its neighbours share, ``low`` to ``high``."""
-    height, left = 210, 58
-    x, y = np.asarray(curve.at), np.asarray(curve.residual)
-    if len(x) < 2:
-        return ""
-    first, last = float(x.min()), float(x.max())
-
-    def at(a: float, b: float) -> tuple[float, float]:
-        right = left + (a - first) / max(last - first, 1e-12) * (WIDTH - left - 14)
-        return right, 8 + (height - 54) * (high - b) / max(high - low, 1e-12)
-
-    parts = []
-    for tick in nice_ticks(low, high, 4):
-        parts.append(line([at(first, tick), at(last, tick)], "var(--line)", 1))
-        parts.append(text(left - 8, at(first, tick)[1] + 4, f"{tick:.3g}", size=12, anchor="end", css="soft"))
-    parts += [
-        text(at(tick, low)[0], height - 28, f"{tick:.3g}", size=12, anchor="middle", css="soft")
-        for tick in nice_ticks(first, last, 5)
-    ]
-    points = [at(a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)]
-    parts.append(line(points, "var(--unknown)", 2.5))
-    parts += [
-        disc(*p, 4, "var(--unknown)", f"{curve.quantity} {a:.3g}\nunexplained {b:.3g} {unit}")
-        for p, a, b in zip(points, x.tolist(), y.tolist(), strict=True)
-    ]
-    name = f"{curve.quantity}, {QUANTITY_UNITS.get(curve.quantity.split(' of ')[0], '')}".rstrip(", ")
-    parts.append(text(WIDTH / 2, height - 6, name, size=13, anchor="middle"))
-    side = text(0, 0, f"unexplained, {unit}", size=13, anchor="middle")
-    parts.append(f'<g transform="translate(13 {0.5 * (height - 42):.0f}) rotate(-90)">{side}</g>')
-    return svg(WIDTH, height, parts, f"What is left over {name}")
-
-
 def dependences(curves: Sequence[Dependence], unit: str) -> list[str]:
-    """The curves side by side, on one scale."""
+    """What is left over one quantity each, on one scale."""
     values = [v for c in curves for v in c.residual] + [0.0]
     pad = 0.06 * max(max(values) - min(values), 1e-9)
-    return [dependence(c, unit, min(values) - pad, max(values) + pad) for c in curves]
+    return [_dependence(c, unit, (min(values) - pad, max(values) + pad)) for c in curves if len(c.at) > 1]
+
+
+def _dependence(curve: Dependence, unit: str, scale: tuple[float, float]) -> str:
+    frame = Frame((min(curve.at), max(curve.at)), scale, WIDTH, 156, left=58)
+    name = f"{curve.quantity}, {QUANTITY_UNITS.get(curve.quantity.split(' of ')[0], '')}".rstrip(", ")
+    points = [frame.at(a, b) for a, b in zip(curve.at, curve.residual, strict=True)]
+    tips = [
+        f"{curve.quantity} {a:.3g}\nunexplained {b:.3g} {unit}" for a, b in zip(curve.at, curve.residual, strict=True)
+    ]
+    parts = [*axes(frame, name, f"unexplained, {unit}"), line(points, "var(--unknown)", 2.5)]
+    parts += [disc(*point, 4, "var(--unknown)", tip) for point, tip in zip(points, tips, strict=True)]
+    return svg(WIDTH, frame.total_height + 22, parts, f"What is left over {name}")
+
+
+def axes(frame: Frame, x_title: str, y_title: str) -> list[str]:
+    """Round numbers on both axes, and their titles."""
+    name = text(0, 0, y_title, size=13, anchor="middle")
+    return [
+        *frame.axes(),
+        text(frame.width / 2, frame.total_height + 16, x_title, size=13, anchor="middle"),
+        f'<g transform="translate(13 {frame.top + 0.5 * frame.height:.0f}) rotate(-90)">{name}</g>',
+    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -61,11 +61,7 @@ TERMS: Final = (
 
 
 def page(result: Diagnosis) -> str:
-    """The page as text.
-
-    Args:
-        result: The diagnosis.
-    """
+    """The page as text."""
     v = result.verdict
     cells = result.map.cells if result.map is not None else ()
     named = frozenset(j for d in v.differences for j in d.joints) | frozenset(v.unknown.joints if v.unknown else ())
@@ -93,20 +89,17 @@ def _two(*parts: str) -> str:
     return f"<div class='two'>{''.join(there)}</div>" if len(there) > 1 else "".join(there)
 
 
+def _rows(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    return table(head, rows) if rows else ""
+
+
 def _list(items: Iterable[str], tag: str = "ul") -> str:
     return f"<{tag}>" + "".join(f"<li>{esc(i)}</li>" for i in items) + f"</{tag}>"
 
 
-def _table(head: Iterable[str], rows: Iterable[Iterable[object]], row_classes: Iterable[str] = ()) -> str:
-    return table(list(head), [list(r) for r in rows], row_classes=list(row_classes))
-
-
 def _warnings(v: Verdict) -> str:
-    return (
-        f"<section class='warning'><h2>Read this first</h2>{_list(map(words.sentence, v.warnings))}</section>"
-        if v.warnings
-        else ""
-    )
+    told = _list(map(words.sentence, v.warnings))
+    return f"<section class='warning'><h2>Read this first</h2>{told}</section>" if v.warnings else ""
 
 
 def _head(result: Diagnosis) -> str:
@@ -118,7 +111,7 @@ def _head(result: Diagnosis) -> str:
     colour = "partly_explained" if v.status == "explained" and not words.is_good(v) else v.status
     lead = "" if v.differences else f"<p class='lead'>{esc(words.probabilities(v))}</p>"
     return (
-        f"<section><span class='badge {colour}'>{esc(words.BADGES[v.status])}</span>"
+        f"<section><span class='badge {colour}'>{v.status.replace('_', ' ').capitalize()}</span>"
         f"<h1>{esc(v.headline or words.headline(v))}</h1>{lead}"
         f"<p class='meta' style='margin-top:12px'>{counted(len(v.logs), 'log')}, {seconds:.0f} s, of "
         f"{counted(len(names), 'command sequence')} ({esc(', '.join(names))}) · nominal model: "
@@ -157,30 +150,21 @@ def _together(v: Verdict) -> str:
     if c is None:
         return ""
     key = legend(zip(bars.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
-    about = words.measured_on(v, c)
     listed = _list(words.sentence(words.gap_told(g)) for g in c.gaps)
-    return boxed(
-        "What the corrected model does",
-        about,
-        f"{key}{bars.gap_bars(c)}{listed}{_consequences(c, 'nominal', 'corrected', with_gaps=False)}",
-    )
+    changes = _rows(("", "nominal", "corrected", "robot", ""), _changes(c))
+    title, about = "What the corrected model does", words.measured_on(v, c)
+    return boxed(title, about, f"{key}{bars.gap_bars(c)}{listed}{changes}")
 
 
-def _consequences(c: Consequences, before: str, after: str, *, with_gaps: bool) -> str:
-    """A table of gaps, speeds, power, torque, lean and falls."""
-    rows = [
-        (f"{g.gap} gap, {g.unit}", *map(_figure, (g.before, g.after, g.floor)), words.gap_told(g))
-        for g in c.gaps
-        if with_gaps
-    ]
+def _changes(c: Consequences) -> list[tuple[str, ...]]:
+    """Rows of speeds, power, torque, lean and falls."""
+    rows = []
     for q in c.changes:
-        share = q.quantity == "fall_share"
-        label = f"{q.title}, {'%' if share else '°' if q.unit == 'rad' else q.unit}"
-        scale = 100.0 if share else float(np.degrees(1.0)) if q.unit == "rad" else 1.0
+        unit, scale = {"rad": ("°", float(np.degrees(1.0)))}.get(q.unit, (q.unit, 1.0))
+        unit, scale = ("%", 100.0) if q.quantity == "fall_share" else (unit, scale)
         values = (_figure(None if x is None else scale * x) for x in (q.before, q.after, q.robot))
-        rows.append((label, *values, words.change_told(q)))
-    last = "robot; of gaps, floor" if with_gaps and c.gaps else "robot"
-    return _table(("", before, after, last, ""), rows) if rows else ""
+        rows.append((f"{q.title}, {unit}", *values, words.change_told(q)))
+    return rows
 
 
 def _figure(value: float | None) -> Html:
@@ -189,20 +173,24 @@ def _figure(value: float | None) -> Html:
 
 def _difference(d: Difference) -> str:
     rows = [
-        (words.parameter(n), "", f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}")
-        for n, p in d.parameters.items()
-    ]
-    rows += [
         (words.parameter(n), words.place(kind), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}")
-        for kind, numbers in d.by_type.items()
+        for kind, numbers in {"": d.parameters, **d.by_type}.items()
         for n, p in numbers.items()
     ]
     title = (
         f"<h3>{esc(d.title or words.plain(d.name))} <code>{esc(d.name)}</code> at "
         f"{esc(words.joints_in_short(d.joints))}, P {d.probability:.2f}</h3>"
     )
-    sizes = _table(("size", "", "", "90 % interval"), rows) if rows else ""
-    return f"{title}{_two(f'<div>{sizes}{_group(d)}</div>', _does(d))}"
+    c = d.consequences
+    does = "<p class='note'>What it does could not be measured.</p>"
+    if c is not None and (c.gaps or c.changes):
+        gaps = [
+            (f"{g.gap} gap, {g.unit}", *map(_figure, (g.before, g.after, g.floor)), words.gap_told(g)) for g in c.gaps
+        ]
+        last = "robot; of gaps, floor" if gaps else "robot"
+        does = f"<div>{table(('', 'without', 'with', last, ''), [*gaps, *_changes(c)])}</div>"
+    sizes = _rows(("size", "", "", "90 % interval"), rows)
+    return f"{title}{_two(f'<div>{sizes}{_group(d)}</div>', does)}"
 
 
 def _group(d: Difference) -> str:
@@ -224,12 +212,6 @@ def _group(d: Difference) -> str:
     return out + (f"<p class='note'>Evidence by channel: {esc(evidence)}.</p>" if evidence else "")
 
 
-def _does(d: Difference) -> str:
-    c = d.consequences
-    told = _consequences(c, "without", "with", with_gaps=True) if c is not None else ""
-    return f"<div>{told}</div>" if told else "<p class='note'>What it does could not be measured.</p>"
-
-
 def _calibration(v: Verdict) -> str:
     numbers = sorted(v.calibration.numbers, key=lambda n: not n.stands_out)
     n_out = sum(n.stands_out for n in numbers)
@@ -238,7 +220,7 @@ def _calibration(v: Verdict) -> str:
         f"{counted(len(numbers), 'number')} of the robot's own beside the nominal ones; {n_out} stand out. The axis "
         "counts published standard deviations; the shade is two of them, the line is the nominal number."
     )
-    shown = _numbers(numbers[:first]) if numbers else ""
+    shown = _numbers(numbers[:first])
     if numbers[first:]:
         shown += f"<details><summary>{len(numbers) - first} more</summary>{_numbers(numbers[first:])}</details>"
     c = v.calibration.consequences
@@ -248,8 +230,7 @@ def _calibration(v: Verdict) -> str:
     return boxed("Calibration", about, shown)
 
 
-def _numbers(numbers: Iterable[CalibratedNumber]) -> str:
-    numbers = list(numbers)
+def _numbers(numbers: list[CalibratedNumber]) -> str:
     rows = [
         (
             n.title,
@@ -260,9 +241,8 @@ def _numbers(numbers: Iterable[CalibratedNumber]) -> str:
         )
         for n in numbers
     ]
-    return _table(
-        ("number", "where", "nominal", "robot (90 %)", ""), rows, ["out" if n.stands_out else "" for n in numbers]
-    )
+    css = ["out" if n.stands_out else "" for n in numbers]
+    return table(("number", "where", "nominal", "robot (90 %)", ""), rows, row_classes=css) if rows else ""
 
 
 def _remains(v: Verdict) -> str:
@@ -270,8 +250,8 @@ def _remains(v: Verdict) -> str:
         (g.gap, f"{words.number(g.left)} {g.unit}", words.number(g.floor), "—" if g.ratio is None else f"{g.ratio:.1f}")
         for g in v.remainder
     ]
-    content = _table(("gap", "left", "floor", "times its floor"), rows) if rows else ""
-    return boxed("What remains", "What the corrected model leaves of each gap.", content + _unknown(v))
+    content = _rows(("gap", "left", "floor", "times its floor"), rows) + _unknown(v)
+    return boxed("What remains", "What the corrected model leaves of each gap.", content)
 
 
 def _unknown(v: Verdict) -> str:
