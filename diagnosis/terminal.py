@@ -40,9 +40,8 @@ def _difference(d: Difference) -> str:
     does = ""
     if d.consequences is not None:
         change = words.largest_change([d.consequences])
-        does = (
-            words.change_told(change) if change is not None else "".join(map(words.gap_told, d.consequences.gaps[:1]))
-        )
+        gaps = map(words.gap_told, d.consequences.gaps)
+        does = words.change_told(change) if change is not None else next(gaps, "")
     return f"{words.found(d)}, P {d.probability:.2f}" + "".join(f"; {told}" for told in (values, does) if told)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.read.recording import Array
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import projected_gravity
@@ -21,8 +21,6 @@ AFTER_NS: Final = 100_000_000
 robot that sits down, or is damped for another reason, sinks more slowly."""
 SAMPLED_NS: Final = 15_000_000
 """A body that has collapsed stays down for longer: it is looked for in states so far apart."""
-
-Array = NDArray[np.float64]
 
 
 def fall_row(

@@ -7,16 +7,13 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, binary_dilation, binary_opening, uniform_filter1d
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening, find_objects, label, uniform_filter1d
 
 from diagnosis.read.falls import fall_row
-from diagnosis.read.recording import ACTIVE, NEVER_NS, Recording
+from diagnosis.read.recording import ACTIVE, NEVER_NS, Array, Flags, Recording
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import projected_gravity
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 START_S: Final = 0.2
 """After the first command servos and body settle."""
@@ -31,7 +28,6 @@ SHORTEST_S: Final = 0.06
 STILL_RAD_S: Final = 0.25
 """Root-mean-square joint speed under which the robot stands."""
 
-
 Kind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
 
 
@@ -45,10 +41,6 @@ class Segment:
     reason: str
     is_cut: bool
     """Whether it is left out of all channels; a standing stretch is only marked."""
-
-    def duration_s(self, period_s: float) -> float:
-        """Its length, s."""
-        return (self.last - self.first + 1) * period_s
 
 
 @dataclass(frozen=True)
@@ -72,22 +64,21 @@ def cut(recording: Recording) -> Segmentation:
     first = int(np.argmax(known)) if known.any() else n
     start = np.zeros(n, dtype=np.bool_)
     start[first : first + round(START_S / recording.period_s)] = len(recording.commands) > 0
-    expired = _expired(recording, row)
     ignored = _not_following(recording, row)
-    standing, fallen = _standing(recording), _fallen(recording)
-    found: list[Segment] = []
     cuts: tuple[tuple[Kind, Flags, str], ...] = (
         ("lost", ~recording.present, "state messages are missing"),
         ("no_command", ~known, "no command has been received yet"),
         ("start", start & known, f"the first {START_S} s after the first command"),
-        ("expired", expired, "the newest command is past its end time"),
+        ("expired", _expired(recording, row), "the newest command is past its end time"),
         ("not_following", ignored & known & ~start, "the load is unrelated to the servo law: not in control"),
-        ("fallen", fallen, "the robot has fallen"),
+        ("fallen", _fallen(recording), "the robot has fallen"),
     )
-    for kind, flags, reason in cuts:
-        found.extend(_segments(kind, flags, reason, is_cut=True))
-    found.extend(_segments("standing", standing, "the robot stands", is_cut=False))
-    used = recording.present & known & ~start & ~expired & ~ignored & ~fallen
+    used, standing = ~np.any([flags for _, flags, _ in cuts], axis=0), _standing(recording)
+    found = [
+        Segment(kind, rows.start, rows.stop - 1, reason, kind != "standing")
+        for kind, flags, reason in (*cuts, ("standing", standing, "the robot stands"))
+        for (rows,) in find_objects(label(flags)[0])
+    ]
     return Segmentation(used, standing, tuple(sorted(found, key=lambda s: s.first)))
 
 
@@ -147,8 +138,3 @@ def _fallen(recording: Recording) -> Flags:
         row = min([row, *leans[:1]])
         flags[max(0, row - round(0.3 / r.period_s)) if row < len(r) else row :] = True
     return flags
-
-
-def _segments(kind: Kind, flags: Flags, reason: str, *, is_cut: bool) -> list[Segment]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [Segment(kind, int(a), int(b) - 1, reason, is_cut) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, convolve1d
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from diagnosis.read.recording import Array, Flags
+
 Rows = slice | NDArray[np.intp]
 """Some rows of a signal, in order."""
 

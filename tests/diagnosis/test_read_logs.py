@@ -125,7 +125,7 @@ def test_the_policy_must_be_the_logs(run: Run) -> None:
     found = find_policy(None, [mine], POLICIES)
     assert found is not None
     assert found.sha256 == walk.sha256
-    assert find_policy_file(None, found, POLICIES) == POLICIES / "walk.onnx"
+    assert find_policy_file(None, [mine], POLICIES) == POLICIES / "walk.onnx"
     assert find_policy(POLICIES / "walk.onnx", [mine]) is not None
     # A log that names no policy is taken at the user's word.
     assert find_policy(POLICIES / "baseline.onnx", [run]) is not None
