@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, find_objects, label, uniform_filter1d
 
-from diagnosis.read.falls import fall_row
+from diagnosis.read.policy_ticks import fall_row
 from diagnosis.read.recording import ACTIVE, NEVER_NS, Array, Flags, Recording
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque

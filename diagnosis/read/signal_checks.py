@@ -10,8 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.ndimage import find_objects, label, maximum_filter1d
 
-from diagnosis.read.falls import fall_row
-from diagnosis.read.policy_ticks import fall_stamp_ns
+from diagnosis.read.policy_ticks import fall_row, fall_stamp_ns
 from diagnosis.read.recording import MIN_STATES, Array, Flags
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run

@@ -1,4 +1,4 @@
-"""Bars and intervals: gaps before and after, a robot's numbers beside the nominal ones, gaps by joint."""
+"""Bars, strips and curves: gaps, a robot's numbers beside the nominal ones, logs over time, what is left over."""
 
 from __future__ import annotations
 
@@ -7,33 +7,30 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.document import CalibratedNumber, Consequences, Dependence
+from diagnosis.document import CalibratedNumber, Consequences, Dependence, Stretch
 from diagnosis.report.words import number
-from spot_log.page.frame import Frame
-from spot_log.page.svg import disc, heat, line, rect, svg, text
+from spot_log.page.frame import HALF, Frame
+from spot_log.page.svg import disc, heat, line, nice_ticks, rect, svg, text
+from spot_log.read.run import Run
 
 WIDTH: Final = 480
 BAR: Final = 16
 COLOURS: Final = ("var(--nominal)", "var(--corrected)", "var(--floor)")
 """Before, after, floor."""
+MAX_LOGS: Final = 40
 FAR: Final = 4.0
 """Published standard deviations that an interval's axis reaches to, both ways."""
 QUANTITY_UNITS: Final = {
     "position": "rad",
-    "velocity": "rad/s",
-    "torque": "N·m",
     "acceleration": "rad/s²",
-    "torque rate": "N·m/s",
     "total power": "W",
-    "time since start": "s",
-    "time since set-point": "s",
-    "torque history": "(N·m)²·s",
-    "body speed": "m/s",
-    "vertical velocity": "m/s",
-    "turn rate": "rad/s",
-    "roll rate": "rad/s",
-    "pitch rate": "rad/s",
+    **dict.fromkeys(("velocity", "turn rate", "roll rate", "pitch rate"), "rad/s"),
+    **dict.fromkeys(("body speed", "vertical velocity"), "m/s"),
+    "torque": "N·m",
     "total torque": "N·m",
+    "torque rate": "N·m/s",
+    "torque history": "(N·m)²·s",
+    **dict.fromkeys(("time since start", "time since set-point"), "s"),
 }
 """Of what an unexplained residual may depend on."""
 
@@ -83,6 +80,29 @@ def interval(n: CalibratedNumber) -> str:
         disc(at(n.value), height / 2, 4.5, colour, f"{n.title} of {n.where}: {n.value:.4g} {n.unit}"),
     ]
     return svg(width, height, parts, f"{n.title} of {n.where}")
+
+
+def strips(runs: Sequence[Run], stretches: Sequence[Stretch]) -> str:
+    """Each log as a strip of time: what was cut out, and which seconds carry the gap."""
+    shown, left, row, parts = runs[:MAX_LOGS], 170, 22, []
+    longest = max(run.duration_s for run in shown) or 1.0
+    scale = (HALF - left - 16) / longest
+    for i, run in enumerate(shown):
+        y, name = 4 + row * i, run.header.command_sequence or run.path.stem
+        parts.append(text(left - 10, y + 13, f"{name[:18]}, repeat {run.header.repeat}", size=12.5, anchor="end"))
+        parts.append(rect(left, y, scale * run.duration_s, row - 6, "var(--corrected)", run.path.name, radius=3))
+        for s in stretches:
+            if s.log == run.header.run_id:
+                fill = "var(--nominal)" if s.kind == "gap" else "var(--empty)"
+                tip = f"{s.start_s:.1f} to {s.end_s:.1f} s: {s.reason}"
+                width = scale * (min(s.end_s, run.duration_s) - s.start_s)
+                parts.append(rect(left + scale * s.start_s, y, width, row - 6, fill, tip, radius=1))
+    bottom = 4 + row * len(shown)
+    parts += [
+        text(left + scale * tick, bottom + 12, f"{tick:g} s", size=12.5, anchor="middle", css="soft")
+        for tick in nice_ticks(0.0, longest, 5)
+    ]
+    return svg(HALF, bottom + 20, parts, "Logs over time")
 
 
 def dependences(curves: Sequence[Dependence], unit: str) -> list[str]:

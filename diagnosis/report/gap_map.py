@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.document import GapCell
+from spot_log.page.frame import HALF
 from spot_log.page.svg import disc, heat, on_heat, rect, svg, text
 
 SIGNALS: Final = ("load error", "load", "velocity", "position")
@@ -21,7 +22,6 @@ REGIMES: Final = (
     *("velocity reversal", "stance", "swing", "low total power", "high total power"),
     *("first third of time", "last third of time"),
 )
-WIDTH: Final = 560
 LABELS: Final = 160
 ROW: Final = 18
 TOP: Final = 74
@@ -39,7 +39,7 @@ def _panel(signal: str, cells: Sequence[GapCell], joints: Sequence[str]) -> str:
     known = {c.regime for c in cells}
     regimes = [r for r in REGIMES if r in known] + sorted(known - set(REGIMES))
     by_key = {(c.regime, c.joint): c for c in cells if c.signal == signal}
-    width = (WIDTH - LABELS - 14) / len(joints)
+    width = (HALF - LABELS - 14) / len(joints)
     parts = [text(LABELS - 10, TOP + ROW * (i + 0.72), r, size=12.5, anchor="end") for i, r in enumerate(regimes)]
     parts.append(text(LABELS - 10, 40, signal, size=15, anchor="end", weight=600))
     largest = max(c.gap for c in by_key.values())
@@ -58,8 +58,8 @@ def _panel(signal: str, cells: Sequence[GapCell], joints: Sequence[str]) -> str:
                 dot = disc(at - 0.5, y + ROW / 2 - 0.5, 2.2, on_heat(share))
                 parts.append(dot.replace("<circle", '<circle pointer-events="none"', 1))
     bottom = TOP + ROW * len(regimes)
-    parts.append(scale_bar(WIDTH - 330, bottom + 14, 260, in_floors=has_floor(cells)))
-    return svg(WIDTH, bottom + 48, parts, f"Gap by signal, regime and joint: {signal}")
+    parts.append(scale_bar(HALF - 330, bottom + 14, 260, in_floors=has_floor(cells)))
+    return svg(HALF, bottom + 48, parts, f"Gap by signal, regime and joint: {signal}")
 
 
 def note(cells: Sequence[GapCell]) -> str:

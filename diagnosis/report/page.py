@@ -13,7 +13,6 @@ from diagnosis.report import bars, words
 from diagnosis.report.effect_file import formula_text
 from diagnosis.report.gap_map import gap_maps, has_floor, note, share_of, told
 from diagnosis.report.robot_picture import picture
-from diagnosis.report.strips import strips
 from diagnosis.report.traces import trace_figures
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.cells import Html, facts, table
@@ -304,4 +303,4 @@ def _timeline(result: Diagnosis) -> str:
     entries = [("var(--corrected)", "used")]
     entries += [("var(--nominal)", "carries much of the gap")] if True in kinds else []
     entries += [("var(--empty)", "cut out")] if False in kinds else []
-    return boxed("Logs over time", "", legend(entries) + strips(result.runs, result.verdict.timeline))
+    return boxed("Logs over time", "", legend(entries) + bars.strips(result.runs, result.verdict.timeline))

@@ -18,6 +18,7 @@ from diagnosis.document import (
     Difference,
     GapChange,
     GapLeft,
+    GapName,
     Number,
     QuantityChange,
     Verdict,
@@ -214,18 +215,22 @@ def _answer(v: Verdict) -> str:
 
 def is_near(v: Verdict) -> bool:
     """Whether the nominal model itself is as near to the robot as floors allow."""
-    gaps = all_gaps(v)
-    return bool(gaps) and all(g.before <= RUNS_APART * g.floor for g in gaps)
+    return bool(all_gaps(v)) and not _above_floors(v)
+
+
+def _above_floors(v: Verdict) -> list[GapName]:
+    """Gaps of the nominal model that a right one would not have."""
+    return [g.gap for g in all_gaps(v) if g.before > RUNS_APART * g.floor]
 
 
 def _no_gap(v: Verdict) -> str:
     if v.differences:
         return f"{found(v.differences[0])}{_closed(v)}"
-    gaps = all_gaps(v)
     if is_near(v):
-        return f"no gap: the nominal model is as near to the robot in {_listed([g.gap for g in gaps])} as floors allow"
-    far = next((g.gap for g in gaps if g.before > RUNS_APART * g.floor), "")
-    return "no difference is shown" + (f"; the {far} gap of the nominal model is above its floor" if far else "")
+        near = _listed([g.gap for g in all_gaps(v)])
+        return f"no gap: the nominal model is as near to the robot in {near} as floors allow"
+    far = [f"; the {gap} gap of the nominal model is above its floor" for gap in _above_floors(v)]
+    return "".join(["no difference is shown", *far[:1]])
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -304,9 +309,9 @@ def sentence(told: str) -> str:
     return f"{told[:1].upper()}{told[1:].rstrip('.')}."
 
 
-def floor_of(v: Verdict, consequences: Consequences | None) -> str:
+def floor_of(v: Verdict, c: Consequences) -> str:
     """What a floor is."""
-    if consequences is not None and consequences.loop == "open":
+    if c.loop == "open":
         return "what formulas and noise leave"
     if v.shrink is None:
         return "floor"
