@@ -158,7 +158,6 @@ def apart_by_gains(runs: Sequence[Run], policy: Policy) -> tuple[tuple[Run, ...]
 
 def _are_one_network(contracts: Sequence[str]) -> bool:
     try:
-        first = PolicyContract.from_json(contracts[0])
+        return all(map(PolicyContract.from_json(contracts[0]).is_same_network, contracts))
     except ValueError:
         return False
-    return all(first.is_same_network(text) for text in contracts)

@@ -49,12 +49,9 @@ class Script:
 def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
     """Ticks in which the policy followed the command, before any fall; of a log without modes all that ran a policy.
 
-    Args:
-        run: A log, or a simulated run.
-        at_least: So many are kept even of a robot that falls sooner.
+    ``at_least`` so many are kept even of a robot that falls sooner.
     """
-    rows = _followed(run.ticks)
-    fall_ns = fall_stamp_ns(run)
+    rows, fall_ns = _followed(run.ticks), fall_stamp_ns(run)
     if fall_ns is None:
         return rows
     return rows[: max(at_least, int(np.searchsorted(run.ticks.robot_stamp_ns[rows], fall_ns)))]
@@ -148,12 +145,7 @@ def tick_period_s(runs: Sequence[Run]) -> float:
 
 
 def script_of(run: Run, period_s: float | None = None) -> Script | None:
-    """The run as a simulator would start it; None where it is too short.
-
-    Args:
-        run: A log.
-        period_s: Of its ticks; by default what the run itself shows.
-    """
+    """The run as a simulator would start it, by default with its own tick period; None where it is too short."""
     rows = policy_ticks(run)
     if len(rows) < MIN_TICKS:
         return None
@@ -167,17 +159,13 @@ def script_of(run: Run, period_s: float | None = None) -> Script | None:
         angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
         last_action=observed(t.observation[rows[0]], "last_action"),
     )
-    name, period_s = run.header.command_sequence or "unnamed", period_s or tick_period_s([run])
-    return Script(name, run.header.repeat, start, _replayed(t, rows, round(1e9 * period_s)), period_s)
-
-
-def _replayed(ticks: TickTable, rows: NDArray[np.intp], period_ns: int) -> NDArray[np.float64]:
-    """The operator's commands at even ticks from the first row on, each that of the logged tick nearest before."""
-    logged = ticks.robot_stamp_ns[rows] - ticks.robot_stamp_ns[rows[0]]
+    period_s = period_s or tick_period_s([run])
+    period_ns, logged = round(1e9 * period_s), t.robot_stamp_ns[rows] - t.robot_stamp_ns[rows[0]]
     even = np.arange(round(logged[-1] / period_ns) + 1) * period_ns
     # A logged tick counts from half a period before its stamp on: stamps are those of states, some late, some early.
-    at = np.searchsorted(logged, even + period_ns // 2, side="right") - 1
-    return np.asarray(ticks.velocity_command[rows][at])
+    nearest = np.searchsorted(logged, even + period_ns // 2, side="right") - 1
+    name, told = run.header.command_sequence or "unnamed", t.velocity_command[rows][nearest]
+    return Script(name, run.header.repeat, start, told, period_s)
 
 
 def features(run: Run, policy: Policy, at_least: int = 0) -> NDArray[np.float32]:

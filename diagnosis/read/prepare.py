@@ -39,7 +39,7 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
         shift_s = rows_apart(unstamped) * _period_s(unstamped[0])
         if shift_s != 0.0:
-            out = [_shifted(run, shift_s) if run in unstamped else run for run in out]
+            out = [_shifted(run, round(shift_s * 1e9)) if run in unstamped else run for run in out]
             notes.append(
                 f"loads follow their commands by {1e3 * shift_s:.1f} ms; without receipts of commands nobody knows how "
                 "much of that is the recording's own order, so it is taken off: a delay of that size cannot be found"
@@ -138,7 +138,7 @@ def _period_s(run: Run) -> float:
     return float(np.median(np.diff(run.states.robot_stamp_ns))) * 1e-9
 
 
-def _shifted(run: Run, shift_s: float) -> Run:
-    c, shift_ns = run.commands, round(shift_s * 1e9)
+def _shifted(run: Run, shift_ns: int) -> Run:
+    c = run.commands
     end = np.where(c.end_robot_stamp_ns > 0, c.end_robot_stamp_ns + shift_ns, c.end_robot_stamp_ns)
     return replace(run, commands=replace(c, robot_stamp_ns=c.robot_stamp_ns + shift_ns, end_robot_stamp_ns=end))

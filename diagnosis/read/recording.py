@@ -175,6 +175,9 @@ def record(run: Run) -> Recording:
 
     contact = np.zeros((len(present), states.foot_contact.shape[1]), dtype=np.bool_)
     contact[row] = states.foot_contact
+    told = np.full((len(present), 3), np.nan)
+    newest = np.searchsorted(run.ticks.robot_stamp_ns, row_ns, side="right") - 1
+    told[newest >= 0] = run.ticks.velocity_command[newest[newest >= 0]]
     command_ns, has_receipts = _receipts(run)
     return Recording(
         run_id=run.header.run_id,
@@ -200,7 +203,7 @@ def record(run: Run) -> Recording:
         has_receipts=has_receipts,
         ticks=run.ticks,
         slow_states=run.slow_states,
-        velocity_command=_held(run.ticks, row_ns),
+        velocity_command=told,
     )
 
 
@@ -252,13 +255,3 @@ def _continuous(wxyz: Array) -> Array:
     flips[~np.isfinite(flips) | (flips == 0.0)] = 1.0
     first = -1.0 if wxyz[0, 0] < 0.0 else 1.0
     return np.asarray(wxyz * np.concatenate([[first], first * np.cumprod(flips)])[:, None])
-
-
-def _held(ticks: TickTable, row_ns: Ints) -> Array:
-    """The operator's command at each row: that of the newest tick."""
-    out = np.full((len(row_ns), 3), np.nan)
-    if len(ticks) == 0:
-        return out
-    at = np.searchsorted(ticks.robot_stamp_ns, row_ns, side="right") - 1
-    out[at >= 0] = ticks.velocity_command[at[at >= 0]]
-    return out

@@ -64,12 +64,16 @@ def cut(recording: Recording) -> Segmentation:
     first = int(np.argmax(known)) if known.any() else n
     start = np.zeros(n, dtype=np.bool_)
     start[first : first + round(START_S / recording.period_s)] = len(recording.commands) > 0
+    expired = np.zeros(n, dtype=np.bool_)
+    if len(recording.commands):
+        end = recording.commands.end_robot_stamp_ns[np.maximum(row, 0)]
+        expired = (row >= 0) & (end > 0) & (end < NEVER_NS) & (recording.stamp_ns > end)
     ignored = _not_following(recording, row)
     cuts: tuple[tuple[Kind, Flags, str], ...] = (
         ("lost", ~recording.present, "state messages are missing"),
         ("no_command", ~known, "no command has been received yet"),
         ("start", start & known, f"the first {START_S} s after the first command"),
-        ("expired", _expired(recording, row), "the newest command is past its end time"),
+        ("expired", expired, "the newest command is past its end time"),
         ("not_following", ignored & known & ~start, "the load is unrelated to the servo law: not in control"),
         ("fallen", _fallen(recording), "the robot has fallen"),
     )
@@ -80,13 +84,6 @@ def cut(recording: Recording) -> Segmentation:
         for (rows,) in find_objects(label(flags)[0])
     ]
     return Segmentation(used, standing, tuple(sorted(found, key=lambda s: s.first)))
-
-
-def _expired(recording: Recording, row: NDArray[np.intp]) -> Flags:
-    if len(recording.commands) == 0:
-        return np.zeros(len(recording), dtype=np.bool_)
-    end = recording.commands.end_robot_stamp_ns[np.maximum(row, 0)]
-    return np.asarray((row >= 0) & (end > 0) & (end < NEVER_NS) & (recording.stamp_ns > end))
 
 
 def _not_following(recording: Recording, row: NDArray[np.intp]) -> Flags:

@@ -16,7 +16,7 @@ from diagnosis.report.robot_picture import picture
 from diagnosis.report.traces import trace_figures
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.cells import Html, facts, table
-from spot_log.page.look import boxed, framed
+from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.text import counted
@@ -107,15 +107,12 @@ def _head(result: Diagnosis) -> str:
     seconds = sum(run.duration_s for run in result.runs)
     more = f" and {len(v.without) - MOST_NAMED} more" if len(v.without) > MOST_NAMED else ""
     left_out = f" · left out of the library: {', '.join(v.without[:MOST_NAMED])}{more}" if v.without else ""
+    meta = f"{counted(len(v.logs), 'log')}, {seconds:.0f} s, of {counted(len(names), 'command sequence')} "
+    meta += f"({', '.join(names)}) · nominal model: {v.nominal or 'given'}{left_out}"
     colour = "partly_explained" if v.status == "explained" and not words.is_good(v) else v.status
-    lead = "" if v.differences else f"<p class='lead'>{esc(words.probabilities(v))}</p>"
-    return (
-        f"<section><span class='badge {colour}'>{v.status.replace('_', ' ').capitalize()}</span>"
-        f"<h1>{esc(v.headline or words.headline(v))}</h1>{lead}"
-        f"<p class='meta' style='margin-top:12px'>{counted(len(v.logs), 'log')}, {seconds:.0f} s, of "
-        f"{counted(len(names), 'command sequence')} ({esc(', '.join(names))}) · nominal model: "
-        f"{esc(v.nominal or 'given')}{esc(left_out)}</p></section>"
-    )
+    lead = [] if v.differences else [words.probabilities(v)]
+    badge = v.status.replace("_", " ").capitalize()
+    return headed(badge, colour, v.headline or words.headline(v), lead, meta)
 
 
 def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
@@ -128,19 +125,18 @@ def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
 
 
 def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
-    largest = max((c.gap for c in by_joint.values()), default=0.0)
-    shares = {j: share_of(c, largest) for j, c in by_joint.items()}
-    ringed = " A blue ring marks a joint that the verdict names." if named else ""
-    if not by_joint:
+    cells = tuple(by_joint.values())
+    if not cells:
         listed = f"<p>The verdict names {esc(words.joints_in_short(sorted(named)))}.</p>" if named else ""
         return boxed("Where", "The gap has no figures by joint.", listed)
-    signal = next(iter(by_joint.values())).signal
-    about = f"Gap of the {signal} over the whole motion.{ringed}"
+    shares = {j: share_of(c, max(c.gap for c in cells)) for j, c in by_joint.items()}
+    ringed = " A blue ring marks a joint that the verdict names." if named else ""
     if tuple(result.board.robot.joint_names) == JOINT_NAMES:
-        tips = {j: told(c) for j, c in by_joint.items()}
-        return boxed("Where", about, picture(shares, tips, named, in_floors=has_floor(tuple(by_joint.values()))))
-    gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
-    return boxed("Where", about, bars.by_joint(gaps, shares, named))
+        drawn = picture(shares, {j: told(c) for j, c in by_joint.items()}, named, in_floors=has_floor(cells))
+    else:
+        gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
+        drawn = bars.by_joint(gaps, shares, named)
+    return boxed("Where", f"Gap of the {cells[0].signal} over the whole motion.{ringed}", drawn)
 
 
 def _together(v: Verdict) -> str:
