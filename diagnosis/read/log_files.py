@@ -91,14 +91,10 @@ def _each_once(runs: Sequence[Run], warnings: list[str]) -> list[Run]:
 def _holds(whole: Run, part: Run) -> bool:
     """Whether a log has the first state of a shorter one, by name of the run, stamp and joints."""
     a, b = whole.states, part.states
-    row = int(np.searchsorted(a.robot_stamp_ns, b.robot_stamp_ns[0]))
-    return (
-        whole.header.run_id == part.header.run_id
-        and len(b) < len(a)
-        and row < len(a)
-        and a.robot_stamp_ns[row] == b.robot_stamp_ns[0]
-        and np.array_equal(a.position_rad[row], b.position_rad[0], equal_nan=True)
-    )
+    if whole.header.run_id != part.header.run_id or len(b) == len(a):
+        return False
+    at = a.position_rad[a.robot_stamp_ns == b.robot_stamp_ns[0]]
+    return len(at) > 0 and np.array_equal(at[0], b.position_rad[0], equal_nan=True)
 
 
 def find_policy_file(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Path | None:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.read.recording import ACTIVE, Array
-from spot_log.read.run import Run, TickTable
+from diagnosis.read.recording import ACTIVE, Array, Ints
+from spot_log.read.run import Run, StateTable, TickTable
 from spot_model.plant.start import StartState
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import projected_gravity
+from spot_model.robot.state import Measured
 from spot_runtime.safety_limits import SafetyLimits
 from trainer.sysid.distance.features import features_of_observations
 
@@ -60,19 +61,16 @@ def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
 def fall_stamp_ns(run: Run) -> int | None:
     """Robot stamp of the first state in which the robot has fallen under the policy; None where it never did."""
     s, ticks_ns = run.states, run.ticks.robot_stamp_ns[_followed(run.ticks)]
-    row = fall_row(run.header.joint_names, s.position_rad, s.odom_from_body_wxyz, s.robot_stamp_ns, ticks_ns)
+    row = fall_row(run.header.joint_names, s, s.robot_stamp_ns, ticks_ns)
     return int(s.robot_stamp_ns[row]) if row < len(s) else None
 
 
-def fall_row(
-    joint_names: tuple[str, ...], position_rad: Array, odom_from_body_wxyz: Array, stamp_ns: Any, ticks_ns: Any
-) -> int:
+def fall_row(joint_names: tuple[str, ...], states: StateTable | Measured, stamp_ns: Ints, ticks_ns: Ints) -> int:
     """First row of a log at which the robot has fallen while a policy ran; the number of rows where it never did.
 
     Args:
         joint_names: Of the log; the height of the body is known of Spot alone.
-        position_rad: Joint positions, shape (n, J).
-        odom_from_body_wxyz: Attitude, shape (n, 4).
+        states: With joint positions and attitudes, n rows.
         stamp_ns: Robot stamp of each row, shape (n,).
         ticks_ns: Those of the ticks in which the policy followed the command, shape (k,).
     """
@@ -80,11 +78,11 @@ def fall_row(
     if len(ticks_ns) == 0:
         return n
     first, last = np.searchsorted(stamp_ns, [ticks_ns[0], ticks_ns[-1] + AFTER_NS])
-    gravity = np.asarray(projected_gravity(odom_from_body_wxyz[first:last]))
+    gravity = np.asarray(projected_gravity(states.odom_from_body_wxyz[first:last]))
     with np.errstate(invalid="ignore"):
         is_down = gravity[:, 2] > -np.cos(TILT_RAD)
         if joint_names == facts.JOINT_NAMES and last > first:
-            position = position_rad[first:last]
+            position = states.position_rad[first:last]
             every = max(1, SAMPLED_NS * (last - first) // int(stamp_ns[last - 1] - stamp_ns[first] + 1))
             if (_height_m(position[::every], gravity[::every]) < HEIGHT_M).any():
                 is_down |= _height_m(position, gravity) < HEIGHT_M

@@ -130,7 +130,7 @@ def _fallen(recording: Recording) -> Flags:
     if recording.has("odom_from_body_wxyz"):
         r, ticks = recording, recording.ticks
         ticks_ns = ticks.robot_stamp_ns[ticks.mode == ACTIVE]
-        row = fall_row(r.joint_names, r.position_rad, r.odom_from_body_wxyz, r.stamp_ns, ticks_ns)
+        row = fall_row(r.joint_names, r, r.stamp_ns, ticks_ns)
         leans = np.flatnonzero(projected_gravity(r.odom_from_body_wxyz)[:, 2] > FALLEN_GRAVITY_Z)
         row = min([row, *leans[:1]])
         flags[max(0, row - round(0.3 / r.period_s)) if row < len(r) else row :] = True

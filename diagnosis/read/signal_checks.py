@@ -126,13 +126,13 @@ def _upright(run: Run, bad: Flags) -> Flags:
         run: The log.
         bad: Values that cannot be right, shape (n, J). A body that is low by joints that were wrong before is no fall.
     """
-    s, ticks_ns = run.states, run.ticks.robot_stamp_ns
-    signals = (s.position_rad, s.odom_from_body_wxyz, s.robot_stamp_ns, ticks_ns)
-    fall_ns = np.append(s.robot_stamp_ns, np.iinfo(np.int64).max)[fall_row(run.header.joint_names, *signals)]
-    row = int(np.searchsorted(s.robot_stamp_ns, fall_ns - round(1e9 * BEFORE_FALL_S)))
+    stamps_ns, ticks_ns = run.states.robot_stamp_ns, run.ticks.robot_stamp_ns
+    fallen = fall_row(run.header.joint_names, run.states, stamps_ns, ticks_ns)
+    fall_ns = np.append(stamps_ns, np.iinfo(np.int64).max)[fallen]
+    row = int(np.searchsorted(stamps_ns, fall_ns - round(1e9 * BEFORE_FALL_S)))
     if row == 0 or bad[:row].any(axis=1).mean() > BEYOND_SHARE:
-        row = fall_row((), *signals)
-    return np.arange(len(s)) < row
+        row = fall_row((), run.states, stamps_ns, ticks_ns)
+    return np.arange(len(stamps_ns)) < row
 
 
 def _bad_states(run: Run, robot: RobotFile) -> list[_Fault]:

@@ -35,10 +35,7 @@ def check_free(out: Path) -> None:
 def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]) -> dict[str, Path]:
     """Write everything into a folder; an interruption leaves nothing half-written there.
 
-    Args:
-        result: The diagnosis.
-        out: The folder.
-        library: The effects that were tried: theirs are the experiments.
+    The experiments are those of the library's effects. Returned are the files' places by :data:`NAMES`.
 
     Raises:
         OutputExistsError: The folder holds one of the files already; none is written then.

@@ -89,6 +89,7 @@ def _two(*parts: str) -> str:
 
 
 def _rows(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table; nothing without rows."""
     return table(head, rows) if rows else ""
 
 
