@@ -46,8 +46,6 @@ class Imu:
     """Expressed in the mounting link's frame. Shape (n, 3)."""
     angular_vel_rad_s: Array
     """Shape (n, 3)."""
-    odom_from_link_wxyz: Array
-    """Of the newest packet. Shape (n, 4)."""
     age_s: float
     """How much older the packets are than the state, on average."""
 
@@ -62,7 +60,6 @@ class Recording(Measured):
     run_id: str
     sequence: str
     """Name of the velocity-command sequence."""
-    repeat: int
     policy_contract_json: str
     joint_names: tuple[str, ...]
     foot_names: tuple[str, ...]
@@ -182,7 +179,6 @@ def record(run: Run) -> Recording:
     return Recording(
         run_id=run.header.run_id,
         sequence=run.header.command_sequence,
-        repeat=run.header.repeat,
         policy_contract_json=run.header.policy_contract_json,
         joint_names=run.header.joint_names,
         foot_names=run.header.foot_names,
@@ -236,13 +232,10 @@ def _imu(run: Run, laid: Callable[[Array], Array]) -> Imu:
         sums = np.stack([np.bincount(table.state_index, values[:, k], minlength=n_states) for k in range(3)], axis=1)
         return np.where(count[:, None] > 0, sums / np.maximum(count, 1.0)[:, None], np.nan)
 
-    attitude = np.full((n_states, 4), np.nan)
-    attitude[table.state_index] = table.odom_from_link_wxyz
     ages = run.states.robot_stamp_ns[table.state_index] - table.robot_stamp_ns
     return Imu(
         acceleration_m_s2=laid(mean(table.acceleration_of_imu_in_link_m_s2)),
         angular_vel_rad_s=laid(mean(table.angular_vel_of_link_in_link_rad_s)),
-        odom_from_link_wxyz=laid(_continuous(attitude)),
         age_s=float(np.mean(ages)) * 1e-9 if len(ages) else 0.0,
     )
 
