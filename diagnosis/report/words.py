@@ -6,6 +6,7 @@ afterwards. ``tests/diagnosis/test_words.py`` reads the sentences back and compa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -31,10 +32,8 @@ NOTICED: Final = {"m/s": 0.1, "rad": 0.1}
 """Changes that a person notices, by unit; of others :data:`NOTICED_SHARE`."""
 NOTICED_SHARE: Final = 0.05
 LIKELY: Final = 0.5
-UNITS: Final = (
-    *("_nm_s_per_rad", "_v_s_per_rad", "_k_per_nm2_s", "_rad_per_nm", "_w_per_nm2", "_nm_per_v", "_cycles_per_rad"),
-    *("_kg_m2", "_rad_s", "_m_s2", "_per_k", "_m_s", "_kg", "_nm", "_rad", "_ohm", "_w", "_v", "_s", "_m", "_k"),
-)
+UNIT: Final = re.compile(r"(_(per|cycles|nm2?|kg|m2?|s2?|rad|ohm|w|v|k))+$")
+"""At the end of a parameter's name."""
 
 
 def plain(name: str) -> str:
@@ -44,8 +43,7 @@ def plain(name: str) -> str:
 
 def parameter(name: str) -> str:
     """A parameter's name as words, without the unit at its end: that stands beside the value."""
-    end = next((u for u in UNITS if name.endswith(u) and len(name) > len(u)), "")
-    return name.removesuffix(end).replace("_", " ")
+    return UNIT.sub("", name).replace("_", " ")
 
 
 def number(value: float, unit: str = "") -> str:
