@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, convolve1d
+from scipy.ndimage import convolve1d, minimum_filter1d
 
 from diagnosis.read.recording import Array, Flags
 
@@ -64,10 +64,9 @@ def _filtered(signal: Array, taps: Array, at: Rows | None) -> Array:
 def eroded(flags: Flags, before: int, after: int) -> Flags:
     """True where flags of shape (n, ...) hold from ``before`` rows earlier to ``after`` later; ends count as false."""
     size = before + after + 1
-    structure = np.ones((size,) + (1,) * (flags.ndim - 1), dtype=np.bool_)
-    # The structure's centre lies at size // 2; the origin moves it so that `before` samples lie before.
-    origin = (size // 2) - before
-    return np.asarray(binary_erosion(flags, structure=structure, origin=(-origin,) + (0,) * (flags.ndim - 1)))
+    # The filter's centre lies at size // 2; the origin moves it so that `before` rows lie before.
+    origin = before - size // 2
+    return np.asarray(minimum_filter1d(flags, size, axis=0, mode="constant", cval=0, origin=origin))
 
 
 def too_coarse(period_s: float) -> str:
