@@ -195,15 +195,17 @@ def _bad_velocities(run: Run) -> list[_Fault]:
         own = float(agreement[moving == joint][0])
         best = int(moving[np.argmax(agreement)])
         ratio = float(velocity[:, joint].std() / slope[:, joint].std())
+        text = allowed = ""
         if own < MIN_AGREEMENT and best != joint and agreement.max() > max(0.9, own + 0.3):
             text = f"{name} follows the position of {names[best]} (correlation {agreement.max():.2f}, with its own "
-            return [_Fault("velocity", f"{text}{own:.2f})", f"one joint order for all signals; {MENDED}")]
-        if own > 0.9 and not SLOPES[0] < ratio < SLOPES[1]:
+            text, allowed = f"{text}{own:.2f})", "one joint order for all signals"
+        elif own > 0.9 and not SLOPES[0] < ratio < SLOPES[1]:
             text, allowed = f"{name} is {ratio:.3g} times the slope of its position", f"{SLOPES[0]} to {SLOPES[1]}"
-            return [_Fault("velocity", text, f"{allowed}; {MENDED}")]
-        if own < -0.9:
+        elif own < -0.9:
             text = f"{name} has the opposite sign of the slope of its position (correlation {own:.2f})"
-            return [_Fault("velocity", text, f"above 0; {MENDED}")]
+            allowed = "above 0"
+        if text:
+            return [_Fault("velocity", text, f"{allowed}; {MENDED}")]
     return []
 
 

@@ -29,13 +29,9 @@ RADIUS: Final = 15
 
 
 def picture(shares: Mapping[str, float], tips: Mapping[str, str], named: frozenset[str], *, in_floors: bool) -> str:
-    """An SVG of Spot.
+    """An SVG of Spot: by joint its ``shares``, 0 to 1, on the colour scale (grey without one) and what hovering says.
 
-    Args:
-        shares: By joint, the place on the colour scale, 0 to 1; a joint that is missing stays grey.
-        tips: By joint, what hovering says.
-        named: Joints to which the verdict points: they get a ring and their name.
-        in_floors: Whether colours are times the floor.
+    Joints that are ``named`` by the verdict get a ring; ``in_floors``: colours are times the floor.
     """
     legs = {leg: _points(leg) for leg in facts.LEG_NAMES}
     far_first = sorted(legs, key=lambda leg: float(legs[leg][3] @ NEARER))
