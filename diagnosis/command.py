@@ -31,13 +31,10 @@ class LogsOrCommand(TyperGroup):
 
     default_command = EXPLAIN
 
-    def named(self, args: list[str]) -> list[str]:
-        """The words with the command in front that takes logs, where they name none."""
-        return [EXPLAIN, *args] if args and args[0] not in (*self.commands, "-h", "--help") else args
-
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As without a command's name."""
-        return super().parse_args(ctx, self.named(args))
+        """With the command in front that takes logs, where none is named."""
+        is_named = not args or args[0] in (*self.commands, "-h", "--help")
+        return super().parse_args(ctx, args if is_named else [EXPLAIN, *args])
 
 
 diagnose = typer.Typer(cls=LogsOrCommand, no_args_is_help=True, help=__doc__)
@@ -107,13 +104,15 @@ def explain_logs(
         typer.echo(f"interrupted; nothing was written into {out}", err=True)
         raise typer.Exit(130) from None
     progress.close()
-    given = tuple(str(path.absolute()) for path in logs)
-    where = None if policy is None else str(policy.absolute())
     if robot is None:
-        extra, left_out = tuple(add_effect or ()), tuple(without or ())
-        save_inputs(
-            Inputs(logs=given, nominal=absolute(nominal), policy=where, add_effect=extra, without=left_out), out
+        inputs = Inputs(
+            logs=tuple(str(path.absolute()) for path in logs),
+            nominal=absolute(nominal),
+            policy=None if policy is None else str(policy.absolute()),
+            add_effect=tuple(add_effect or ()),
+            without=tuple(without or ()),
         )
+        save_inputs(inputs, out)
     for line in twelve_lines(result.verdict, paths):
         typer.echo(line)
     return result

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
 from spot_model.io.settings import Settings
-
-SCHEMA: Final = "spot-rl/verdict/2"
 
 Status = Literal["explained", "partly_explained", "unknown_effect", "calibration", "no_gap", "cannot_tell"]
 GapName = Literal["torque", "joint motion", "body motion"]
@@ -305,7 +302,7 @@ class Stretch(Settings):
 class Verdict(Settings):
     """All that a diagnosis says."""
 
-    schema_name: Literal["spot-rl/verdict/2"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/verdict/2"] = Field(default="spot-rl/verdict/2", alias="schema")
     status: Status
     """The answer, in one word; see [how it is decided](../diagnosis.md#how-it-works)."""
     where: tuple[GapCell, ...]
@@ -364,11 +361,3 @@ def load_verdict(path: Path) -> Verdict:
         pydantic.ValidationError: It does not follow the schema.
     """
     return Verdict.model_validate_json(path.read_bytes())
-
-
-def json_schema() -> str:
-    """The JSON Schema of ``verdict.json``, as text."""
-    return json.dumps(Verdict.model_json_schema(by_alias=True), indent=1, sort_keys=True) + "\n"
-
-
-SCHEMA_FILE: Final = Path(__file__).with_name("verdict.schema.json")

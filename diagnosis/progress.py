@@ -22,19 +22,17 @@ WITHIN: Final = 0.25
 """A message within a stage of unknown length goes this share of what is left of it."""
 
 
-class Progress:
+class Progress(progress.Progress):
     """Says how far it is. Calling it with a text says the text; the text of a stage begins that stage.
 
-    Args:
-        console: Where it goes; standard error by default.
-        clock: Seconds, for the time left.
+    It goes to ``console``, standard error by default; ``clock`` gives seconds, for the time left.
     """
 
     def __init__(self, console: Console | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         console = console or Console(stderr=True)
-        self._bar = progress.Progress("diagnosis", console=console, clock=clock)
+        super().__init__("diagnosis", console=console, clock=clock)
         self._has_lines = not console.is_terminal
-        self._first, self._last = 0.0, 0.0
+        self._begin, self._end = 0.0, 0.0
         self._text = ""
         self.share = 0.0
 
@@ -43,23 +41,18 @@ class Progress:
         before = 0.0
         for begin, share in STAGES:
             if text.startswith(begin):
-                self._first, self._last = before, before + share
+                self._begin, self._end = before, before + share
                 self.share = max(self.share, before)
                 break
             before += share
         else:
-            self.share += WITHIN * max(0.0, self._last - self.share)
+            self.share += WITHIN * max(0.0, self._end - self.share)
         self._text = text
-        self._show(is_told=self._has_lines)
+        self.update(round(100 * self.share), text, is_told=self._has_lines)
 
     def at(self, share: float) -> None:
         """The present stage is this far, 0 to 1."""
-        self.share = max(self.share, self._first + share * (self._last - self._first))
-        self._show()
+        self.share = max(self.share, self._begin + share * (self._end - self._begin))
+        self.update(round(100 * self.share), self._text)
 
-    def close(self) -> None:
-        """Nothing more will be said."""
-        self._bar.stop()
-
-    def _show(self, *, is_told: bool = False) -> None:
-        self._bar.update(round(100 * self.share), self._text, is_told=is_told)
+    close = progress.Progress.stop

@@ -12,14 +12,13 @@ import numpy as np
 from diagnosis.closed_loop.engine import Engine, LocalEngine, RayEngine
 from diagnosis.library.base import LibraryEffect
 from diagnosis.progress import Progress
-from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all
-from diagnosis.read.prepare import prepared
+from diagnosis.read.log_files import apart_by_gains, find_policy_file, read_logs
 from diagnosis.read.robot_file import SPOT, load_robot
-from diagnosis.read.signal_checks import plausible
 from diagnosis.report.output import write_all
 from diagnosis.report.words import headline
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, load_policy
 
 
 @dataclass(frozen=True)
@@ -50,20 +49,17 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
     """
     robot = load_robot(request.robot) if request.robot is not None else SPOT
     progress("reading logs")
-    runs, warnings = read_all(request.logs, progress.at)
-    runs, set_aside = plausible(runs, robot)
-    runs, notes = prepared(runs, robot)
-    warnings = (*warnings, *set_aside)
-    policy = find_policy(request.policy, runs)
-    if policy is not None:
+    runs, notes = read_logs(request.logs, robot, progress.at)
+    file = find_policy_file(request.policy, runs)
+    policy: Policy | None = None
+    engine: Engine | None = None
+    if file is not None:
+        policy = load_policy(file)
         runs, at_other_gains = apart_by_gains(runs, policy)
         notes = (*notes, *at_other_gains)
-    for text in (*warnings, *notes):
-        progress(f"note: {text}")
-    engine: Engine | None = None
-    if policy is not None:
-        file = find_policy_file(request.policy, policy)
         engine = RayEngine(file.read_bytes(), request.ray_address) if request.has_ray else LocalEngine(policy)
+    for text in notes:
+        progress(f"note: {text}")
     with nullcontext() if engine is None else engine:
         result = diagnose(
             runs,
@@ -81,7 +77,7 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
         differences = tuple(d.model_copy(update={"split": None}) for d in result.verdict.differences)
         result = replace(result, verdict=result.verdict.model_copy(update={"differences": differences}))
-    told = tuple(dict.fromkeys((*warnings, *notes, *result.verdict.notes)))
+    told = tuple(dict.fromkeys((*notes, *result.verdict.notes)))
     verdict = result.verdict.model_copy(update={"notes": told})
     result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     progress("writing the report")

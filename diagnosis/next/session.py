@@ -23,7 +23,7 @@ from diagnosis.next.predict.prediction import digest_of, load_prediction, predic
 from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot, run_on_robot
 from diagnosis.next.story import Found, Story, read_story
 from diagnosis.progress import Progress
-from diagnosis.read.log_files import find_policy, find_policy_file, read_all
+from diagnosis.read.log_files import find_policy_file, read_logs
 from diagnosis.report.output import NAMES
 from diagnosis.session import Request, run_session
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
@@ -76,10 +76,9 @@ class Session:
         if policy is not None:
             inputs = inputs.model_copy(update={"policy": str(policy.absolute())})
         elif inputs.policy is None:
-            runs, _ = read_all([Path(p) for p in inputs.logs])
-            known = find_policy(None, runs)
-            file = None if known is None else str(find_policy_file(None, known).absolute())
-            inputs = inputs.model_copy(update={"policy": file})
+            runs, _ = read_logs([Path(p) for p in inputs.logs])
+            file = find_policy_file(None, runs)
+            inputs = inputs.model_copy(update={"policy": None if file is None else str(file.absolute())})
         loaded = None if inputs.policy is None else load_policy(Path(inputs.policy))
         return cls(folder, inputs, found_in(folder), loaded, seed)
 
@@ -179,7 +178,7 @@ class Session:
                 )
             check_new(path)
             library = chosen_library(list(self.inputs.add_effect), list(self.inputs.without))
-            runs, _ = read_all([Path(p) for p in self.inputs.logs])
+            runs, _ = read_logs([Path(p) for p in self.inputs.logs])
             made = predict(posterior, dict(library), wanted, self.policy, runs, self.seed)
             write_new(path, made.to_json())
         if log is None:

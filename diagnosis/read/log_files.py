@@ -11,7 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from diagnosis.read.policy_ticks import policy_ticks
+from diagnosis.read.prepare import prepared
 from diagnosis.read.recording import record
+from diagnosis.read.robot_file import SPOT, RobotFile
+from diagnosis.read.signal_checks import plausible
 from spot_log import Run, read_run
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.whole import finished
@@ -19,9 +22,30 @@ from spot_model.policy.contract import PolicyContract
 from spot_model.policy.policy import Policy, load_policy
 
 
-def read_all(
-    paths: Sequence[Path], tell: Callable[[float], None] = lambda _: None
+def _ignore(_: float) -> None:
+    """Progress that nobody watches."""
+
+
+def read_logs(
+    paths: Sequence[Path], robot: RobotFile = SPOT, tell: Callable[[float], None] = _ignore
 ) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """Read logs, set aside what cannot be right, complete the rest; and what was done, a sentence each.
+
+    Args:
+        paths: Log files, or folders of them.
+        robot: That they are of.
+        tell: Gets the share of the files that are read, 0 to 1.
+
+    Raises:
+        BadInputError: No log is left, most have the same fault, or they are not of this robot.
+    """
+    runs, warnings = read_all(paths, tell)
+    runs, set_aside = plausible(runs, robot)
+    runs, notes = prepared(runs, robot)
+    return runs, (*warnings, *set_aside, *notes)
+
+
+def read_all(paths: Sequence[Path], tell: Callable[[float], None] = _ignore) -> tuple[tuple[Run, ...], tuple[str, ...]]:
     """Read all logs; what cannot be read or says too little is left out, and said.
 
     Raises:
@@ -44,13 +68,12 @@ def read_all(
     if not runs:
         told = "\n".join(f"  {w}" for w in warnings)
         raise BadInputError(f"no log can be diagnosed:\n{told}\ngive logs of 'spot-rl collect' or 'spot-rl run'")
-    is_commanded = [bool(len(run.commands) or len(policy_ticks(run))) for run in runs]
-    if any(is_commanded):
+    commanded = [run for run in runs if len(run.commands) or len(policy_ticks(run))]
+    if commanded:
         # One log that lacks a signal switches its channels off for all.
-        idle = [run.path.name for run, is_it in zip(runs, is_commanded, strict=True) if not is_it]
+        idle = [run.path.name for run in runs if not any(run is one for one in commanded)]
         warnings += [f"{name}: left out: the robot got no command in it" for name in idle]
-        runs = [run for run, is_it in zip(runs, is_commanded, strict=True) if is_it]
-    return tuple(runs), tuple(warnings)
+    return tuple(commanded or runs), tuple(warnings)
 
 
 def _each_once(runs: Sequence[Run], warnings: list[str]) -> list[Run]:
@@ -68,17 +91,13 @@ def _each_once(runs: Sequence[Run], warnings: list[str]) -> list[Run]:
 def _holds(whole: Run, part: Run) -> bool:
     """Whether a log has the first state of a shorter one, by name of the run, stamp and joints."""
     a, b = whole.states, part.states
-    row = int(np.searchsorted(a.robot_stamp_ns, b.robot_stamp_ns[0]))
-    return (
-        whole.header.run_id == part.header.run_id
-        and len(b) < len(a)
-        and row < len(a)
-        and a.robot_stamp_ns[row] == b.robot_stamp_ns[0]
-        and np.array_equal(a.position_rad[row], b.position_rad[0], equal_nan=True)
-    )
+    if whole.header.run_id != part.header.run_id or len(b) == len(a):
+        return False
+    at = a.position_rad[a.robot_stamp_ns == b.robot_stamp_ns[0]]
+    return len(at) > 0 and np.array_equal(at[0], b.position_rad[0], equal_nan=True)
 
 
-def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Policy | None:
+def find_policy_file(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Path | None:
     """The policy that was given, or the one in ``folder`` whose digest most logs name; None if there is none.
 
     Logs of one network at several gains go together; see :func:`apart_by_gains`.
@@ -99,10 +118,20 @@ def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("pol
                 f"{run.header.policy_name or 'a policy'} with {sha[:12]}…; give that policy's file, or leave --policy "
                 "out: then nothing is simulated"
             )
-        return given
+        return path
     n_logs = Counter(run.header.policy_sha256 for run in runs)
-    own = [p for p in _policies_in(folder).values() if p.sha256 in wanted]
-    return max(own, key=lambda p: n_logs[p.sha256], default=None)
+    own: dict[Path, int] = {}
+    for file in sorted(folder.glob("*.onnx")):
+        with suppress(SpotRlError):
+            sha256 = load_policy(file).sha256
+            own |= {file: n_logs[sha256]} if sha256 in wanted else {}
+    return max(own, key=lambda file: own[file], default=None)
+
+
+def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Policy | None:
+    """The policy of :func:`find_policy_file`."""
+    file = find_policy_file(path, runs, folder)
+    return None if file is None else load_policy(file)
 
 
 def apart_by_gains(runs: Sequence[Run], policy: Policy) -> tuple[tuple[Run, ...], tuple[str, ...]]:
@@ -125,20 +154,6 @@ def apart_by_gains(runs: Sequence[Run], policy: Policy) -> tuple[tuple[Run, ...]
 
 def _are_one_network(contracts: Sequence[str]) -> bool:
     try:
-        first = PolicyContract.from_json(contracts[0])
+        return all(map(PolicyContract.from_json(contracts[0]).is_same_network, contracts))
     except ValueError:
         return False
-    return all(first.is_same_network(text) for text in contracts)
-
-
-def find_policy_file(path: Path | None, policy: Policy, folder: Path = Path("policies")) -> Path:
-    """The file of a policy that :func:`find_policy` found."""
-    return path or next(file for file, found in _policies_in(folder).items() if found.sha256 == policy.sha256)
-
-
-def _policies_in(folder: Path) -> dict[Path, Policy]:
-    found: dict[Path, Policy] = {}
-    for file in sorted(folder.glob("*.onnx")) if folder.is_dir() else ():
-        with suppress(SpotRlError):
-            found[file] = load_policy(file)
-    return found

@@ -50,6 +50,12 @@ def servo_law(run: Run) -> tuple[Array, Array]:
     return pulled + np.nan_to_num(c.load_nm[row]), own
 
 
+def moved(values: Array, rows: float) -> Array:
+    """A signal that comes so many rows later, shape (n, J)."""
+    at = np.arange(len(values), dtype=np.float64)
+    return np.stack([np.interp(at - rows, at, column) for column in values.T], axis=1)
+
+
 def _after_steps(runs: Sequence[Run]) -> float | None:
     """States from a step to its effect; None without steps or answers.
 
@@ -110,11 +116,9 @@ def _by_moving(runs: Sequence[Run]) -> float:
         pulled, own, load = *servo_law(run), run.states.load_nm
         size = np.maximum(np.nanstd(load, axis=0), 1e-9)
         inner = slice(MAX_ROWS_APART + 1, len(load) - MAX_ROWS_APART - 1)
-        rows = np.arange(len(load), dtype=np.float64)
         for i, shift in enumerate(shifts):
-            moved = np.stack([np.interp(rows - shift, rows, column) for column in pulled.T], axis=1)
             # Smoothed alike: between two rows a straight line is itself a filter.
-            off = smooth((load - moved + own) / size)[inner]
+            off = smooth((load - moved(pulled, float(shift)) + own) / size)[inner]
             costs[i] += float(np.nanvar(off, axis=0).mean())
     best = int(np.argmin(costs))
     at_rest = int(np.flatnonzero(shifts == 0.0)[0])

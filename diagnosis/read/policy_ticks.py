@@ -1,4 +1,4 @@
-"""The stretch of a log under the policy: its ticks, how it starts, and the same run for a simulator."""
+"""The stretch of a log under the policy: its ticks, when the robot falls, and the same run for a simulator."""
 
 from __future__ import annotations
 
@@ -9,17 +9,29 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.read.falls import fall_row
-from diagnosis.read.recording import ACTIVE
-from spot_log.read.run import Run, TickTable
+from diagnosis.read.recording import ACTIVE, Array, Ints
+from spot_log.read.run import Run, StateTable, TickTable
 from spot_model.plant.start import StartState
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from spot_model.robot.rotation import projected_gravity
+from spot_model.robot.state import Measured
+from spot_runtime.safety_limits import SafetyLimits
 from trainer.sysid.distance.features import features_of_observations
 
 MIN_TICKS: Final = 50
 """A run of less than a second is no sample of a gait."""
+TILT_RAD: Final = SafetyLimits().tilt_rad
+"""A body that leans further falls."""
+HEIGHT_M: Final = SafetyLimits().body_height_m
+"""A body lower than this over its lowest sole has collapsed."""
+AFTER_NS: Final = 100_000_000
+"""The state that makes the runtime take the policy away may come this long after the policy's last tick: five ticks. A
+robot that sits down, or is damped for another reason, sinks more slowly."""
+SAMPLED_NS: Final = 15_000_000
+"""A body that has collapsed stays down for longer: it is looked for in states so far apart."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +50,9 @@ class Script:
 def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
     """Ticks in which the policy followed the command, before any fall; of a log without modes all that ran a policy.
 
-    Args:
-        run: A log, or a simulated run.
-        at_least: So many are kept even of a robot that falls sooner.
+    ``at_least`` so many are kept even of a robot that falls sooner.
     """
-    rows = _followed(run.ticks)
-    fall_ns = fall_stamp_ns(run)
+    rows, fall_ns = _followed(run.ticks), fall_stamp_ns(run)
     if fall_ns is None:
         return rows
     return rows[: max(at_least, int(np.searchsorted(run.ticks.robot_stamp_ns[rows], fall_ns)))]
@@ -52,8 +61,39 @@ def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
 def fall_stamp_ns(run: Run) -> int | None:
     """Robot stamp of the first state in which the robot has fallen under the policy; None where it never did."""
     s, ticks_ns = run.states, run.ticks.robot_stamp_ns[_followed(run.ticks)]
-    row = fall_row(run.header.joint_names, s.position_rad, s.odom_from_body_wxyz, s.robot_stamp_ns, ticks_ns)
+    row = fall_row(run.header.joint_names, s, s.robot_stamp_ns, ticks_ns)
     return int(s.robot_stamp_ns[row]) if row < len(s) else None
+
+
+def fall_row(joint_names: tuple[str, ...], states: StateTable | Measured, stamp_ns: Ints, ticks_ns: Ints) -> int:
+    """First row of a log at which the robot has fallen while a policy ran; the number of rows where it never did.
+
+    Args:
+        joint_names: Of the log; the height of the body is known of Spot alone.
+        states: With joint positions and attitudes, n rows.
+        stamp_ns: Robot stamp of each row, shape (n,).
+        ticks_ns: Those of the ticks in which the policy followed the command, shape (k,).
+    """
+    n = len(stamp_ns)
+    if len(ticks_ns) == 0:
+        return n
+    first, last = np.searchsorted(stamp_ns, [ticks_ns[0], ticks_ns[-1] + AFTER_NS])
+    gravity = np.asarray(projected_gravity(states.odom_from_body_wxyz[first:last]))
+    with np.errstate(invalid="ignore"):
+        is_down = gravity[:, 2] > -np.cos(TILT_RAD)
+        if joint_names == facts.JOINT_NAMES and last > first:
+            position = states.position_rad[first:last]
+            every = max(1, SAMPLED_NS * (last - first) // int(stamp_ns[last - 1] - stamp_ns[first] + 1))
+            if (_height_m(position[::every], gravity[::every]) < HEIGHT_M).any():
+                is_down |= _height_m(position, gravity) < HEIGHT_M
+    rows = np.flatnonzero(is_down)
+    return int(first + rows[0]) if len(rows) else n
+
+
+def _height_m(position_rad: Array, gravity_in_body: Array) -> Array:
+    """Of the body over its lowest sole, shape (n,)."""
+    feet = np.asarray(foot_position_in_body_m(position_rad))
+    return np.asarray((feet @ gravity_in_body[:, :, None])[..., 0].max(axis=1) + facts.FOOT_RADIUS_M)
 
 
 def _followed(t: TickTable) -> NDArray[np.intp]:
@@ -103,12 +143,7 @@ def tick_period_s(runs: Sequence[Run]) -> float:
 
 
 def script_of(run: Run, period_s: float | None = None) -> Script | None:
-    """The run as a simulator would start it; None where it is too short.
-
-    Args:
-        run: A log.
-        period_s: Of its ticks; by default what the run itself shows.
-    """
+    """The run as a simulator would start it, by default with its own tick period; None where it is too short."""
     rows = policy_ticks(run)
     if len(rows) < MIN_TICKS:
         return None
@@ -122,17 +157,13 @@ def script_of(run: Run, period_s: float | None = None) -> Script | None:
         angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
         last_action=observed(t.observation[rows[0]], "last_action"),
     )
-    name, period_s = run.header.command_sequence or "unnamed", period_s or tick_period_s([run])
-    return Script(name, run.header.repeat, start, _replayed(t, rows, round(1e9 * period_s)), period_s)
-
-
-def _replayed(ticks: TickTable, rows: NDArray[np.intp], period_ns: int) -> NDArray[np.float64]:
-    """The operator's commands at even ticks from the first row on, each that of the logged tick nearest before."""
-    logged = ticks.robot_stamp_ns[rows] - ticks.robot_stamp_ns[rows[0]]
+    period_s = period_s or tick_period_s([run])
+    period_ns, logged = round(1e9 * period_s), t.robot_stamp_ns[rows] - t.robot_stamp_ns[rows[0]]
     even = np.arange(round(logged[-1] / period_ns) + 1) * period_ns
     # A logged tick counts from half a period before its stamp on: stamps are those of states, some late, some early.
-    at = np.searchsorted(logged, even + period_ns // 2, side="right") - 1
-    return np.asarray(ticks.velocity_command[rows][at])
+    nearest = np.searchsorted(logged, even + period_ns // 2, side="right") - 1
+    name, told = run.header.command_sequence or "unnamed", t.velocity_command[rows][nearest]
+    return Script(name, run.header.repeat, start, told, period_s)
 
 
 def features(run: Run, policy: Policy, at_least: int = 0) -> NDArray[np.float32]:

@@ -6,6 +6,7 @@ its own instants: a row is what was measured then, and never what lies between t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -27,6 +28,10 @@ GRID_TOLERANCE: Final = 0.1
 MAX_GAP_PERIODS: Final = 1.5
 """A wider gap is a loss of messages."""
 MAX_GRID: Final = 10_000_000
+ACTIVE: Final = "active"
+CLOCK_ERROR_NS: Final = 10_000_000
+"""By which a stamp of the host's may lie after the robot's own for the same instant; a tick is twice as long."""
+NEVER_NS: Final = np.iinfo(np.int64).max // 2
 
 
 class RecordingError(SpotRlError):
@@ -41,8 +46,6 @@ class Imu:
     """Expressed in the mounting link's frame. Shape (n, 3)."""
     angular_vel_rad_s: Array
     """Shape (n, 3)."""
-    odom_from_link_wxyz: Array
-    """Of the newest packet. Shape (n, 4)."""
     age_s: float
     """How much older the packets are than the state, on average."""
 
@@ -57,13 +60,9 @@ class Recording(Measured):
     run_id: str
     sequence: str
     """Name of the velocity-command sequence."""
-    repeat: int
-    policy: str
     policy_contract_json: str
     joint_names: tuple[str, ...]
     foot_names: tuple[str, ...]
-    start_ns: int
-    """Robot stamp of row 0."""
     period_s: float
     """Between states, the median."""
     stamp_ns: Ints
@@ -88,6 +87,11 @@ class Recording(Measured):
     def n_joints(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def start_ns(self) -> int:
+        """Robot stamp of row 0."""
+        return int(self.stamp_ns[0])
 
     @property
     def time_s(self) -> Array:
@@ -131,12 +135,6 @@ class Recording(Measured):
         return bool(np.isfinite(values).all(axis=-1).mean() > 0.5)
 
 
-ACTIVE: Final = "active"
-CLOCK_ERROR_NS: Final = 10_000_000
-"""By which a stamp of the host's may lie after the robot's own for the same instant; a tick is twice as long."""
-NEVER_NS: Final = np.iinfo(np.int64).max // 2
-
-
 def record(run: Run) -> Recording:
     """Lay a log out on its grid.
 
@@ -149,67 +147,60 @@ def record(run: Run) -> Recording:
     stamps = states.robot_stamp_ns
     steps = np.diff(stamps)
     if np.any(steps <= 0):
-        row = int(np.flatnonzero(steps <= 0)[0])
-        raise RecordingError(f"log {run.path}: the robot's stamp does not rise after state {row}; repair the log first")
+        worst = int(np.argmax(steps <= 0))
+        raise RecordingError(
+            f"log {run.path}: the robot's stamp does not rise after state {worst}; repair the log first"
+        )
     period_s = float(np.median(steps)) * 1e-9
     at = (stamps - stamps[0]) * 1e-9 / period_s
     n = round(float(at[-1])) + 1
     if n > MAX_GRID:
         raise RecordingError(f"log {run.path} spans {n} periods of {period_s} s; cut it into runs first")
-    grid = _Grid(at, n)
-    row_ns = stamps if not grid.even else stamps[0] + np.round(np.arange(n) * period_s * 1e9).astype(np.int64)
-    contact = np.zeros((grid.n, states.foot_contact.shape[1]), dtype=np.bool_)
-    contact[grid.row] = states.foot_contact
+    row = np.round(at).astype(np.intp)
+    if np.max(np.abs(at - row)) <= GRID_TOLERANCE and len(np.unique(row)) == len(at):
+        row_ns = stamps[0] + np.round(np.arange(n) * period_s * 1e9).astype(np.int64)
+        present = np.isin(np.arange(n), row)
+    else:
+        row, row_ns = np.arange(len(at)), stamps
+        present = np.diff(at, prepend=at[0]) <= MAX_GAP_PERIODS
+
+    def laid(values: Array) -> Array:
+        """Values of shape (m, k) in their rows, shape (n, k)."""
+        out = np.full((len(present), values.shape[1]), np.nan)
+        out[row] = values
+        return out
+
+    contact = np.zeros((len(present), states.foot_contact.shape[1]), dtype=np.bool_)
+    contact[row] = states.foot_contact
+    told = np.full((len(present), 3), np.nan)
+    newest = np.searchsorted(run.ticks.robot_stamp_ns, row_ns, side="right") - 1
+    told[newest >= 0] = run.ticks.velocity_command[newest[newest >= 0]]
     command_ns, has_receipts = _receipts(run)
     return Recording(
         run_id=run.header.run_id,
         sequence=run.header.command_sequence,
-        repeat=run.header.repeat,
-        policy=run.header.policy_name,
         policy_contract_json=run.header.policy_contract_json,
         joint_names=run.header.joint_names,
         foot_names=run.header.foot_names,
-        start_ns=int(stamps[0]),
         period_s=period_s,
         stamp_ns=row_ns,
-        present=grid.present,
-        position_rad=grid.lay(states.position_rad),
-        velocity_rad_s=grid.lay(states.velocity_rad_s),
-        load_nm=grid.lay(states.load_nm),
-        position_of_body_in_odom_m=grid.lay(states.position_of_body_in_odom_m),
-        odom_from_body_wxyz=grid.lay(_continuous(states.odom_from_body_wxyz)),
-        linear_vel_of_body_in_odom_m_s=grid.lay(states.linear_vel_of_body_in_odom_m_s),
-        angular_vel_of_body_in_odom_rad_s=grid.lay(states.angular_vel_of_body_in_odom_rad_s),
+        present=present,
+        position_rad=laid(states.position_rad),
+        velocity_rad_s=laid(states.velocity_rad_s),
+        load_nm=laid(states.load_nm),
+        position_of_body_in_odom_m=laid(states.position_of_body_in_odom_m),
+        odom_from_body_wxyz=laid(_continuous(states.odom_from_body_wxyz)),
+        linear_vel_of_body_in_odom_m_s=laid(states.linear_vel_of_body_in_odom_m_s),
+        angular_vel_of_body_in_odom_rad_s=laid(states.angular_vel_of_body_in_odom_rad_s),
         foot_contact=contact,
-        imu=_imu(run, grid),
+        imu=_imu(run, laid),
         commands=run.commands,
         command_ns=command_ns,
         has_receipts=has_receipts,
         ticks=run.ticks,
         slow_states=run.slow_states,
-        velocity_command=_held(run.ticks, row_ns),
+        velocity_command=told,
     )
-
-
-class _Grid:
-    """Rows of the states: on an even grid of n rows where their stamps fall on it, else one after the other."""
-
-    def __init__(self, at: Array, n: int) -> None:
-        self.n = n
-        self.row = np.round(at).astype(np.intp)
-        self.even = bool(np.max(np.abs(at - self.row)) <= GRID_TOLERANCE) and len(np.unique(self.row)) == len(at)
-        self.present = np.zeros(n, dtype=np.bool_)
-        if self.even:
-            self.present[self.row] = True
-        else:
-            self.n, self.row = len(at), np.arange(len(at))
-            self.present = np.diff(at, prepend=at[0]) <= MAX_GAP_PERIODS
-
-    def lay(self, values: Array) -> Array:
-        """Values of shape (m, k) in their rows, shape (n, k)."""
-        out = np.full((self.n, values.shape[1]), np.nan)
-        out[self.row] = values
-        return out
 
 
 def _receipts(run: Run) -> tuple[Ints, bool]:
@@ -219,22 +210,21 @@ def _receipts(run: Run) -> tuple[Ints, bool]:
     is older than the command with that key is another command's.
     """
     commands, states = run.commands, run.states
-    if len(commands) == 0 or not (states.last_command_key > 0).any():
-        return commands.robot_stamp_ns.astype(np.int64), False
-    order = np.argsort(commands.key, kind="stable")
-    keys = commands.key[order]
-    place = np.clip(np.searchsorted(keys, states.last_command_key), 0, len(keys) - 1)
-    sent_ns = commands.robot_stamp_ns[order][place]
-    own = (keys[place] == states.last_command_key) & (states.last_command_robot_stamp_ns >= sent_ns - CLOCK_ERROR_NS)
-    if not own.any():
-        return commands.robot_stamp_ns.astype(np.int64), False
-    row, first = np.unique(order[place[own]], return_index=True)
     out = np.full(len(commands), NEVER_NS, dtype=np.int64)
-    out[row] = states.last_command_robot_stamp_ns[own][first]
-    return out, True
+    if len(commands) and (states.last_command_key > 0).any():
+        order = np.argsort(commands.key, kind="stable")
+        keys, seen_ns = commands.key[order], states.last_command_robot_stamp_ns
+        place = np.clip(np.searchsorted(keys, states.last_command_key), 0, len(keys) - 1)
+        sent_ns = commands.robot_stamp_ns[order][place]
+        own = (keys[place] == states.last_command_key) & (seen_ns >= sent_ns - CLOCK_ERROR_NS)
+        row, first = np.unique(order[place[own]], return_index=True)
+        out[row] = seen_ns[own][first]
+    if (out < NEVER_NS).any():
+        return out, True
+    return commands.robot_stamp_ns.astype(np.int64), False
 
 
-def _imu(run: Run, grid: _Grid) -> Imu:
+def _imu(run: Run, laid: Callable[[Array], Array]) -> Imu:
     table, n_states = run.states.imu, len(run.states)
     count = np.bincount(table.state_index, minlength=n_states).astype(np.float64)
 
@@ -242,13 +232,10 @@ def _imu(run: Run, grid: _Grid) -> Imu:
         sums = np.stack([np.bincount(table.state_index, values[:, k], minlength=n_states) for k in range(3)], axis=1)
         return np.where(count[:, None] > 0, sums / np.maximum(count, 1.0)[:, None], np.nan)
 
-    attitude = np.full((n_states, 4), np.nan)
-    attitude[table.state_index] = table.odom_from_link_wxyz
     ages = run.states.robot_stamp_ns[table.state_index] - table.robot_stamp_ns
     return Imu(
-        acceleration_m_s2=grid.lay(mean(table.acceleration_of_imu_in_link_m_s2)),
-        angular_vel_rad_s=grid.lay(mean(table.angular_vel_of_link_in_link_rad_s)),
-        odom_from_link_wxyz=grid.lay(_continuous(attitude)),
+        acceleration_m_s2=laid(mean(table.acceleration_of_imu_in_link_m_s2)),
+        angular_vel_rad_s=laid(mean(table.angular_vel_of_link_in_link_rad_s)),
         age_s=float(np.mean(ages)) * 1e-9 if len(ages) else 0.0,
     )
 
@@ -261,13 +248,3 @@ def _continuous(wxyz: Array) -> Array:
     flips[~np.isfinite(flips) | (flips == 0.0)] = 1.0
     first = -1.0 if wxyz[0, 0] < 0.0 else 1.0
     return np.asarray(wxyz * np.concatenate([[first], first * np.cumprod(flips)])[:, None])
-
-
-def _held(ticks: TickTable, row_ns: Ints) -> Array:
-    """The operator's command at each row: that of the newest tick."""
-    out = np.full((len(row_ns), 3), np.nan)
-    if len(ticks) == 0:
-        return out
-    at = np.searchsorted(ticks.robot_stamp_ns, row_ns, side="right") - 1
-    out[at >= 0] = ticks.velocity_command[at[at >= 0]]
-    return out

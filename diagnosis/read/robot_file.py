@@ -13,21 +13,19 @@ load: from_motion
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
-import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from diagnosis.read.recording import Array
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
+from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
 
-SCHEMA: Final = "spot-rl/robot/1"
 PerJoint = float | tuple[float, ...]
 
 
@@ -66,64 +64,40 @@ class RobotFile(Settings):
             raise ValueError("load: from_motion needs the key mjcf")
         return self
 
+    def each(self, value: PerJoint | None) -> Array | None:
+        """A value for each joint, shape (J,)."""
+        return None if value is None else np.broadcast_to(value, (len(self.joint_names),)).astype(np.float64)
 
-@dataclass(frozen=True)
-class RobotDescription:
-    """A robot file, read; arrays have one value a joint, in the order of the names."""
-
-    name: str
-    joint_names: tuple[str, ...]
-    kp_nm_per_rad: Array | None
-    kd_nm_s_per_rad: Array | None
-    limits_rad: tuple[Array, Array] | None
-    torque_limit_nm: Array | None
-    mjcf: Path | None
-    has_load_from_motion: bool
+    @property
+    def limits_rad(self) -> tuple[Array, Array] | None:
+        """Joint stops, low and high, where they are known."""
+        low, high = self.each(self.position_low_rad), self.each(self.position_high_rad)
+        return None if low is None or high is None else (low, high)
 
 
-SPOT: Final = RobotDescription(
+SPOT: Final = RobotFile(
+    schema="spot-rl/robot/1",
     name="spot",
     joint_names=facts.JOINT_NAMES,
-    kp_nm_per_rad=None,
-    kd_nm_s_per_rad=None,
-    limits_rad=(np.asarray(facts.POSITION_LOW_RAD), np.asarray(facts.POSITION_HIGH_RAD)),
-    torque_limit_nm=None,
-    mjcf=None,
-    has_load_from_motion=False,
+    position_low_rad=tuple(facts.POSITION_LOW_RAD),
+    position_high_rad=tuple(facts.POSITION_HIGH_RAD),
 )
 
 
-def load_robot(path: Path) -> RobotDescription:
-    """Read a robot file.
+def load_robot(path: Path) -> RobotFile:
+    """Read a robot file; the name of its MJCF becomes a path from here.
 
     Raises:
         BadInputError: It cannot be read, a key or value in it is wrong, or its MJCF is not there.
     """
+    data = read_yaml(path, "robot file")
     try:
-        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"robot file {path} cannot be read: {error}") from error
-    if not isinstance(data, dict):
-        raise BadInputError(f"robot file {path} must hold keys and values; it begins with 'schema: {SCHEMA}'")
-    try:
-        file = RobotFile.model_validate(data)
+        robot = RobotFile.model_validate(data)
     except ValidationError as error:
         raise BadInputError(f"robot file {path} is not valid:\n{explain(error, RobotFile)}") from error
-    mjcf = path.parent / file.mjcf if file.mjcf is not None else None
-    if mjcf is not None and not mjcf.is_file():
+    if robot.mjcf is None:
+        return robot
+    mjcf = path.parent / robot.mjcf
+    if not mjcf.is_file():
         raise BadInputError(f"robot file {path}: mjcf {mjcf} is not a file; allowed: an MJCF beside the robot file")
-
-    def each(value: PerJoint | None) -> Array | None:
-        return None if value is None else np.broadcast_to(value, (len(file.joint_names),)).astype(np.float64)
-
-    low, high = each(file.position_low_rad), each(file.position_high_rad)
-    return RobotDescription(
-        name=file.name,
-        joint_names=file.joint_names,
-        kp_nm_per_rad=each(file.kp_nm_per_rad),
-        kd_nm_s_per_rad=each(file.kd_nm_s_per_rad),
-        limits_rad=None if low is None or high is None else (low, high),
-        torque_limit_nm=each(file.torque_limit_nm),
-        mjcf=mjcf,
-        has_load_from_motion=file.load == "from_motion",
-    )
+    return robot.model_copy(update={"mjcf": str(mjcf)})

@@ -7,16 +7,13 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, binary_dilation, binary_opening, uniform_filter1d
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening, find_objects, label, uniform_filter1d
 
-from diagnosis.read.falls import fall_row
-from diagnosis.read.recording import ACTIVE, NEVER_NS, Recording
+from diagnosis.read.policy_ticks import fall_row
+from diagnosis.read.recording import ACTIVE, NEVER_NS, Array, Flags, Recording
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import projected_gravity
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 START_S: Final = 0.2
 """After the first command servos and body settle."""
@@ -31,7 +28,6 @@ SHORTEST_S: Final = 0.06
 STILL_RAD_S: Final = 0.25
 """Root-mean-square joint speed under which the robot stands."""
 
-
 Kind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
 
 
@@ -45,10 +41,6 @@ class Segment:
     reason: str
     is_cut: bool
     """Whether it is left out of all channels; a standing stretch is only marked."""
-
-    def duration_s(self, period_s: float) -> float:
-        """Its length, s."""
-        return (self.last - self.first + 1) * period_s
 
 
 @dataclass(frozen=True)
@@ -72,30 +64,26 @@ def cut(recording: Recording) -> Segmentation:
     first = int(np.argmax(known)) if known.any() else n
     start = np.zeros(n, dtype=np.bool_)
     start[first : first + round(START_S / recording.period_s)] = len(recording.commands) > 0
-    expired = _expired(recording, row)
+    expired = np.zeros(n, dtype=np.bool_)
+    if len(recording.commands):
+        end = recording.commands.end_robot_stamp_ns[np.maximum(row, 0)]
+        expired = (row >= 0) & (end > 0) & (end < NEVER_NS) & (recording.stamp_ns > end)
     ignored = _not_following(recording, row)
-    standing, fallen = _standing(recording), _fallen(recording)
-    found: list[Segment] = []
     cuts: tuple[tuple[Kind, Flags, str], ...] = (
         ("lost", ~recording.present, "state messages are missing"),
         ("no_command", ~known, "no command has been received yet"),
         ("start", start & known, f"the first {START_S} s after the first command"),
         ("expired", expired, "the newest command is past its end time"),
         ("not_following", ignored & known & ~start, "the load is unrelated to the servo law: not in control"),
-        ("fallen", fallen, "the robot has fallen"),
+        ("fallen", _fallen(recording), "the robot has fallen"),
     )
-    for kind, flags, reason in cuts:
-        found.extend(_segments(kind, flags, reason, is_cut=True))
-    found.extend(_segments("standing", standing, "the robot stands", is_cut=False))
-    used = recording.present & known & ~start & ~expired & ~ignored & ~fallen
+    used, standing = ~np.any([flags for _, flags, _ in cuts], axis=0), _standing(recording)
+    found = [
+        Segment(kind, rows.start, rows.stop - 1, reason, kind != "standing")
+        for kind, flags, reason in (*cuts, ("standing", standing, "the robot stands"))
+        for (rows,) in find_objects(label(flags)[0])
+    ]
     return Segmentation(used, standing, tuple(sorted(found, key=lambda s: s.first)))
-
-
-def _expired(recording: Recording, row: NDArray[np.intp]) -> Flags:
-    if len(recording.commands) == 0:
-        return np.zeros(len(recording), dtype=np.bool_)
-    end = recording.commands.end_robot_stamp_ns[np.maximum(row, 0)]
-    return np.asarray((row >= 0) & (end > 0) & (end < NEVER_NS) & (recording.stamp_ns > end))
 
 
 def _not_following(recording: Recording, row: NDArray[np.intp]) -> Flags:
@@ -142,13 +130,8 @@ def _fallen(recording: Recording) -> Flags:
     if recording.has("odom_from_body_wxyz"):
         r, ticks = recording, recording.ticks
         ticks_ns = ticks.robot_stamp_ns[ticks.mode == ACTIVE]
-        row = fall_row(r.joint_names, r.position_rad, r.odom_from_body_wxyz, r.stamp_ns, ticks_ns)
+        row = fall_row(r.joint_names, r, r.stamp_ns, ticks_ns)
         leans = np.flatnonzero(projected_gravity(r.odom_from_body_wxyz)[:, 2] > FALLEN_GRAVITY_Z)
         row = min([row, *leans[:1]])
         flags[max(0, row - round(0.3 / r.period_s)) if row < len(r) else row :] = True
     return flags
-
-
-def _segments(kind: Kind, flags: Flags, reason: str, *, is_cut: bool) -> list[Segment]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [Segment(kind, int(a), int(b) - 1, reason, is_cut) for a, b in zip(edges[::2], edges[1::2], strict=True)]

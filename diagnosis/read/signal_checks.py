@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import find_objects, label, maximum_filter1d
 
-from diagnosis.read.falls import fall_row
-from diagnosis.read.policy_ticks import fall_stamp_ns
+from diagnosis.read.policy_ticks import fall_row, fall_stamp_ns
 from diagnosis.read.recording import MIN_STATES, Array, Flags
-from diagnosis.read.robot_file import RobotDescription
+from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 
@@ -46,7 +45,16 @@ ADDRESS: Final = re.compile(r"|[\w.-]+:\d+|\d+(\.\d+){3}|[\w-]+(\.[\w-]+)+|unix:
 MENDED: Final = "check unit, scale and source_joint_names in the mapping, and import the recording again"
 
 
-def plausible(runs: Sequence[Run], robot: RobotDescription) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+class _Fault(NamedTuple):
+    """What cannot be right, what would be, and the values that it is about, shape (n, ...); none for the whole log."""
+
+    check: str
+    text: str
+    allowed: str
+    bad: Flags = np.zeros((0, 0), dtype=np.bool_)
+
+
+def plausible(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tuple[str, ...]]:
     """Set aside what cannot be right in single logs, or in stretches of them.
 
     Returns:
@@ -58,70 +66,47 @@ def plausible(runs: Sequence[Run], robot: RobotDescription) -> tuple[tuple[Run, 
     """
     kept, notes, faults = [], [], []
     for run in runs:
-        whole, told = _without_stretches(run, robot)
-        fault = next((_Fault(run, name, text) for name, check in CHECKS.items() if (text := check(whole, robot))), None)
-        if fault is None:
+        whole, told = run, list[str]()
+        if run.header.joint_names == robot.joint_names:
+            whole, told = _without_stretches(run, robot)
+            found = _bad_states(whole, robot) or _bad_velocities(whole)
+        else:
+            has = f"it has joints {', '.join(run.header.joint_names)}; robot {robot.name} has "
+            allowed = f"{', '.join(robot.joint_names)}; describe the robot of these logs with --robot FILE.yaml"
+            found = [_Fault("joints", has + allowed, "")]
+        if found:
+            text = "; allowed: ".join(filter(None, found[0][1:3]))
+            faults.append((found[0].check, f"log {run.path}: {text}"))
+            notes.append(f"{run.path.name}: set aside: {text}")
+        else:
             kept.append(whole)
             notes += told
-        else:
-            faults.append(fault)
-            notes.append(f"{run.path.name}: set aside: {fault.text}")
-    systematic = [f for f in faults if 2 * sum(g.check == f.check for g in faults) > len(runs)]
-    for fault in (*systematic, *([] if kept else faults)):
-        raise BadInputError(f"log {fault.run.path}: {fault.text}")
-    _one_robot(kept)
+    checks = [check for check, _ in faults]
+    systematic = [text for check, text in faults if 2 * checks.count(check) > len(runs)]
+    for text in systematic or [text for _, text in faults if not kept]:
+        raise BadInputError(text)
+    # An address is no name: the same robot has one for each network.
+    names = {run.header.robot_id: run.path for run in kept if not ADDRESS.fullmatch(run.header.robot_id)}
+    if len(names) > 1:
+        listed = "; ".join(f"{path}: {name}" for name, path in sorted(names.items())[:3])
+        raise BadInputError(f"logs of {len(names)} robots: {listed}; diagnose logs of one robot at a time")
     return tuple(kept), tuple(notes)
 
 
-class _Fault(NamedTuple):
-    run: Run
-    check: str
-    text: str
-
-
-def _joints(run: Run, robot: RobotDescription) -> str:
-    if run.header.joint_names == robot.joint_names:
-        return ""
-    return (
-        f"it has joints {', '.join(run.header.joint_names)}; robot {robot.name} has {', '.join(robot.joint_names)}; "
-        "describe the robot of these logs with --robot FILE.yaml"
-    )
-
-
-def _one_robot(runs: Sequence[Run]) -> None:
-    # An address is no name: the same robot has one for each network.
-    names = {run.header.robot_id: run.path for run in runs if not ADDRESS.fullmatch(run.header.robot_id)}
-    if len(names) > 1:
-        told = "; ".join(f"{path}: {name}" for name, path in sorted(names.items())[:3])
-        raise BadInputError(f"logs of {len(names)} robots: {told}; diagnose logs of one robot at a time")
-
-
-class _Bad(NamedTuple):
-    """States with a value that cannot be right."""
-
-    rows: Flags
-    text: str
-    allowed: str
-
-
-def _without_stretches(run: Run, robot: RobotDescription) -> tuple[Run, list[str]]:
+def _without_stretches(run: Run, robot: RobotFile) -> tuple[Run, list[str]]:
     """The log without the few stretches in which a signal cannot be right; the same where it is wrong all along."""
-    if run.header.joint_names != robot.joint_names:
-        return run, []
     notes, period_s = [], run.duration_s / max(1, len(run.states) - 1)
     reach = max(1, round(AROUND_S / max(period_s, 1e-6)))
     cut = np.zeros(len(run.states), dtype=np.bool_)
     time_s = (run.states.robot_stamp_ns - run.states.robot_stamp_ns[:1]) * 1e-9
-    for bad in (found for find in FINDS if (found := find(run, robot)) is not None):
-        near = maximum_filter1d(bad.rows.astype(np.int8), 2 * reach + 1) > 0
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(np.int8)))
-        if len(edges) > 2 * MAX_STRETCHES or near.mean() > MAX_STRETCH_SHARE:
+    for fault in _bad_states(run, robot):
+        near = maximum_filter1d(fault.bad.any(axis=1).astype(np.int8), 2 * reach + 1) > 0
+        stretches = [time_s[rows] for (rows,) in find_objects(label(near)[0])]
+        if len(stretches) > MAX_STRETCHES or near.mean() > MAX_STRETCH_SHARE:
             continue
         cut |= near
-        when = ", ".join(
-            f"{time_s[a]:.1f} to {time_s[b - 1]:.1f} s" for a, b in zip(edges[::2], edges[1::2], strict=True)
-        )
-        notes.append(f"{run.path.name}: {when} set aside: {bad.text}")
+        when = ", ".join(f"{at[0]:.1f} to {at[-1]:.1f} s" for at in stretches)
+        notes.append(f"{run.path.name}: {when} set aside: {fault.text}")
     keep = ~cut | ~_upright(run, cut[:, None])
     if not notes or keep.sum() < MIN_STATES:
         return run, []
@@ -141,87 +126,63 @@ def _upright(run: Run, bad: Flags) -> Flags:
         run: The log.
         bad: Values that cannot be right, shape (n, J). A body that is low by joints that were wrong before is no fall.
     """
-    s, ticks_ns = run.states, run.ticks.robot_stamp_ns
-    signals = (s.position_rad, s.odom_from_body_wxyz, s.robot_stamp_ns, ticks_ns)
-    fall_ns = np.append(s.robot_stamp_ns, np.iinfo(np.int64).max)[fall_row(run.header.joint_names, *signals)]
-    row = int(np.searchsorted(s.robot_stamp_ns, fall_ns - round(1e9 * BEFORE_FALL_S)))
+    stamps_ns, ticks_ns = run.states.robot_stamp_ns, run.ticks.robot_stamp_ns
+    fallen = fall_row(run.header.joint_names, run.states, stamps_ns, ticks_ns)
+    fall_ns = np.append(stamps_ns, np.iinfo(np.int64).max)[fallen]
+    row = int(np.searchsorted(stamps_ns, fall_ns - round(1e9 * BEFORE_FALL_S)))
     if row == 0 or bad[:row].any(axis=1).mean() > BEYOND_SHARE:
-        row = fall_row((), *signals)
-    return np.arange(len(s)) < row
+        row = fall_row((), run.states, stamps_ns, ticks_ns)
+    return np.arange(len(stamps_ns)) < row
 
 
-def _no_number(run: Run, _: RobotDescription) -> _Bad | None:
-    missing = {name: ~np.isfinite(getattr(run.states, name)) for name in ("position_rad", "velocity_rad_s", "load_nm")}
+def _bad_states(run: Run, robot: RobotFile) -> list[_Fault]:
+    """Signals that are no numbers, beyond the stops, or too large, each in more states than may be, with the states."""
+    states, names, found = run.states, run.header.joint_names, []
+    missing = {name: ~np.isfinite(getattr(states, name)) for name in ("position_rad", "velocity_rad_s", "load_nm")}
     missing = {name: bad for name, bad in missing.items() if not bad.all()}
-    for name, bad in missing.items():
-        if (found := _most(bad, MAX_BAD_SHARE)) is not None:
-            joint, share, row = found
-            return _Bad(
-                _any_of([one.any(axis=1) for one in missing.values()]),
-                f"{name} of {run.header.joint_names[joint]} is not a number in {share} of the states, first in row "
-                f"{row}",
-                f"{100 * MAX_BAD_SHARE:.0f} %; leave the signal out of the mapping, or mend the recording",
-            )
-    return None
-
-
-def _beyond_stops(run: Run, robot: RobotDescription) -> _Bad | None:
-    if robot.limits_rad is None:
-        return None
-    low, high = robot.limits_rad
-    position = run.states.position_rad
-    with np.errstate(invalid="ignore"):
+    for signal, bad in missing.items():
+        if (worst := _worst(bad, MAX_BAD_SHARE)) is not None:
+            joint, share, row = worst
+            text = f"{signal} of {names[joint]} is not a number in {share} of the states, first in row {row}"
+            allowed = f"{100 * MAX_BAD_SHARE:.0f} %; leave the signal out of the mapping, or mend the recording"
+            found.append(_Fault("number", text, allowed, np.concatenate(list(missing.values()), axis=1)))
+            break
+    if robot.limits_rad is not None:
+        (low, high), position = robot.limits_rad, states.position_rad
         bad = (position < low - BEYOND_STOP_RAD) | (position > high + BEYOND_STOP_RAD)
-    bad = bad & _upright(run, bad)[:, None]
-    if (found := _most(bad, BEYOND_SHARE)) is None:
-        return None
-    joint, share, row = found
-    return _Bad(
-        _any_of(bad.T),
-        f"position of {run.header.joint_names[joint]} is {position[row, joint]:.3g} rad in row {row}, beyond its stops "
-        f"in {share} of the states",
-        f"{low[joint]:.2f} to {high[joint]:.2f} rad; {MENDED}",
-    )
+        bad &= _upright(run, bad)[:, None]
+        if (worst := _worst(bad, BEYOND_SHARE)) is not None:
+            joint, share, row = worst
+            text = f"position of {names[joint]} is {position[row, joint]:.3g} rad in row {row}, beyond its stops in "
+            allowed = f"{low[joint]:.2f} to {high[joint]:.2f} rad; {MENDED}"
+            found.append(_Fault("stops", f"{text}{share} of the states", allowed, bad))
+    allowed_nm = np.full(len(names), MAX_LOAD_NM)
+    if (limit_nm := robot.each(robot.torque_limit_nm)) is not None:
+        allowed_nm = TORQUE_MARGIN * limit_nm
+    bad = np.abs(states.load_nm) > allowed_nm
+    bad &= _upright(run, bad)[:, None]
+    if (worst := _worst(bad, OVERLOAD_SHARE)) is not None:
+        joint = worst[0]
+        largest_nm = float(np.abs(states.load_nm[bad[:, joint], joint]).max())
+        text, allowed = f"load of {names[joint]} reaches {largest_nm:.3g} N·m", f"{allowed_nm[joint]:.3g} N·m; {MENDED}"
+        found.append(_Fault("load", text, allowed, bad))
+    return found
 
 
-def _overloaded(run: Run, robot: RobotDescription) -> _Bad | None:
-    load, allowed_nm = run.states.load_nm, np.full(len(run.header.joint_names), MAX_LOAD_NM)
-    if robot.torque_limit_nm is not None:
-        allowed_nm = TORQUE_MARGIN * robot.torque_limit_nm
-    with np.errstate(invalid="ignore"):
-        bad = np.abs(load) > allowed_nm
-    bad = bad & _upright(run, bad)[:, None]
-    if (found := _most(bad, OVERLOAD_SHARE)) is None:
-        return None
-    joint, name = found[0], run.header.joint_names[found[0]]
-    largest_nm = float(np.abs(load[bad[:, joint], joint]).max())
-    return _Bad(
-        _any_of(bad.T), f"load of {name} reaches {largest_nm:.3g} N·m", f"{allowed_nm[joint]:.3g} N·m; {MENDED}"
-    )
-
-
-FINDS: Final = (_no_number, _beyond_stops, _overloaded)
-
-
-def _any_of(flags: Flags | Sequence[Flags]) -> Flags:
-    return np.asarray(np.any(flags, axis=0))
-
-
-def _most(bad: Flags, allowed_share: float) -> tuple[int, str, int] | None:
+def _worst(bad: Flags, allowed_share: float) -> tuple[int, str, int] | None:
     """The joint with most bad states, their share in words and the first; None where no joint has more than allowed."""
-    if not len(bad):
-        return None
-    share = bad.mean(axis=0)
+    share = bad.mean(axis=0) if len(bad) else np.zeros(1)
     joint = int(np.argmax(share))
     if share[joint] <= allowed_share:
         return None
     return joint, f"{100 * share[joint]:.0f} %", int(np.flatnonzero(bad[:, joint])[0])
 
 
-def _velocities(run: Run, _: RobotDescription) -> str:
-    states = run.states.rows(_upright(run, np.isnan(run.states.position_rad)))
+def _bad_velocities(run: Run) -> list[_Fault]:
+    """Velocities that are no slopes of their positions."""
+    states, names = run.states.rows(_upright(run, np.isnan(run.states.position_rad))), run.header.joint_names
     if len(states) < MIN_STATES or not np.isfinite(states.velocity_rad_s).any():
-        return ""
+        return []
     time_s = (states.robot_stamp_ns - states.robot_stamp_ns[0]) * 1e-9
     slope = np.gradient(np.nan_to_num(states.position_rad), np.maximum.accumulate(time_s), axis=0)
     velocity = np.nan_to_num(states.velocity_rad_s)
@@ -229,36 +190,23 @@ def _velocities(run: Run, _: RobotDescription) -> str:
         (slope.std(axis=0) > MIN_SPEED_RAD_S) & (velocity.std(axis=0) > 1e-9) & np.isfinite(slope).all(axis=0)
     )
     for joint in moving:
-        name = run.header.joint_names[joint]
+        name = f"velocity of {names[joint]}"
         agreement = _correlations(velocity[:, joint], slope[:, moving])
         own = float(agreement[moving == joint][0])
         best = int(moving[np.argmax(agreement)])
-        if own < MIN_AGREEMENT and best != joint and agreement.max() > max(0.9, own + 0.3):
-            return (
-                f"velocity of {name} follows the position of {run.header.joint_names[best]} "
-                f"(correlation {agreement.max():.2f}, with its own {own:.2f}); allowed: one joint order for all "
-                f"signals; {MENDED}"
-            )
         ratio = float(velocity[:, joint].std() / slope[:, joint].std())
-        if own > 0.9 and not SLOPES[0] < ratio < SLOPES[1]:
-            return (
-                f"velocity of {name} is {ratio:.3g} times the slope of its position; allowed: "
-                f"{SLOPES[0]} to {SLOPES[1]}; {MENDED}"
-            )
-        if own < -0.9:
-            return (
-                f"velocity of {name} has the opposite sign of the slope of its position "
-                f"(correlation {own:.2f}); allowed: above 0; {MENDED}"
-            )
-    return ""
-
-
-def _all_along(find: Callable[[Run, RobotDescription], _Bad | None]) -> Callable[[Run, RobotDescription], str]:
-    return lambda run, robot: "" if (bad := find(run, robot)) is None else f"{bad.text}; allowed: {bad.allowed}"
-
-
-CHECKS: Final = {"joints": _joints, **{f.__name__: _all_along(f) for f in FINDS}, "velocities": _velocities}
-"""What cannot be right in a whole log, each in words; an empty text where all is well."""
+        text = allowed = ""
+        if own < MIN_AGREEMENT and best != joint and agreement.max() > max(0.9, own + 0.3):
+            text = f"{name} follows the position of {names[best]} (correlation {agreement.max():.2f}, with its own "
+            text, allowed = f"{text}{own:.2f})", "one joint order for all signals"
+        elif own > 0.9 and not SLOPES[0] < ratio < SLOPES[1]:
+            text, allowed = f"{name} is {ratio:.3g} times the slope of its position", f"{SLOPES[0]} to {SLOPES[1]}"
+        elif own < -0.9:
+            text = f"{name} has the opposite sign of the slope of its position (correlation {own:.2f})"
+            allowed = "above 0"
+        if text:
+            return [_Fault("velocity", text, f"{allowed}; {MENDED}")]
+    return []
 
 
 def _correlations(one: Array, many: Array) -> Array:

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, convolve1d
+from scipy.ndimage import convolve1d, minimum_filter1d
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from diagnosis.read.recording import Array, Flags
+
 Rows = slice | NDArray[np.intp]
 """Some rows of a signal, in order."""
 
@@ -30,16 +30,10 @@ _BAND_RAD = np.linspace(0.02, 1.3, 64)
 """Angles per sample over which the derivative must match, up to 70 Hz on a 3 ms stream."""
 
 
-def _derivative() -> Array:
-    """Antisymmetric taps whose response is iω times the kernel's, by least squares over the band."""
-    positive = np.arange(1, REACH + 1)
-    response = _KERNEL @ np.cos(np.outer(_AT, _BAND_RAD))
-    taps = np.linalg.lstsq(2.0 * np.sin(np.outer(_BAND_RAD, positive)), _BAND_RAD * response, rcond=None)[0]
-    return np.concatenate([-taps[::-1], [0.0], taps])
-
-
-_DERIVATIVE = -_derivative()
-
+_RESPONSE = _BAND_RAD * (_KERNEL @ np.cos(np.outer(_AT, _BAND_RAD)))
+_TAPS = np.linalg.lstsq(2.0 * np.sin(np.outer(_BAND_RAD, _AT[REACH + 1 :])), _RESPONSE, rcond=None)[0]
+_DERIVATIVE = -np.concatenate([-_TAPS[::-1], [0.0], _TAPS])
+"""Antisymmetric taps whose response is iω times the kernel's, by least squares over the band."""
 NOISE_GAIN: Final = float(np.sqrt(np.sum(_KERNEL**2)))
 """Standard deviation of smoothed white noise over that of the noise."""
 
@@ -68,18 +62,11 @@ def _filtered(signal: Array, taps: Array, at: Rows | None) -> Array:
 
 
 def eroded(flags: Flags, before: int, after: int) -> Flags:
-    """True where the flag holds from ``before`` samples earlier to ``after`` samples later; ends count as false.
-
-    Args:
-        flags: Shape (n, ...), along the first axis.
-        before: Samples that must hold before this one.
-        after: Samples that must hold after it.
-    """
+    """True where flags of shape (n, ...) hold from ``before`` rows earlier to ``after`` later; ends count as false."""
     size = before + after + 1
-    structure = np.ones((size,) + (1,) * (flags.ndim - 1), dtype=np.bool_)
-    # The structure's centre lies at size // 2; the origin moves it so that `before` samples lie before.
-    origin = (size // 2) - before
-    return np.asarray(binary_erosion(flags, structure=structure, origin=(-origin,) + (0,) * (flags.ndim - 1)))
+    # The filter's centre lies at size // 2; the origin moves it so that `before` rows lie before.
+    origin = before - size // 2
+    return np.asarray(minimum_filter1d(flags, size, axis=0, mode="constant", cval=0, origin=origin))
 
 
 def too_coarse(period_s: float) -> str:

@@ -1,4 +1,4 @@
-"""Bars and intervals: gaps before and after, a robot's numbers beside the nominal ones, gaps by joint."""
+"""Bars, strips and curves: gaps, a robot's numbers beside the nominal ones, logs over time, what is left over."""
 
 from __future__ import annotations
 
@@ -7,32 +7,30 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.document import CalibratedNumber, Consequences, Dependence
+from diagnosis.document import CalibratedNumber, Consequences, Dependence, Stretch
 from diagnosis.report.words import number
+from spot_log.page.frame import HALF, Frame
 from spot_log.page.svg import disc, heat, line, nice_ticks, rect, svg, text
+from spot_log.read.run import Run
 
 WIDTH: Final = 480
 BAR: Final = 16
 COLOURS: Final = ("var(--nominal)", "var(--corrected)", "var(--floor)")
 """Before, after, floor."""
+MAX_LOGS: Final = 40
 FAR: Final = 4.0
 """Published standard deviations that an interval's axis reaches to, both ways."""
 QUANTITY_UNITS: Final = {
     "position": "rad",
-    "velocity": "rad/s",
-    "torque": "N·m",
     "acceleration": "rad/s²",
-    "torque rate": "N·m/s",
     "total power": "W",
-    "time since start": "s",
-    "time since set-point": "s",
-    "torque history": "(N·m)²·s",
-    "body speed": "m/s",
-    "vertical velocity": "m/s",
-    "turn rate": "rad/s",
-    "roll rate": "rad/s",
-    "pitch rate": "rad/s",
+    **dict.fromkeys(("velocity", "turn rate", "roll rate", "pitch rate"), "rad/s"),
+    **dict.fromkeys(("body speed", "vertical velocity"), "m/s"),
+    "torque": "N·m",
     "total torque": "N·m",
+    "torque rate": "N·m/s",
+    "torque history": "(N·m)²·s",
+    **dict.fromkeys(("time since start", "time since set-point"), "s"),
 }
 """Of what an unexplained residual may depend on."""
 
@@ -84,41 +82,53 @@ def interval(n: CalibratedNumber) -> str:
     return svg(width, height, parts, f"{n.title} of {n.where}")
 
 
-def dependence(curve: Dependence, unit: str, low: float, high: float) -> str:
-    """What is left over one quantity, on a scale that its neighbours share, ``low`` to ``high``."""
-    height, left = 210, 58
-    x, y = np.asarray(curve.at), np.asarray(curve.residual)
-    if len(x) < 2:
-        return ""
-    first, last = float(x.min()), float(x.max())
-
-    def at(a: float, b: float) -> tuple[float, float]:
-        right = left + (a - first) / max(last - first, 1e-12) * (WIDTH - left - 14)
-        return right, 8 + (height - 54) * (high - b) / max(high - low, 1e-12)
-
-    parts = []
-    for tick in nice_ticks(low, high, 4):
-        parts.append(line([at(first, tick), at(last, tick)], "var(--line)", 1))
-        parts.append(text(left - 8, at(first, tick)[1] + 4, f"{tick:.3g}", size=12, anchor="end", css="soft"))
+def strips(runs: Sequence[Run], stretches: Sequence[Stretch]) -> str:
+    """Each log as a strip of time: what was cut out, and which seconds carry the gap."""
+    shown, left, row, parts = runs[:MAX_LOGS], 170, 22, []
+    longest = max(run.duration_s for run in shown) or 1.0
+    scale = (HALF - left - 16) / longest
+    for i, run in enumerate(shown):
+        y, name = 4 + row * i, run.header.command_sequence or run.path.stem
+        parts.append(text(left - 10, y + 13, f"{name[:18]}, repeat {run.header.repeat}", size=12.5, anchor="end"))
+        parts.append(rect(left, y, scale * run.duration_s, row - 6, "var(--corrected)", run.path.name, radius=3))
+        for s in stretches:
+            if s.log == run.header.run_id:
+                fill = "var(--nominal)" if s.kind == "gap" else "var(--empty)"
+                tip = f"{s.start_s:.1f} to {s.end_s:.1f} s: {s.reason}"
+                width = scale * (min(s.end_s, run.duration_s) - s.start_s)
+                parts.append(rect(left + scale * s.start_s, y, width, row - 6, fill, tip, radius=1))
+    bottom = 4 + row * len(shown)
     parts += [
-        text(at(tick, low)[0], height - 28, f"{tick:.3g}", size=12, anchor="middle", css="soft")
-        for tick in nice_ticks(first, last, 5)
+        text(left + scale * tick, bottom + 12, f"{tick:g} s", size=12.5, anchor="middle", css="soft")
+        for tick in nice_ticks(0.0, longest, 5)
     ]
-    points = [at(a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)]
-    parts.append(line(points, "var(--unknown)", 2.5))
-    parts += [
-        disc(*p, 4, "var(--unknown)", f"{curve.quantity} {a:.3g}\nunexplained {b:.3g} {unit}")
-        for p, a, b in zip(points, x.tolist(), y.tolist(), strict=True)
-    ]
-    name = f"{curve.quantity}, {QUANTITY_UNITS.get(curve.quantity.split(' of ')[0], '')}".rstrip(", ")
-    parts.append(text(WIDTH / 2, height - 6, name, size=13, anchor="middle"))
-    side = text(0, 0, f"unexplained, {unit}", size=13, anchor="middle")
-    parts.append(f'<g transform="translate(13 {0.5 * (height - 42):.0f}) rotate(-90)">{side}</g>')
-    return svg(WIDTH, height, parts, f"What is left over {name}")
+    return svg(HALF, bottom + 20, parts, "Logs over time")
 
 
 def dependences(curves: Sequence[Dependence], unit: str) -> list[str]:
-    """The curves side by side, on one scale."""
+    """What is left over one quantity each, on one scale."""
     values = [v for c in curves for v in c.residual] + [0.0]
     pad = 0.06 * max(max(values) - min(values), 1e-9)
-    return [dependence(c, unit, min(values) - pad, max(values) + pad) for c in curves]
+    return [_dependence(c, unit, (min(values) - pad, max(values) + pad)) for c in curves if len(c.at) > 1]
+
+
+def _dependence(curve: Dependence, unit: str, scale: tuple[float, float]) -> str:
+    frame = Frame((min(curve.at), max(curve.at)), scale, WIDTH, 156, left=58)
+    name = f"{curve.quantity}, {QUANTITY_UNITS.get(curve.quantity.split(' of ')[0], '')}".rstrip(", ")
+    points = [frame.at(a, b) for a, b in zip(curve.at, curve.residual, strict=True)]
+    tips = [
+        f"{curve.quantity} {a:.3g}\nunexplained {b:.3g} {unit}" for a, b in zip(curve.at, curve.residual, strict=True)
+    ]
+    parts = [*axes(frame, name, f"unexplained, {unit}"), line(points, "var(--unknown)", 2.5)]
+    parts += [disc(*point, 4, "var(--unknown)", tip) for point, tip in zip(points, tips, strict=True)]
+    return svg(WIDTH, frame.total_height + 22, parts, f"What is left over {name}")
+
+
+def axes(frame: Frame, x_title: str, y_title: str) -> list[str]:
+    """Round numbers on both axes, and their titles."""
+    name = text(0, 0, y_title, size=13, anchor="middle")
+    return [
+        *frame.axes(),
+        text(frame.width / 2, frame.total_height + 16, x_title, size=13, anchor="middle"),
+        f'<g transform="translate(13 {frame.top + 0.5 * frame.height:.0f}) rotate(-90)">{name}</g>',
+    ]

@@ -10,14 +10,8 @@ BEYOND = 3.0
 """A coefficient may become so many times what was fitted."""
 
 WORDS = (
-    ("torque_nm", "τ"),
-    ("abs(v)", "|v|"),
-    ("abs(τ)", "|τ|"),
-    ("smooth_sign", "sign"),
-    ("q * q * q", "q³"),
-    ("q * q", "q²"),
-    ("v * v", "v²"),
-    (" * ", "·"),
+    *(("torque_nm", "τ"), ("abs(v)", "|v|"), ("abs(τ)", "|τ|"), ("smooth_sign", "sign")),
+    *(("q * q * q", "q³"), ("q * q", "q²"), ("v * v", "v²"), (" * ", "·")),
 )
 """How code reads, in turn."""
 

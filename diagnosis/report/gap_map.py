@@ -11,32 +11,17 @@ from typing import Final
 import numpy as np
 
 from diagnosis.document import GapCell
+from spot_log.page.frame import HALF
 from spot_log.page.svg import disc, heat, on_heat, rect, svg, text
 
 SIGNALS: Final = ("load error", "load", "velocity", "position")
 REGIMES: Final = (
-    "all",
-    "motoring",
-    "motoring, high speed",
-    "motoring, high torque",
-    "braking",
-    "braking, high speed",
-    "braking, high torque",
-    "low torque",
-    "middle torque",
-    "high torque",
-    "low speed",
-    "middle speed",
-    "high speed",
-    "velocity reversal",
-    "stance",
-    "swing",
-    "low total power",
-    "high total power",
-    "first third of time",
-    "last third of time",
+    *("all", "motoring", "motoring, high speed", "motoring, high torque"),
+    *("braking", "braking, high speed", "braking, high torque"),
+    *("low torque", "middle torque", "high torque", "low speed", "middle speed", "high speed"),
+    *("velocity reversal", "stance", "swing", "low total power", "high total power"),
+    *("first third of time", "last third of time"),
 )
-WIDTH: Final = 560
 LABELS: Final = 160
 ROW: Final = 18
 TOP: Final = 74
@@ -54,7 +39,7 @@ def _panel(signal: str, cells: Sequence[GapCell], joints: Sequence[str]) -> str:
     known = {c.regime for c in cells}
     regimes = [r for r in REGIMES if r in known] + sorted(known - set(REGIMES))
     by_key = {(c.regime, c.joint): c for c in cells if c.signal == signal}
-    width = (WIDTH - LABELS - 14) / len(joints)
+    width = (HALF - LABELS - 14) / len(joints)
     parts = [text(LABELS - 10, TOP + ROW * (i + 0.72), r, size=12.5, anchor="end") for i, r in enumerate(regimes)]
     parts.append(text(LABELS - 10, 40, signal, size=15, anchor="end", weight=600))
     largest = max(c.gap for c in by_key.values())
@@ -73,22 +58,22 @@ def _panel(signal: str, cells: Sequence[GapCell], joints: Sequence[str]) -> str:
                 dot = disc(at - 0.5, y + ROW / 2 - 0.5, 2.2, on_heat(share))
                 parts.append(dot.replace("<circle", '<circle pointer-events="none"', 1))
     bottom = TOP + ROW * len(regimes)
-    parts.append(scale_bar(WIDTH - 330, bottom + 14, 260, in_floors=has_floor(cells)))
-    return svg(WIDTH, bottom + 48, parts, f"Gap by signal, regime and joint: {signal}")
+    parts.append(scale_bar(HALF - 330, bottom + 14, 260, in_floors=has_floor(cells)))
+    return svg(HALF, bottom + 48, parts, f"Gap by signal, regime and joint: {signal}")
 
 
 def note(cells: Sequence[GapCell]) -> str:
     """How to read it."""
-    error = "Load error: measured load minus the torque that the servo asks for. "
+    about = "Load error: measured load minus the torque that the servo asks for. "
+    about += "Distance of your simulator's runs from the robot's, "
     if has_floor(cells):
-        return error + (
-            "Distance of your simulator's runs from the robot's, divided by that between the robot's own runs. "
-            f"A dot marks what is not due to chance (p ≤ {SIGNIFICANT}, corrected for the number of "
-            "cells). Hover for figures."
+        return (
+            f"{about}divided by that between the robot's own runs. A dot marks what is not due to chance "
+            f"(p ≤ {SIGNIFICANT}, corrected for the number of cells). Hover for figures."
         )
-    return error + (
-        "Distance of your simulator's runs from the robot's, each signal on its own scale. No sequence was repeated, "
-        "so it is not known how much of it is due to chance."
+    return (
+        f"{about}each signal on its own scale. No sequence was repeated, so it is not known how much of it is due to "
+        "chance."
     )
 
 
@@ -121,13 +106,7 @@ def scale_bar(x: float, y: float, width: float, *, in_floors: bool) -> str:
     """The legend of the colours."""
     n = 40
     parts = [rect(x + i * width / n, y, width / n + 0.5, 10, heat((i + 0.5) / n), radius=0) for i in range(n)]
-    words = (
-        [(0.0, "1× own runs"), (0.25, "2×"), (0.5, "4×"), (0.75, "8×"), (1.0, "16×")]
-        if in_floors
-        else [
-            (0.0, "0"),
-            (1.0, "largest"),
-        ]
-    )
-    parts += [text(x + s * width, y + 24, w, size=11, anchor="middle", css="soft") for s, w in words]
+    words = ("1× own runs", "2×", "4×", "8×", "16×") if in_floors else ("0", "largest")
+    at = np.linspace(x, x + width, len(words))
+    parts += [text(a, y + 24, w, size=11, anchor="middle", css="soft") for a, w in zip(at, words, strict=True)]
     return "".join(parts)

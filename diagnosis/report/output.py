@@ -35,40 +35,27 @@ def check_free(out: Path) -> None:
 def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]) -> dict[str, Path]:
     """Write everything into a folder; an interruption leaves nothing half-written there.
 
-    Args:
-        result: The diagnosis.
-        out: The folder.
-        library: The effects that were tried: theirs are the experiments.
+    The experiments are those of the library's effects. Returned are the files' places by :data:`NAMES`.
 
     Raises:
         OutputExistsError: The folder holds one of the files already; none is written then.
     """
-    with whole_folder(out) as part:
-        names = _write(result, part, library)
-    return {key: out / name for key, name in names.items()}
-
-
-def _write(result: Diagnosis, part: Path, library: Mapping[str, LibraryEffect]) -> dict[str, str]:
-    names = dict(NAMES)
-    (part / names["report"]).write_text(page(result), encoding="utf-8")
-    if result.board.robot.joint_names == JOINT_NAMES:
-        save_model(result.corrected, part / names["model"])
-    else:
-        # A model file describes Spot; of another robot the verdict's parameters are the result.
-        del names["model"]
+    v = result.verdict
+    texts = {NAMES["report"]: page(result), NAMES["verdict"]: v.to_json()}
     if result.posterior is not None:
-        text = result.posterior.model_dump_json(by_alias=True, indent=1)
-        (part / names["posterior"]).write_text(text + "\n", encoding="utf-8")
-    else:
-        del names["posterior"]
-    for d in result.verdict.differences:
-        if d.split is not None and d.split.sequence_file and d.name in library:
-            file = part / d.split.sequence_file
-            file.parent.mkdir(exist_ok=True)
-            if not file.exists():
-                save_sequence(library[d.name].split_by.sequence, file)
-    source = effect_source(result.verdict.unknown) if result.verdict.unknown is not None else None
-    if source is not None:
-        (part / FILE).write_text(source, encoding="utf-8")
-    (part / names["verdict"]).write_text(result.verdict.to_json(), encoding="utf-8")
-    return names
+        texts[NAMES["posterior"]] = result.posterior.model_dump_json(by_alias=True, indent=1) + "\n"
+    if v.unknown is not None and (source := effect_source(v.unknown)) is not None:
+        texts[FILE] = source
+    with whole_folder(out) as part:
+        for name, text in texts.items():
+            (part / name).write_text(text, encoding="utf-8")
+        if result.board.robot.joint_names == JOINT_NAMES:
+            # A model file describes Spot; of another robot the verdict's parameters are the result.
+            save_model(result.corrected, part / NAMES["model"])
+        for d in v.differences:
+            if d.split is not None and d.split.sequence_file and d.name in library:
+                file = part / d.split.sequence_file
+                file.parent.mkdir(exist_ok=True)
+                if not file.exists():
+                    save_sequence(library[d.name].split_by.sequence, file)
+        return {key: out / name for key, name in NAMES.items() if (part / name).exists()}

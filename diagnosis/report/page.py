@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -13,11 +13,10 @@ from diagnosis.report import bars, words
 from diagnosis.report.effect_file import formula_text
 from diagnosis.report.gap_map import gap_maps, has_floor, note, share_of, told
 from diagnosis.report.robot_picture import picture
-from diagnosis.report.strips import strips
 from diagnosis.report.traces import trace_figures
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.cells import Html, facts, table
-from spot_log.page.look import boxed, framed
+from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.text import counted
@@ -61,11 +60,7 @@ TERMS: Final = (
 
 
 def page(result: Diagnosis) -> str:
-    """The page as text.
-
-    Args:
-        result: The diagnosis.
-    """
+    """The page as text."""
     v = result.verdict
     cells = result.map.cells if result.map is not None else ()
     named = frozenset(j for d in v.differences for j in d.joints) | frozenset(v.unknown.joints if v.unknown else ())
@@ -93,20 +88,18 @@ def _two(*parts: str) -> str:
     return f"<div class='two'>{''.join(there)}</div>" if len(there) > 1 else "".join(there)
 
 
+def _rows(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table; nothing without rows."""
+    return table(head, rows) if rows else ""
+
+
 def _list(items: Iterable[str], tag: str = "ul") -> str:
     return f"<{tag}>" + "".join(f"<li>{esc(i)}</li>" for i in items) + f"</{tag}>"
 
 
-def _table(head: Iterable[str], rows: Iterable[Iterable[object]], row_classes: Iterable[str] = ()) -> str:
-    return table(list(head), [list(r) for r in rows], row_classes=list(row_classes))
-
-
 def _warnings(v: Verdict) -> str:
-    return (
-        f"<section class='warning'><h2>Read this first</h2>{_list(map(words.sentence, v.warnings))}</section>"
-        if v.warnings
-        else ""
-    )
+    told = _list(map(words.sentence, v.warnings))
+    return f"<section class='warning'><h2>Read this first</h2>{told}</section>" if v.warnings else ""
 
 
 def _head(result: Diagnosis) -> str:
@@ -115,15 +108,12 @@ def _head(result: Diagnosis) -> str:
     seconds = sum(run.duration_s for run in result.runs)
     more = f" and {len(v.without) - MOST_NAMED} more" if len(v.without) > MOST_NAMED else ""
     left_out = f" · left out of the library: {', '.join(v.without[:MOST_NAMED])}{more}" if v.without else ""
+    meta = f"{counted(len(v.logs), 'log')}, {seconds:.0f} s, of {counted(len(names), 'command sequence')} "
+    meta += f"({', '.join(names)}) · nominal model: {v.nominal or 'given'}{left_out}"
     colour = "partly_explained" if v.status == "explained" and not words.is_good(v) else v.status
-    lead = "" if v.differences else f"<p class='lead'>{esc(words.probabilities(v))}</p>"
-    return (
-        f"<section><span class='badge {colour}'>{esc(words.BADGES[v.status])}</span>"
-        f"<h1>{esc(v.headline or words.headline(v))}</h1>{lead}"
-        f"<p class='meta' style='margin-top:12px'>{counted(len(v.logs), 'log')}, {seconds:.0f} s, of "
-        f"{counted(len(names), 'command sequence')} ({esc(', '.join(names))}) · nominal model: "
-        f"{esc(v.nominal or 'given')}{esc(left_out)}</p></section>"
-    )
+    lead = [] if v.differences else [words.probabilities(v)]
+    badge = v.status.replace("_", " ").capitalize()
+    return headed(badge, colour, v.headline or words.headline(v), lead, meta)
 
 
 def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
@@ -136,19 +126,18 @@ def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
 
 
 def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
-    largest = max((c.gap for c in by_joint.values()), default=0.0)
-    shares = {j: share_of(c, largest) for j, c in by_joint.items()}
-    ringed = " A blue ring marks a joint that the verdict names." if named else ""
-    if not by_joint:
+    cells = tuple(by_joint.values())
+    if not cells:
         listed = f"<p>The verdict names {esc(words.joints_in_short(sorted(named)))}.</p>" if named else ""
         return boxed("Where", "The gap has no figures by joint.", listed)
-    signal = next(iter(by_joint.values())).signal
-    about = f"Gap of the {signal} over the whole motion.{ringed}"
+    shares = {j: share_of(c, max(c.gap for c in cells)) for j, c in by_joint.items()}
+    ringed = " A blue ring marks a joint that the verdict names." if named else ""
     if tuple(result.board.robot.joint_names) == JOINT_NAMES:
-        tips = {j: told(c) for j, c in by_joint.items()}
-        return boxed("Where", about, picture(shares, tips, named, in_floors=has_floor(tuple(by_joint.values()))))
-    gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
-    return boxed("Where", about, bars.by_joint(gaps, shares, named))
+        drawn = picture(shares, {j: told(c) for j, c in by_joint.items()}, named, in_floors=has_floor(cells))
+    else:
+        gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
+        drawn = bars.by_joint(gaps, shares, named)
+    return boxed("Where", f"Gap of the {cells[0].signal} over the whole motion.{ringed}", drawn)
 
 
 def _together(v: Verdict) -> str:
@@ -157,30 +146,21 @@ def _together(v: Verdict) -> str:
     if c is None:
         return ""
     key = legend(zip(bars.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
-    about = words.measured_on(v, c)
     listed = _list(words.sentence(words.gap_told(g)) for g in c.gaps)
-    return boxed(
-        "What the corrected model does",
-        about,
-        f"{key}{bars.gap_bars(c)}{listed}{_consequences(c, 'nominal', 'corrected', with_gaps=False)}",
-    )
+    changes = _rows(("", "nominal", "corrected", "robot", ""), _changes(c))
+    title, about = "What the corrected model does", words.measured_on(v, c)
+    return boxed(title, about, f"{key}{bars.gap_bars(c)}{listed}{changes}")
 
 
-def _consequences(c: Consequences, before: str, after: str, *, with_gaps: bool) -> str:
-    """A table of gaps, speeds, power, torque, lean and falls."""
-    rows = [
-        (f"{g.gap} gap, {g.unit}", *map(_figure, (g.before, g.after, g.floor)), words.gap_told(g))
-        for g in c.gaps
-        if with_gaps
-    ]
+def _changes(c: Consequences) -> list[tuple[str, ...]]:
+    """Rows of speeds, power, torque, lean and falls."""
+    rows = []
     for q in c.changes:
-        share = q.quantity == "fall_share"
-        label = f"{q.title}, {'%' if share else '°' if q.unit == 'rad' else q.unit}"
-        scale = 100.0 if share else float(np.degrees(1.0)) if q.unit == "rad" else 1.0
+        unit, scale = {"rad": ("°", float(np.degrees(1.0)))}.get(q.unit, (q.unit, 1.0))
+        unit, scale = ("%", 100.0) if q.quantity == "fall_share" else (unit, scale)
         values = (_figure(None if x is None else scale * x) for x in (q.before, q.after, q.robot))
-        rows.append((label, *values, words.change_told(q)))
-    last = "robot; of gaps, floor" if with_gaps and c.gaps else "robot"
-    return _table(("", before, after, last, ""), rows) if rows else ""
+        rows.append((f"{q.title}, {unit}", *values, words.change_told(q)))
+    return rows
 
 
 def _figure(value: float | None) -> Html:
@@ -189,20 +169,24 @@ def _figure(value: float | None) -> Html:
 
 def _difference(d: Difference) -> str:
     rows = [
-        (words.parameter(n), "", f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}")
-        for n, p in d.parameters.items()
-    ]
-    rows += [
         (words.parameter(n), words.place(kind), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}")
-        for kind, numbers in d.by_type.items()
+        for kind, numbers in {"": d.parameters, **d.by_type}.items()
         for n, p in numbers.items()
     ]
     title = (
         f"<h3>{esc(d.title or words.plain(d.name))} <code>{esc(d.name)}</code> at "
         f"{esc(words.joints_in_short(d.joints))}, P {d.probability:.2f}</h3>"
     )
-    sizes = _table(("size", "", "", "90 % interval"), rows) if rows else ""
-    return f"{title}{_two(f'<div>{sizes}{_group(d)}</div>', _does(d))}"
+    c = d.consequences
+    does = "<p class='note'>What it does could not be measured.</p>"
+    if c is not None and (c.gaps or c.changes):
+        gaps = [
+            (f"{g.gap} gap, {g.unit}", *map(_figure, (g.before, g.after, g.floor)), words.gap_told(g)) for g in c.gaps
+        ]
+        last = "robot; of gaps, floor" if gaps else "robot"
+        does = f"<div>{table(('', 'without', 'with', last, ''), [*gaps, *_changes(c)])}</div>"
+    sizes = _rows(("size", "", "", "90 % interval"), rows)
+    return f"{title}{_two(f'<div>{sizes}{_group(d)}</div>', does)}"
 
 
 def _group(d: Difference) -> str:
@@ -224,12 +208,6 @@ def _group(d: Difference) -> str:
     return out + (f"<p class='note'>Evidence by channel: {esc(evidence)}.</p>" if evidence else "")
 
 
-def _does(d: Difference) -> str:
-    c = d.consequences
-    told = _consequences(c, "without", "with", with_gaps=True) if c is not None else ""
-    return f"<div>{told}</div>" if told else "<p class='note'>What it does could not be measured.</p>"
-
-
 def _calibration(v: Verdict) -> str:
     numbers = sorted(v.calibration.numbers, key=lambda n: not n.stands_out)
     n_out = sum(n.stands_out for n in numbers)
@@ -238,7 +216,7 @@ def _calibration(v: Verdict) -> str:
         f"{counted(len(numbers), 'number')} of the robot's own beside the nominal ones; {n_out} stand out. The axis "
         "counts published standard deviations; the shade is two of them, the line is the nominal number."
     )
-    shown = _numbers(numbers[:first]) if numbers else ""
+    shown = _numbers(numbers[:first])
     if numbers[first:]:
         shown += f"<details><summary>{len(numbers) - first} more</summary>{_numbers(numbers[first:])}</details>"
     c = v.calibration.consequences
@@ -248,8 +226,7 @@ def _calibration(v: Verdict) -> str:
     return boxed("Calibration", about, shown)
 
 
-def _numbers(numbers: Iterable[CalibratedNumber]) -> str:
-    numbers = list(numbers)
+def _numbers(numbers: list[CalibratedNumber]) -> str:
     rows = [
         (
             n.title,
@@ -260,9 +237,8 @@ def _numbers(numbers: Iterable[CalibratedNumber]) -> str:
         )
         for n in numbers
     ]
-    return _table(
-        ("number", "where", "nominal", "robot (90 %)", ""), rows, ["out" if n.stands_out else "" for n in numbers]
-    )
+    css = ["out" if n.stands_out else "" for n in numbers]
+    return table(("number", "where", "nominal", "robot (90 %)", ""), rows, row_classes=css) if rows else ""
 
 
 def _remains(v: Verdict) -> str:
@@ -270,8 +246,8 @@ def _remains(v: Verdict) -> str:
         (g.gap, f"{words.number(g.left)} {g.unit}", words.number(g.floor), "—" if g.ratio is None else f"{g.ratio:.1f}")
         for g in v.remainder
     ]
-    content = _table(("gap", "left", "floor", "times its floor"), rows) if rows else ""
-    return boxed("What remains", "What the corrected model leaves of each gap.", content + _unknown(v))
+    content = _rows(("gap", "left", "floor", "times its floor"), rows) + _unknown(v)
+    return boxed("What remains", "What the corrected model leaves of each gap.", content)
 
 
 def _unknown(v: Verdict) -> str:
@@ -324,4 +300,4 @@ def _timeline(result: Diagnosis) -> str:
     entries = [("var(--corrected)", "used")]
     entries += [("var(--nominal)", "carries much of the gap")] if True in kinds else []
     entries += [("var(--empty)", "cut out")] if False in kinds else []
-    return boxed("Logs over time", "", legend(entries) + strips(result.runs, result.verdict.timeline))
+    return boxed("Logs over time", "", legend(entries) + bars.strips(result.runs, result.verdict.timeline))

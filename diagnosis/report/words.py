@@ -6,6 +6,7 @@ afterwards. ``tests/diagnosis/test_words.py`` reads the sentences back and compa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -18,31 +19,21 @@ from diagnosis.document import (
     Difference,
     GapChange,
     GapLeft,
+    GapName,
     Number,
     QuantityChange,
-    Status,
     Verdict,
 )
 from diagnosis.library.registry import LIBRARY
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
 
-BADGES: Final[dict[Status, str]] = {
-    "explained": "Explained",
-    "partly_explained": "Partly explained",
-    "unknown_effect": "Unknown effect",
-    "calibration": "Calibration",
-    "no_gap": "No gap",
-    "cannot_tell": "Cannot tell",
-}
 PLACES: Final = {"hx": "sideways hips (hx)", "hy": "forward hips (hy)", "kn": "knees"}
 NOTICED: Final = {"m/s": 0.1, "rad": 0.1}
 """Changes that a person notices, by unit; of others :data:`NOTICED_SHARE`."""
 NOTICED_SHARE: Final = 0.05
 LIKELY: Final = 0.5
-UNITS: Final = (
-    *("_nm_s_per_rad", "_v_s_per_rad", "_k_per_nm2_s", "_rad_per_nm", "_w_per_nm2", "_nm_per_v", "_cycles_per_rad"),
-    *("_kg_m2", "_rad_s", "_m_s2", "_per_k", "_m_s", "_kg", "_nm", "_rad", "_ohm", "_w", "_v", "_s", "_m", "_k"),
-)
+UNIT: Final = re.compile(r"(_(per|cycles|nm2?|kg|m2?|s2?|rad|ohm|w|v|k))+$")
+"""At the end of a parameter's name."""
 
 
 def plain(name: str) -> str:
@@ -52,8 +43,7 @@ def plain(name: str) -> str:
 
 def parameter(name: str) -> str:
     """A parameter's name as words, without the unit at its end: that stands beside the value."""
-    end = next((u for u in UNITS if name.endswith(u) and len(name) > len(u)), "")
-    return name.removesuffix(end).replace("_", " ")
+    return UNIT.sub("", name).replace("_", " ")
 
 
 def number(value: float, unit: str = "") -> str:
@@ -84,13 +74,7 @@ def is_shown(low: float | None, high: float | None) -> bool:
 
 def closes(g: GapChange) -> bool:
     """Whether a share of the gap closes that can be told."""
-    return (
-        g.share is not None
-        and g.share >= 0.005
-        and g.after < g.before
-        and g.floor < g.before
-        and (g.low is None or g.low > 0.0)
-    )
+    return max(g.after, g.floor) < g.before and (g.share or 0.0) >= 0.005 and (g.low is None or g.low > 0.0)
 
 
 def grows(g: GapChange) -> bool:
@@ -100,17 +84,15 @@ def grows(g: GapChange) -> bool:
 
 def gap_told(g: GapChange) -> str:
     """What becomes of a gap, in a few words."""
-    if closes(g) and g.share is not None:
-        return f"{percent(g.share)} of the {g.gap} gap closes{_interval(g.low, g.high)}"
+    if closes(g):
+        known = g.low is not None and g.high is not None
+        within = f" (90 %: {percent(g.low or 0.0)} to {percent(g.high or 0.0)})" if known else ""
+        return f"{percent(g.share or 0.0)} of the {g.gap} gap closes{within}"
     if grows(g):
         return f"the {g.gap} gap grows"
     if g.before <= g.floor:
         return f"the {g.gap} gap was within its floor"
     return f"a change of the {g.gap} gap is not shown"
-
-
-def _interval(low: float | None, high: float | None) -> str:
-    return "" if low is None or high is None else f" (90 %: {percent(low)} to {percent(high)})"
 
 
 def change_told(c: QuantityChange) -> str:
@@ -133,21 +115,18 @@ def change_told(c: QuantityChange) -> str:
 
 def largest_change(consequences: Sequence[Consequences]) -> QuantityChange | None:
     """Falls if their share changes, else the largest change that a person notices; None if none is shown."""
-    known = [
-        (_noticed(c, c.before, c.after), c)
-        for part in consequences
-        for c in part.changes
-        if c.before is not None and c.after is not None and is_shown(c.low, c.high)
-    ]
-    size, found = max(known, key=lambda item: item[0], default=(0.0, None))
-    return found if size >= 1.0 else None
+    shown = [c for part in consequences for c in part.changes if is_shown(c.low, c.high)]
+    found = max(shown, key=_noticed, default=None)
+    return found if found is not None and _noticed(found) >= 1.0 else None
 
 
-def _noticed(c: QuantityChange, before: float, after: float) -> float:
-    """How many times what a person notices."""
+def _noticed(c: QuantityChange) -> float:
+    """How many times what a person notices; 0 where it is not known on both sides."""
+    if c.before is None or c.after is None:
+        return 0.0
     if c.quantity == "fall_share":
-        return np.inf if percent(before) != percent(after) else 0.0
-    return abs(after - before) / NOTICED.get(c.unit, max(NOTICED_SHARE * abs(before), 1e-12))
+        return np.inf if percent(c.before) != percent(c.after) else 0.0
+    return abs(c.after - c.before) / NOTICED.get(c.unit, max(NOTICED_SHARE * abs(c.before), 1e-12))
 
 
 def left_told(g: GapLeft) -> str:
@@ -181,10 +160,8 @@ def calibration_told(numbers: Sequence[CalibratedNumber]) -> str:
         first, *rest = sorted(gains, key=lambda n: n.value)
         told = f"{place(first.where)} give {percent(first.value)} of the torque asked"
         return ", ".join([told, *(f"{place(n.where)} {percent(n.value)}" for n in rest)])
-    if not numbers:
-        return "no number of the robot's own is known"
     if not out:
-        return "no number of the robot's own stands out"
+        return f"no number of the robot's own {'stands out' if numbers else 'is known'}"
     n = out[0]
     unit = "" if n.unit in ("", "1") else f" {n.unit}"
     return f"{n.title} of {place(n.where)} is {n.value:.3g}{unit}, nominal {n.nominal:.3g}"
@@ -195,6 +172,12 @@ def whole(v: Verdict) -> Consequences | None:
     return v.consequences or v.calibration.consequences
 
 
+def all_gaps(v: Verdict) -> tuple[GapChange, ...]:
+    """What it does to each gap; empty where that was not measured."""
+    all_ = whole(v)
+    return () if all_ is None else all_.gaps
+
+
 def is_far(v: Verdict) -> list[GapLeft]:
     """Gaps of which more is left than runs of a right model leave, largest first."""
     return sorted((g for g in v.remainder if (g.ratio or 0.0) > RUNS_APART), key=lambda g: -(g.ratio or 0.0))
@@ -202,13 +185,8 @@ def is_far(v: Verdict) -> list[GapLeft]:
 
 def is_good(v: Verdict) -> bool:
     """Whether the corrected model is shown to be nearer to the robot, in no gap farther, and nothing warns of it."""
-    all_ = whole(v)
-    return (
-        not v.warnings
-        and all_ is not None
-        and any(map(closes, all_.gaps))
-        and not any(g.after > g.before for g in all_.gaps)
-    )
+    gaps = all_gaps(v)
+    return not v.warnings and any(map(closes, gaps)) and all(g.after <= g.before for g in gaps)
 
 
 def headline(v: Verdict) -> str:
@@ -235,20 +213,22 @@ def _answer(v: Verdict) -> str:
 
 def is_near(v: Verdict) -> bool:
     """Whether the nominal model itself is as near to the robot as floors allow."""
-    all_ = whole(v)
-    return all_ is not None and bool(all_.gaps) and all(g.before <= RUNS_APART * g.floor for g in all_.gaps)
+    return bool(all_gaps(v)) and not _above_floors(v)
+
+
+def _above_floors(v: Verdict) -> list[GapName]:
+    """Gaps of the nominal model that a right one would not have."""
+    return [g.gap for g in all_gaps(v) if g.before > RUNS_APART * g.floor]
 
 
 def _no_gap(v: Verdict) -> str:
     if v.differences:
         return f"{found(v.differences[0])}{_closed(v)}"
-    gaps = [] if (all_ := whole(v)) is None else all_.gaps
     if is_near(v):
-        return f"no gap: the nominal model is as near to the robot in {_listed([g.gap for g in gaps])} as floors allow"
-    far = [
-        f"; the {g.gap} gap of the nominal model is above its floor" for g in gaps if g.before > RUNS_APART * g.floor
-    ]
-    return "no difference is shown" + "".join(far[:1])
+        near = _listed([g.gap for g in all_gaps(v)])
+        return f"no gap: the nominal model is as near to the robot in {near} as floors allow"
+    far = [f"; the {gap} gap of the nominal model is above its floor" for gap in _above_floors(v)]
+    return "".join(["no difference is shown", *far[:1]])
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -265,12 +245,10 @@ def _acts(v: Verdict) -> str:
 
 def _closed(v: Verdict) -> str:
     """The gap of which the corrected model closes most, or that none is shown to close."""
-    all_ = whole(v)
-    if all_ is None or not all_.gaps:
-        return ""
-    best = max((g for g in all_.gaps if closes(g)), key=lambda g: g.share or 0.0, default=None)
+    gaps = all_gaps(v)
+    best = max(filter(closes, gaps), key=lambda g: g.share or 0.0, default=None)
     if best is None:
-        return "; that the corrected model closes a gap is not shown"
+        return "; that the corrected model closes a gap is not shown" if gaps else ""
     return f"; corrected, {percent(best.share or 0.0)} of the {best.gap} gap closes"
 
 
@@ -286,17 +264,17 @@ def _rest(v: Verdict) -> str:
 
 def next_step(v: Verdict) -> str:
     """What to do next."""
-    split = next((d.split for d in v.differences if len(d.group) > 1 and d.split is not None), None)
+    splits = [(d.split, d.group) for d in v.differences if len(d.group) > 1 and d.split is not None]
     if v.warnings:
         return "read the warnings"
     if v.status == "cannot_tell":
         return "record more"
     if v.status == "no_gap" and not v.differences:
         return "train on the nominal model" if is_near(v) else "record more"
-    if split is not None:
-        return (
-            f"{_lowered(split.text.split(':')[0])} and record it, to tell {_listed([plain(n) for n in _of(v)])} apart"
-        )
+    if splits:
+        split, group = splits[0]
+        what = split.text.split(":")[0].rstrip(".")
+        return f"{what[:1].lower()}{what[1:]} and record it, to tell {_listed([plain(n) for n in group])} apart"
     if v.probability_unknown > LIKELY or v.status == "unknown_effect":
         if v.unknown is not None and v.unknown.formula is not None:
             return "diagnose again with unknown_effect.py, whose formula predicts it"
@@ -306,20 +284,13 @@ def next_step(v: Verdict) -> str:
     return "record more before training on the corrected model"
 
 
-def _of(v: Verdict) -> tuple[str, ...]:
-    return next(d.group for d in v.differences if len(d.group) > 1 and d.split is not None)
-
-
-def _lowered(text: str) -> str:
-    return text[:1].lower() + text[1:].rstrip(".")
-
-
 def probabilities(v: Verdict) -> str:
     """Probabilities, each by itself."""
-    named = [f"{found(d)} {d.probability:.2f}" for d in v.differences]
-    told = [*named, f"an effect that the library lacks {v.probability_unknown:.2f}"]
-    told.append(f"nothing beside the robot's own calibration {v.probability_none:.2f}")
-    return f"Probability that it is there, each by itself: {'; '.join(told)}."
+    named = "".join(f"{found(d)} {d.probability:.2f}; " for d in v.differences)
+    return (
+        f"Probability that it is there, each by itself: {named}an effect that the library lacks "
+        f"{v.probability_unknown:.2f}; nothing beside the robot's own calibration {v.probability_none:.2f}."
+    )
 
 
 def measured_on(v: Verdict, c: Consequences) -> str:
@@ -336,9 +307,9 @@ def sentence(told: str) -> str:
     return f"{told[:1].upper()}{told[1:].rstrip('.')}."
 
 
-def floor_of(v: Verdict, consequences: Consequences | None) -> str:
+def floor_of(v: Verdict, c: Consequences) -> str:
     """What a floor is."""
-    if consequences is not None and consequences.loop == "open":
+    if c.loop == "open":
         return "what formulas and noise leave"
     if v.shrink is None:
         return "floor"

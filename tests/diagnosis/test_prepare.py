@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from diagnosis.read.prepare import prepared
-from diagnosis.read.robot_file import SPOT, RobotDescription, load_robot
+from diagnosis.read.robot_file import SPOT, RobotFile, load_robot
 from diagnosis.read.signal_checks import plausible
 from spot_log import read_run
 from spot_log.importing import Mapping, import_log
@@ -31,7 +31,7 @@ MJCF = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body>
 </body></worldbody></mujoco>"""
 
 
-def _robot(folder: Path, **changes: object) -> RobotDescription:
+def _robot(folder: Path, **changes: object) -> RobotFile:
     file = folder / "arm.yaml"
     file.write_text(yaml.safe_dump(ARM | changes))
     return load_robot(file)

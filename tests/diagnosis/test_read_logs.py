@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all
+from diagnosis.next.inputs import Inputs, save_inputs
+from diagnosis.next.session import Session
+from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all, read_logs
 from diagnosis.read.recording import record
 from diagnosis.read.segments import cut
 from spot_log import read_run
@@ -16,20 +19,24 @@ from spot_log.importing import Mapping, import_log
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
+from spot_model.robot.facts import DEFAULT_POSITION_RAD, JOINT_NAMES
 
 POLICIES = Path(__file__).parents[2] / "policies"
 
 
-def _log(folder: Path, name: str, n: int = 400, *, is_commanded: bool = False) -> Path:
+def _log(
+    folder: Path, name: str, n: int = 400, *, is_commanded: bool = False, joints: Sequence[str] = ("hip",)
+) -> Path:
     signals = {"position": {"from": "q", "unit": "rad"}}
     if is_commanded:
         signals["setpoint_position"] = signals["position"]
     time_s = np.arange(n) * 0.005
-    np.savez(folder / "data.npz", t=time_s, q=np.sin(time_s)[:, None])
+    rest_rad = 0.0 if len(joints) == 1 else DEFAULT_POSITION_RAD
+    np.savez(folder / "data.npz", t=time_s, q=rest_rad + 0.1 * np.sin(time_s)[:, None])
     mapping = Mapping.model_validate(
         {
             "schema": "spot-rl/import/1",
-            "joint_names": ["hip"],
+            "joint_names": list(joints),
             "foot_names": [],
             "time": {"from": "t"},
             "signals": signals,
@@ -56,6 +63,27 @@ def test_bad_files_are_left_out_and_said(tmp_path: Path) -> None:
     assert "missing.mcap: left out: " in text
     assert "cut.mcap: " in text
     assert told == sorted(told)
+
+
+def test_one_log_of_another_robot_and_policy_is_set_aside_in_what_follows_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logs = [_log(tmp_path, name, is_commanded=True, joints=JOINT_NAMES) for name in ("a.mcap", "b.mcap")]
+    other = _log(tmp_path, "other.mcap", is_commanded=True)
+    walk = load_policy(POLICIES / "walk.onnx")
+
+    def read(file: Path) -> Run:
+        return _by(read_run(file), "1" * 64 if file == other else walk.sha256, "walk")
+
+    monkeypatch.setattr("diagnosis.read.log_files.read_run", read)
+    runs, notes = read_logs([*logs, other])
+    assert [run.path for run in runs] == logs
+    assert any(note.startswith("other.mcap: set aside: it has joints hip; robot spot has") for note in notes)
+    save_inputs(Inputs(logs=tuple(map(str, [*logs, other])), nominal="ideal"), tmp_path)
+    monkeypatch.chdir(POLICIES.parent)
+    monkeypatch.setattr("diagnosis.next.session.found_in", lambda _: None)
+    session = Session.opened(tmp_path, [], None, None, 0)
+    assert session.inputs.policy == str(POLICIES / "walk.onnx")
 
 
 def test_a_robot_that_got_no_command_says_nothing_beside_one_that_did(tmp_path: Path) -> None:
@@ -125,7 +153,7 @@ def test_the_policy_must_be_the_logs(run: Run) -> None:
     found = find_policy(None, [mine], POLICIES)
     assert found is not None
     assert found.sha256 == walk.sha256
-    assert find_policy_file(None, found, POLICIES) == POLICIES / "walk.onnx"
+    assert find_policy_file(None, [mine], POLICIES) == POLICIES / "walk.onnx"
     assert find_policy(POLICIES / "walk.onnx", [mine]) is not None
     # A log that names no policy is taken at the user's word.
     assert find_policy(POLICIES / "baseline.onnx", [run]) is not None
