@@ -86,40 +86,43 @@ def _numbers(values: Sequence[float]) -> str:
 
 def refusals(runs: Sequence[Run]) -> tuple[str, ...]:
     """Why an experiment must not be run, a sentence each; none where the robots of all runs bear it."""
-    found: dict[str, list[float]] = {}
+    found: dict[str, list[tuple[float, str]]] = {}
     for run in runs:
-        for words, value in _wrong(run):
-            found.setdefault(words, []).append(value)
-    return tuple(
-        f"{len(values)} of {len(runs)} simulated robots {words.format(max(values, key=abs))}"
-        for words, values in found.items()
-    )
+        for words, value, joint in _wrong(run):
+            found.setdefault(words, []).append((value, joint))
+    out = []
+    for words, cases in found.items():
+        value, joint = max(cases, key=lambda case: abs(case[0]))
+        out.append(f"{len(cases)} of {len(runs)} simulated robots {words.format(value, joint=joint)}")
+    return tuple(out)
 
 
-def _wrong(run: Run) -> Iterator[tuple[str, float]]:
+def _wrong(run: Run) -> Iterator[tuple[str, float, str]]:
+    """What a run does wrong, by how much, and the joint, where it is one."""
     s = run.states
     rows = s.robot_stamp_ns >= s.robot_stamp_ns[0] + round(0.5 * STAND_S * 1e9)
     position, velocity, load = s.position_rad[rows], s.velocity_rad_s[rows], s.load_nm[rows]
     attitude = s.odom_from_body_wxyz[rows]
     if not all(np.isfinite(a).all() for a in (position, velocity, load, attitude)):
-        yield "break their simulation", 0.0
+        yield "break their simulation", 0.0, ""
         return
     tilt = np.asarray(tilt_rad(attitude))
     feet = np.asarray(rotate_wxyz(attitude[:, None, :], np.asarray(foot_position_in_body_m(position))))
     height = facts.FOOT_RADIUS_M - feet[..., 2].min(axis=1)
     if tilt.max() > TILT_RAD:
-        yield f"tip over or lean by {{:.2f}} rad (allowed: {TILT_RAD})", float(tilt.max())
+        yield f"tip over or lean by {{:.2f}} rad (allowed: {TILT_RAD})", float(tilt.max()), ""
         return
     if height.min() < HEIGHT_M:
-        yield f"sink to {{:.2f}} m (allowed: {HEIGHT_M} m)", float(height.min())
-    if np.abs(velocity).max() > SPEED_RAD_S:
-        yield f"move a joint at {{:.0f}} rad/s (allowed: {SPEED_RAD_S:g})", float(np.abs(velocity).max())
-    over = np.abs(load) / LOAD_NM
-    if over.max() > 1.0:
-        yield "load a joint with {:.0f} % of what it may carry", float(100.0 * over.max())
-    beyond = np.maximum(facts.POSITION_LOW_RAD - position, position - facts.POSITION_HIGH_RAD).max()
-    if beyond > STOP_MARGIN_RAD:
-        yield f"press a joint {{:.2f}} rad into its stop (allowed: {STOP_MARGIN_RAD})", float(beyond)
+        yield f"sink to {{:.2f}} m (allowed: {HEIGHT_M} m)", float(height.min()), ""
+    beyond = np.maximum(facts.POSITION_LOW_RAD - position, position - facts.POSITION_HIGH_RAD)
+    for words, sizes, allowed in (
+        (f"move {{joint}} at {{:.0f}} rad/s (allowed: {SPEED_RAD_S:g})", np.abs(velocity), SPEED_RAD_S),
+        ("load {joint} with {:.0f} % of what it may carry", 100.0 * np.abs(load) / LOAD_NM, 100.0),
+        (f"press {{joint}} {{:.2f}} rad into its stop (allowed: {STOP_MARGIN_RAD})", beyond, STOP_MARGIN_RAD),
+    ):
+        largest = sizes.max(axis=0)
+        if largest.max() > allowed:
+            yield words, float(largest.max()), facts.JOINT_NAMES[int(np.argmax(largest))]
 
 
 def burden(runs: Sequence[Run]) -> str:
