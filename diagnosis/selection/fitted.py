@@ -48,15 +48,6 @@ def corrected_model(
     return model
 
 
-def without_fold(scored: Scored, fold: int) -> tuple[Array, ...]:
-    """Coefficients by term, fitted without a fold."""
-    parts, at = [], 0
-    for own in scored.coefficients:
-        parts.append(scored.spread[fold, at : at + len(own)])
-        at += len(own)
-    return tuple(parts)
-
-
 def without_effect(board: Board, scored: Scored, name: str) -> Scored:
     """The fit less one effect, and less what its joint types or legs have of it by ordinary errors.
 

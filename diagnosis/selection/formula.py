@@ -85,31 +85,26 @@ class _Columns:
     """Terms and residuals of the joints that carry the unknown, without what ordinary errors stand for."""
 
     def __init__(self, board: Board, residuals: Sequence[Array], joints: Flags) -> None:
-        self.board = board
-        view = board.views[Channel.SET_POINT_TO_LOAD]
-        self.s: ActuatorSignals = view.signals
-        self.numbers = [
-            n for n in board.by_channel[Channel.SET_POINT_TO_LOAD] if joints[view.row_joint[board.blocks[n].row]]
-        ]
-        self._ordinary = [orth(board.ordinary.x[n] * board.blocks[n].weight[:, None], RANK) for n in self.numbers]
-        self.y = self._joined([residuals[n] for n in self.numbers])
-        self.fold = np.concatenate([board.blocks[n].fold for n in self.numbers])
-        self.angle_rad = np.concatenate(
-            [self.s.position_rad[self.s.kept][board.blocks[n].samples, board.blocks[n].row] for n in self.numbers]
-        )
+        self.s: ActuatorSignals = board.views[Channel.SET_POINT_TO_LOAD].signals
+        joint_of_row = board.views[Channel.SET_POINT_TO_LOAD].row_joint
+        numbers = [n for n in board.by_channel[Channel.SET_POINT_TO_LOAD] if joints[joint_of_row[board.blocks[n].row]]]
+        self.blocks = [board.blocks[n] for n in numbers]
+        self._ordinary = [orth(board.ordinary.x[n] * board.blocks[n].weight[:, None], RANK) for n in numbers]
+        if not numbers:
+            return
+        self.y = self._joined([residuals[n] for n in numbers])
+        self.fold = np.concatenate([b.fold for b in self.blocks])
+        self.angle_rad = np.concatenate([self.s.position_rad[self.s.kept][b.samples, b.row] for b in self.blocks])
 
     def of(self, term: Term) -> Array:
         """A term's column in units of the noise, shape (m,)."""
         s = self.s
         finished = s.finish(term.values(Samples(s.position_rad, s.velocity_rad_s, s.torque_nm)))
-        return self._joined([self.board.prepared(n, finished[:, self.board.blocks[n].row]) for n in self.numbers])
+        return self._joined([b.cleaned(finished[b.samples, b.row]) for b in self.blocks])
 
     def _joined(self, parts: Sequence[Array]) -> Array:
-        out = []
-        for n, part, ordinary in zip(self.numbers, parts, self._ordinary, strict=True):
-            weighted = part * self.board.blocks[n].weight
-            out.append(weighted - ordinary @ (ordinary.T @ weighted))
-        return np.concatenate(out)
+        weighted = [part * b.weight for part, b in zip(parts, self.blocks, strict=True)]
+        return np.concatenate([x - z @ (z.T @ x) for x, z in zip(weighted, self._ordinary, strict=True)])
 
 
 def find_formula(board: Board, residuals: Sequence[Array], joints: Flags) -> Formula | None:

@@ -125,7 +125,7 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[s
         sizes += [1.0] * board.robot.n_joints
         for number, block in enumerate(board.blocks):
             if block.channel == Channel.SET_POINT_TO_LOAD:
-                x = board.prepared(number, own[:, block.row])
+                x = block.cleaned(own[block.samples, block.row])
                 if np.any(x):
                     parts[number].append(x)
                     numbers[number].append(first + block.row)

@@ -12,10 +12,10 @@ from diagnosis.channels.channel_view import Array, Shape
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library.base import LibraryEffect, Location
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.fitted import corrected_model, without_fold
+from diagnosis.selection.fitted import corrected_model
 from diagnosis.selection.nuisance import ErrorKind
 from diagnosis.selection.places import Robot
-from diagnosis.selection.scoring import Scored
+from diagnosis.selection.scoring import Scored, by_term
 from spot_model.effects.base import Effect, ModelEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
@@ -70,7 +70,7 @@ def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None
         BadInputError: A value is out of its effect's bounds.
     """
     pulls = scored.pulls if fold is None else scored.fold_pulls[fold]
-    coefficients = None if fold is None else without_fold(scored, fold)
+    coefficients = None if fold is None else by_term(scored.terms, scored.spread[fold])
     named = {t.effect.name for t in scored.terms}
     others = {kind.effect.name for kind in board.ordinary.kinds} - named
     model = corrected_model(with_errors(nominal, board, pulls, others), board.robot, scored, coefficients)
