@@ -84,14 +84,10 @@ def bump(centre_rad: float, width_rad: float, *, rubs: bool) -> Term:
 class _Columns:
     """Terms and residuals of the joints that carry the unknown, without what ordinary errors stand for."""
 
-    def __init__(self, board: Board, residuals: Sequence[Array], joints: Flags) -> None:
+    def __init__(self, board: Board, residuals: Sequence[Array], numbers: Sequence[int]) -> None:
         self.s: ActuatorSignals = board.views[Channel.SET_POINT_TO_LOAD].signals
-        joint_of_row = board.views[Channel.SET_POINT_TO_LOAD].row_joint
-        numbers = [n for n in board.by_channel[Channel.SET_POINT_TO_LOAD] if joints[joint_of_row[board.blocks[n].row]]]
         self.blocks = [board.blocks[n] for n in numbers]
         self._ordinary = [orth(board.ordinary.x[n] * board.blocks[n].weight[:, None], RANK) for n in numbers]
-        if not numbers:
-            return
         self.y = self._joined([residuals[n] for n in numbers])
         self.fold = np.concatenate([b.fold for b in self.blocks])
         self.angle_rad = np.concatenate([self.s.position_rad[self.s.kept][b.samples, b.row] for b in self.blocks])
@@ -115,11 +111,11 @@ def find_formula(board: Board, residuals: Sequence[Array], joints: Flags) -> For
         residuals: By block, units of the noise.
         joints: Where the unknown effect acts, shape (J,).
     """
-    if Channel.SET_POINT_TO_LOAD not in board.by_channel:
+    carrying = board.by_channel.get(Channel.SET_POINT_TO_LOAD, [])
+    numbers = [n for n in carrying if joints[board.views[Channel.SET_POINT_TO_LOAD].row_joint[board.blocks[n].row]]]
+    if not numbers:
         return None
-    columns = _Columns(board, residuals, joints)
-    if not columns.numbers:
-        return None
+    columns = _Columns(board, residuals, numbers)
     centres = np.quantile(columns.angle_rad, np.linspace(0.02, 0.98, N_CENTRES))
     terms = [*_plain(), *(bump(float(c), w, rubs=r) for c in centres for w in WIDTHS_RAD for r in (True, False))]
     x = np.stack([columns.of(term) for term in terms], axis=1)

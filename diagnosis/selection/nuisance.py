@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
@@ -76,14 +76,6 @@ class Ordinary:
     def size(self) -> int:
         """Q."""
         return len(self.names)
-
-
-class Source(Protocol):
-    """What gives columns by block; a board."""
-
-    def columns(self, effect: LibraryEffect, shape: Shape) -> Any:
-        """Columns of every unit of an effect."""
-        ...
 
 
 def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[str, ErrorScale]) -> Ordinary:

@@ -272,9 +272,7 @@ def fitted_under(
         fold_pulls[fold], spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high, precision)
         held_out += sums.squares(sums.folds[fold], own, fold_pulls[fold], spread[fold])[0]
     explained = sums.squares(sums.total, tried, pulls, beta)[1]
-    return Scored(
-        terms, by_term(terms, beta), spread, 0.0, np.zeros(0), held_out, pulls, fold_pulls, explained
-    )
+    return Scored(terms, by_term(terms, beta), spread, 0.0, np.zeros(0), held_out, pulls, fold_pulls, explained)
 
 
 def by_term(terms: Sequence[Placed], beta: Array) -> tuple[Array, ...]:
