@@ -38,12 +38,11 @@ def free_types(board: Board) -> Array:
     ordinary = board.ordinary
     out = np.ones(ordinary.size)
     for kind in ordinary.kinds:
-        shared = np.array([s.sum() > 1 for s in kind.sets])
         # Load cells and zeros are set one by one; all else is as often wrong for a type as for a unit.
         one_by_one = kind.effect.of_load_cell or kind.effect.singly
         share = 1.0 if one_by_one else min(1.0, ERROR_SCALES[kind.effect.name].alike)
         for k in range(len(kind.chosen)):
-            at = np.arange(ordinary.size)[kind.columns(k)][shared]
+            at = kind.columns(k)[kind.alike]
             out[at] = (share * ordinary.scale[at] / ordinary.published[at]) ** 2
     return out
 

@@ -59,7 +59,7 @@ def without_effect(board: Board, scored: Scored, name: str) -> Scored:
     for kind in board.ordinary.kinds:
         if kind.effect.name == name:
             for k in range(len(kind.chosen)):
-                shared[kind.columns(k)] = [members.sum() > 1 for members in kind.sets]
+                shared[kind.columns(k)] = kind.alike
     return replace(
         scored, pulls=np.where(shared, 0.0, scored.pulls), fold_pulls=np.where(shared, 0.0, scored.fold_pulls)
     )

@@ -42,10 +42,14 @@ class ErrorKind:
     chosen: Ints
     """Coefficients that have an error."""
 
-    def columns(self, coefficient: int) -> slice:
+    @property
+    def alike(self) -> Flags:
+        """Sets of several units."""
+        return np.array([members.sum() > 1 for members in self.sets])
+
+    def columns(self, coefficient: int) -> Ints:
         """Columns of one of the chosen coefficients, by set."""
-        step = len(self.chosen)
-        return slice(self.first + coefficient, self.first + len(self.sets) * step, step)
+        return self.first + coefficient + len(self.chosen) * np.arange(len(self.sets))
 
     def coefficients(self, size: Array) -> Array:
         """Coefficients of each unit, shape (U, C), from the size of all columns, shape (Q,)."""
