@@ -21,12 +21,7 @@ from diagnosis.selection.scoring import Scored, bounds, fitted_under, sums_of, t
 
 
 def calibrated(board: Board, scored: Scored) -> Scored:
-    """The same effects, maybe none, fitted with the ordinary errors of :func:`free_types`; scores stay.
-
-    Args:
-        board: The evidence.
-        scored: Fitted; its ordinary errors were held to this robot's own scales.
-    """
+    """The same effects, maybe none, fitted with the ordinary errors of :func:`free_types`; scores stay."""
     tried, by_fold = _tried(board, scored)
     weights = weights_of(board, scored.held_out, scored.explained)
     found = fitted_under(board, scored.terms, tried, by_fold, weights, free_types(board))
@@ -50,15 +45,8 @@ def free_types(board: Board) -> Array:
 def posterior_covariance(board: Board, scored: Scored, precision: Array | float = 1.0) -> Array:
     """Covariance of what was fitted, given the logs: ordinary errors in usual sizes, then the terms' coefficients.
 
-    A coefficient at one of its bounds counts as known.
-
-    Args:
-        board: The evidence.
-        scored: Fitted.
-        precision: Of the ordinary errors' priors, shape (Q,).
-
-    Returns:
-        Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end.
+    Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end; a coefficient
+    at one of its bounds counts as known. ``precision`` is that of the ordinary errors' priors, shape (Q,).
     """
     sums, weights = sums_of(board), weights_of(board, scored.held_out, scored.explained)
     q = sums.size

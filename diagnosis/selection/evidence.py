@@ -218,16 +218,9 @@ def lay_out(
     scales: Mapping[str, ErrorScale],
     period_s: float = 0.003,
 ) -> Board:
-    """Cut the channels into blocks.
+    """Cut the channels into blocks, with the ordinary errors of ``scales`` by effects of the library beside them.
 
-    Args:
-        views: The channels that are on.
-        robot: Its joints.
-        fold_of_run: For each recording the fold that it belongs to; with one fold only, time is cut into two.
-        fold_names: Names of the folds.
-        library: Effects that ordinary errors are units of.
-        scales: Published ranges of ordinary errors.
-        period_s: Time between two states of the logs.
+    ``fold_of_run`` has the fold of each recording; with one fold only, time is cut into two.
     """
     stretch = max(1, round(FOLD_BLOCK_S / period_s))
     by_run = np.asarray(fold_of_run) if len(fold_names) > 1 else None

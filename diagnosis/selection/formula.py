@@ -106,10 +106,7 @@ class _Columns:
 def find_formula(board: Board, residuals: Sequence[Array], joints: Flags) -> Formula | None:
     """The formula of the torque that is missing or too much, or None where no short one predicts it.
 
-    Args:
-        board: The evidence.
-        residuals: By block, units of the noise.
-        joints: Where the unknown effect acts, shape (J,).
+    Residuals by block, in units of the noise; ``joints`` where the unknown effect acts, shape (J,).
     """
     carrying = board.by_channel.get(Channel.SET_POINT_TO_LOAD, [])
     numbers = [n for n in carrying if joints[board.views[Channel.SET_POINT_TO_LOAD].row_joint[board.blocks[n].row]]]

@@ -256,13 +256,7 @@ def fitted_under(
 ) -> Scored:
     """Terms and ordinary errors under given weights, fitted to all folds and without each; not scored.
 
-    Args:
-        board: The evidence.
-        terms: The effects.
-        tried: Products of their columns over all folds.
-        by_fold: The same by fold.
-        weights: By block.
-        precision: Of the ordinary errors' priors, shape (Q,).
+    ``tried`` and ``by_fold`` are products of the terms' columns, ``precision`` that of the ordinary errors' priors (Q,).
     """
     sums, (low, high) = sums_of(board), bounds([t.effect for t in terms])
     pulls, beta = solved(sums, sums.total, tried, weights, low, high, precision)

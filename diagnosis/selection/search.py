@@ -54,13 +54,7 @@ class Selection:
 
 
 def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
-    """Choose effects.
-
-    Args:
-        board: The channels.
-        library: What is tried.
-        say: Where progress goes.
-    """
+    """Choose effects of a library; progress goes to ``say``."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     first = ranked(board, (), usable)
     # What shows nothing alone, whatever the price of its numbers, is not looked for beside others.
@@ -82,14 +76,7 @@ def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Sele
 
 
 def selection_of(board: Board, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]) -> Selection:
-    """What each of a set of effects adds to the others, and its rivals.
-
-    Args:
-        board: The channels.
-        best: The effects, fitted.
-        first: All effects alone, best first.
-        library: Where rivals come from.
-    """
+    """What each of the fitted effects adds to the others, and its rivals from the library; ``first`` are all alone."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     near = _near(first, board) | {t.effect.name for t in best.terms}
     rivals, gains = [], []
@@ -122,12 +109,9 @@ def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryE
 
 
 def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Rival | None:
-    """The effect at its best place and shape, or None where it shows nowhere.
+    """The effect at its best place and shape beside the scorer's terms, or None where it shows nowhere.
 
-    Args:
-        scorer: Has the other terms.
-        effect: What to place.
-        worth: Value under which the best coarse shape and natural place are good enough.
+    Under the value ``worth`` the best coarse shape and natural place are good enough.
     """
     board = scorer.board
     everywhere = np.ones(board.robot.n_joints, dtype=np.bool_)
