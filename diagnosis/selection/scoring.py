@@ -256,7 +256,7 @@ def fitted_under(
 ) -> Scored:
     """Terms and ordinary errors under given weights, fitted to all folds and without each; not scored.
 
-    ``tried`` and ``by_fold`` are products of the terms' columns, ``precision`` that of the ordinary errors' priors (Q,).
+    ``tried`` and ``by_fold`` are products of their columns, ``precision`` that of the ordinary errors' priors (Q,).
     """
     sums, (low, high) = sums_of(board), bounds([t.effect for t in terms])
     pulls, beta = solved(sums, sums.total, tried, weights, low, high, precision)
