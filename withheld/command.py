@@ -55,10 +55,10 @@ def run(
 ) -> None:
     """Draw cases, seal their truth, diagnose them in isolation, open the seals, and score."""
     from spot_model.errors import BadInputError
+    from spot_model.io.progress import Progress
     from trainer.shared.engine import Engine, Place
     from withheld.blind.execute import Job, case_folder
     from withheld.blind.jail import MEANING, hide_this_process, strongest_level
-    from withheld.blind.progress import CaseProgress
     from withheld.blind.run import run_case, run_cases
     from withheld.blind.run_folder import begin, go_on
     from withheld.cases.draw import chosen
@@ -99,12 +99,20 @@ def run(
     numbers = chosen(secret.seed, range(*head.part), kind or ())
     jobs = [replace(job, number=n) for n in numbers]
     done = sum((case_folder(out, job.number) / "outcome.json").exists() for job in jobs)
-    progress = CaseProgress(len(jobs), done)
+    progress = Progress("cases", len(jobs), done=done)
+
+    def tell(number: int, text: str) -> None:
+        """One more; what failed is always told, and does not count."""
+        nonlocal done
+        has_failed = text.startswith("failed")
+        done += not has_failed
+        progress.update(done, f"case {number}: {text}", is_told=has_failed)
+
     is_ray = engine is EngineName.RAY
     place = Place(max(1, min(workers, len(jobs))), is_ray, ray_address, is_apart=not is_ray)
     try:
         with Engine(run_case, None, place) as started:
-            left = run_cases(jobs, started, out, until, progress.done)
+            left = run_cases(jobs, started, out, until, tell)
     except KeyboardInterrupt:
         typer.echo(f"interrupted; go on with `spot-rl withheld run --resume --out {out}`", err=True)
         raise typer.Exit(130) from None

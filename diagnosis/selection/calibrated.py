@@ -16,36 +16,16 @@ from scipy.linalg import cho_solve
 from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.normal_equations import Tried, solved, tried_by_fold
-from diagnosis.selection.scoring import Scored, bounds, sums_of, term_columns
+from diagnosis.selection.normal_equations import Tried, tried_by_fold
+from diagnosis.selection.scoring import Scored, bounds, fitted_under, sums_of, term_columns, weights_of
 
 
 def calibrated(board: Board, scored: Scored) -> Scored:
-    """The same effects, maybe none, fitted with the ordinary errors of :func:`free_types`; scores stay.
-
-    Args:
-        board: The evidence.
-        scored: Fitted; its ordinary errors were held to this robot's own scales.
-    """
-    sums, weights, precision = sums_of(board), _weights(board, scored), free_types(board)
-    low, high = bounds([t.effect for t in scored.terms])
+    """The same effects, maybe none, fitted with the ordinary errors of :func:`free_types`; scores stay."""
     tried, by_fold = _tried(board, scored)
-    pulls, beta = solved(sums, sums.total, tried, weights, low, high, precision)
-    fold_pulls, spread = np.zeros_like(scored.fold_pulls), np.zeros_like(scored.spread)
-    held_out = np.zeros(len(board.blocks))
-    for fold, own in enumerate(by_fold):
-        fold_pulls[fold], spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high, precision)
-        held_out += sums.squares(sums.folds[fold], own, fold_pulls[fold], spread[fold])[0]
-    sizes = np.cumsum([len(c) for c in scored.coefficients])
-    return replace(
-        scored,
-        coefficients=tuple(np.split(beta, sizes[:-1])) if scored.terms else (),
-        spread=spread,
-        held_out=held_out,
-        pulls=pulls,
-        fold_pulls=fold_pulls,
-        explained=sums.squares(sums.total, tried, pulls, beta)[1],
-    )
+    weights = weights_of(board, scored.held_out, scored.explained)
+    found = fitted_under(board, scored.terms, tried, by_fold, weights, free_types(board))
+    return replace(found, score=scored.score, by_block=scored.by_block)
 
 
 def free_types(board: Board) -> Array:
@@ -53,12 +33,11 @@ def free_types(board: Board) -> Array:
     ordinary = board.ordinary
     out = np.ones(ordinary.size)
     for kind in ordinary.kinds:
-        shared = np.array([s.sum() > 1 for s in kind.sets])
         # Load cells and zeros are set one by one; all else is as often wrong for a type as for a unit.
         one_by_one = kind.effect.of_load_cell or kind.effect.singly
         share = 1.0 if one_by_one else min(1.0, ERROR_SCALES[kind.effect.name].alike)
         for k in range(len(kind.chosen)):
-            at = np.arange(ordinary.size)[kind.columns(k)][shared]
+            at = kind.columns(k)[kind.alike]
             out[at] = (share * ordinary.scale[at] / ordinary.published[at]) ** 2
     return out
 
@@ -66,17 +45,10 @@ def free_types(board: Board) -> Array:
 def posterior_covariance(board: Board, scored: Scored, precision: Array | float = 1.0) -> Array:
     """Covariance of what was fitted, given the logs: ordinary errors in usual sizes, then the terms' coefficients.
 
-    A coefficient at one of its bounds counts as known.
-
-    Args:
-        board: The evidence.
-        scored: Fitted.
-        precision: Of the ordinary errors' priors, shape (Q,).
-
-    Returns:
-        Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end.
+    Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end; a coefficient
+    at one of its bounds counts as known. ``precision`` is that of the ordinary errors' priors, shape (Q,).
     """
-    sums, weights = sums_of(board), _weights(board, scored)
+    sums, weights = sums_of(board), weights_of(board, scored.held_out, scored.explained)
     q = sums.size
     own = cho_solve(sums.system(sums.total, weights, precision), np.eye(q), check_finite=False)
     if not scored.terms:
@@ -95,10 +67,6 @@ def posterior_covariance(board: Board, scored: Scored, precision: Array | float 
     out[q + free, :q] = out[:q, q + free].T
     out[np.ix_(q + free, q + free)] = inner
     return out
-
-
-def _weights(board: Board, scored: Scored) -> Array:
-    return np.asarray(board.dof / (scored.held_out + board.tolerance_square + board.relative_square * scored.explained))
 
 
 def _tried(board: Board, scored: Scored) -> tuple[Tried, list[Tried]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -50,6 +50,7 @@ class Block:
     """Orthonormal, shape (m, q)."""
     fold: Ints
     """Shape (m,)."""
+    rows_of_fold: tuple[Ints, ...]
     noise: float
     n_independent: float
     """Number of independent samples, from the response's correlation in time."""
@@ -58,15 +59,30 @@ class Block:
     weight: Array
     """Square root of what a sample counts, less than 1 for outliers. Shape (m,)."""
 
+    def cleaned(self, raw: Array) -> Array:
+        """Columns at the block's samples as the block has them, in units of its noise, nuisance taken off."""
+        x = np.nan_to_num(raw) / self.noise
+        flat = x.reshape(len(x), -1)
+        return np.asarray(flat - self.nuisance @ (self.nuisance.T @ flat)).reshape(x.shape)
+
 
 @dataclass(frozen=True)
 class Columns:
     """What an effect of one shape adds to each block it touches."""
 
-    units: tuple[Ints, ...]
+    units: list[Ints]
     """By block: units that touch it, shape (u,); empty where none does."""
-    x: tuple[Array, ...]
+    x: list[Array]
     """By block, shape (m, u, P), in units of the noise, nuisance removed."""
+
+    def flat(self) -> list[Array]:
+        """By block, shape (m, uP)."""
+        return [x.reshape(len(x), -1) for x in self.x]
+
+
+def key_of(effect: LibraryEffect, shape: Shape) -> tuple[object, ...]:
+    """What columns and their products are kept under."""
+    return (effect.name, *sorted(shape.items()))
 
 
 @dataclass
@@ -91,8 +107,6 @@ class Board:
     """By block and fold the products of [ordinary errors, y], over the block's number of samples."""
     kept: dict[object, Any] = field(default_factory=dict)
     """What scoring keeps between calls."""
-    _rows: dict[int, list[Ints]] = field(default_factory=dict)
-    """By block and fold, the rows that belong to it."""
     _beside: list[Array] = field(default_factory=list)
     """By block [ordinary errors, y]."""
     _cache: OrderedDict[tuple[object, ...], Columns] = field(default_factory=OrderedDict)
@@ -125,22 +139,14 @@ class Board:
         out = np.zeros((self.n_folds, left.shape[1], right.shape[1]))
         if out.size == 0:
             return out
-        if number not in self._rows:
-            self._rows[number] = [np.flatnonzero(block.fold == fold) for fold in range(self.n_folds)]
         weighted = left * (block.weight**2)[:, None]
-        for fold, rows in enumerate(self._rows[number]):
+        for fold, rows in enumerate(block.rows_of_fold):
             out[fold] = weighted.take(rows, axis=0).T @ right.take(rows, axis=0)
         return out / len(block.y)
 
     def products(self, number: int, x: Array) -> Array:
         """Products of a block's columns with [ordinary errors, y], shape (F, a, q + 1)."""
         return self.products_of(number, x, self._beside[number])
-
-    def prepared(self, number: int, raw: Array) -> Array:
-        """A column of the view's row as the block has it: its samples, units of the noise, nuisance taken off."""
-        block = self.blocks[number]
-        x = np.nan_to_num(raw[block.samples]) / block.noise
-        return np.asarray(x - block.nuisance @ (block.nuisance.T @ x))
 
     @property
     def by_channel(self) -> dict[Channel, list[int]]:
@@ -152,7 +158,7 @@ class Board:
 
     def columns(self, effect: LibraryEffect, shape: Shape) -> Columns:
         """Columns of every unit of the effect; cached."""
-        key = (effect.name, *sorted(shape.items()))
+        key = key_of(effect, shape)
         if key in self._cache:
             self._cache.move_to_end(key)
             return self._cache[key]
@@ -166,57 +172,40 @@ class Board:
 
     def _made(self, effect: LibraryEffect, shape: Shape) -> Columns:
         units = self.robot.units(effect.location)
-        size = len(effect.coefficients)
-        found_units: list[Ints] = [np.zeros(0, dtype=np.intp)] * len(self.blocks)
-        found_x: list[Array] = [np.zeros((len(b.y), 0, size)) for b in self.blocks]
+        every = np.ones(self.robot.n_joints, dtype=np.bool_)
+        made = Columns(
+            [np.zeros(0, dtype=np.intp)] * len(self.blocks),
+            [np.zeros((len(b.y), 0, len(effect.coefficients))) for b in self.blocks],
+        )
         for channel, numbers in self.by_channel.items():
             view = self.views[channel]
-            through = self._through(effect, shape, view)
-            if channel not in effect.channels and through is None:
+            seen = _seen(effect, shape, view)
+            if seen is None:
                 continue
-            if channel in effect.separable or len(units) == 1:
-                whole = self._seen(effect, shape, view, through, np.ones(self.robot.n_joints, dtype=np.bool_))
-                for number in numbers:
-                    block = self.blocks[number]
+            at_once = channel in effect.separable or len(units) == 1
+            parts = [seen(every)] if at_once else [seen(unit > 0.5) for unit in units]
+            for number in numbers:
+                block = self.blocks[number]
+                touching = np.arange(len(parts))
+                if at_once and len(units) > 1:
                     joint = int(view.row_joint[block.row])
-                    unit = 0 if len(units) == 1 else int(np.argmax(units[:, joint])) if joint >= 0 else -1
-                    if unit >= 0:
-                        self._put(found_units, found_x, number, [unit], whole[block.samples, block.row][:, None, :])
-            else:
-                parts = [self._seen(effect, shape, view, through, unit > 0.5) for unit in units]
-                for number in numbers:
-                    block = self.blocks[number]
-                    self._put(
-                        found_units,
-                        found_x,
-                        number,
-                        list(range(len(units))),
-                        np.stack([p[block.samples, block.row] for p in parts], axis=1),
-                    )
-        return Columns(tuple(found_units), tuple(found_x))
+                    touching = np.array([np.argmax(units[:, joint])] if joint >= 0 else [], dtype=np.intp)
+                if len(touching):
+                    x = block.cleaned(np.stack([p[block.samples, block.row] for p in parts], axis=1))
+                    there = np.flatnonzero(np.abs(x).max(axis=(0, 2), initial=0.0) > 0.0)
+                    made.units[number], made.x[number] = touching[there], x[:, there].astype(np.float32)
+        return made
 
-    def _through(self, effect: LibraryEffect, shape: Shape, view: ChannelView) -> ThroughMotion | None:
-        shows = Channel.SET_POINT_TO_LOAD in effect.channels and drive_of(view) is not None
-        return ThroughMotion(effect, shape, view) if shows else None
 
-    def _seen(
-        self, effect: LibraryEffect, shape: Shape, view: ChannelView, through: ThroughMotion | None, joints: Flags
-    ) -> Array:
-        """An effect's columns at some joints: its own in the channel, and what it changes in a drive without loads."""
-        if through is None:
-            return effect.columns(view, shape, joints)
-        added = through.columns(joints)
-        return added + effect.columns(view, shape, joints) if view.name in effect.channels else added
-
-    def _put(self, found_units: list[Ints], found_x: list[Array], number: int, units: list[int], raw: Array) -> None:
-        block = self.blocks[number]
-        x = np.nan_to_num(raw) / block.noise
-        if block.nuisance.shape[1]:
-            flat = x.reshape(len(x), -1)
-            x = (flat - block.nuisance @ (block.nuisance.T @ flat)).reshape(x.shape)
-        there = np.flatnonzero(np.abs(x).max(axis=(0, 2), initial=0.0) > 0.0)
-        found_units[number] = np.asarray(units, dtype=np.intp)[there]
-        found_x[number] = x[:, there].astype(np.float32)
+def _seen(effect: LibraryEffect, shape: Shape, view: ChannelView) -> Callable[[Flags], Array] | None:
+    """An effect's columns at some joints: its own in the channel, and what it changes in a drive without loads."""
+    own = view.name in effect.channels
+    if Channel.SET_POINT_TO_LOAD not in effect.channels or drive_of(view) is None:
+        return (lambda joints: effect.columns(view, shape, joints)) if own else None
+    through = ThroughMotion(effect, shape, view)
+    if not own:
+        return through.columns
+    return lambda joints: through.columns(joints) + effect.columns(view, shape, joints)
 
 
 def lay_out(
@@ -225,66 +214,47 @@ def lay_out(
     fold_of_run: Sequence[int],
     fold_names: Sequence[str],
     *,
-    library: Mapping[str, LibraryEffect] | None = None,
-    scales: Mapping[str, ErrorScale] | None = None,
+    library: Mapping[str, LibraryEffect],
+    scales: Mapping[str, ErrorScale],
     period_s: float = 0.003,
 ) -> Board:
-    """Cut the channels into blocks.
+    """Cut the channels into blocks, with the ordinary errors of ``scales`` by effects of the library beside them.
 
-    Args:
-        views: The channels that are on.
-        robot: Its joints.
-        fold_of_run: For each recording the fold that it belongs to; with one fold only, time is cut into two.
-        fold_names: Names of the folds.
-        library: Effects that ordinary errors are units of.
-        scales: Published ranges of ordinary errors.
-        period_s: Time between two states of the logs.
+    ``fold_of_run`` has the fold of each recording; with one fold only, time is cut into two.
     """
-    blocks: list[Block] = []
-    n_folds = len(fold_names)
     stretch = max(1, round(FOLD_BLOCK_S / period_s))
-    for name, view in views.items():
-        if not view.is_measured:
-            continue
-        step = max(1, round(view.n / MAX_SAMPLES))
-        for row in range(len(view.rows)):
-            block = _block(name, view, row, step, np.asarray(fold_of_run), n_folds, stretch, DISCREPANCY.get(name, 0.0))
-            if block is not None:
-                blocks.append(block)
+    by_run = np.asarray(fold_of_run) if len(fold_names) > 1 else None
+    blocks = [
+        block
+        for view in views.values()
+        if view.is_measured
+        for row in range(len(view.rows))
+        if (block := _block(view, row, by_run, max(2, len(fold_names)), stretch)) is not None
+    ]
     board = Board(
         with_stand_in(views),
         robot,
         tuple(blocks),
-        max(n_folds, 2),
+        max(2, len(fold_names)),
         tuple(fold_names),
         dof=np.minimum(DEGREES_OF_FREEDOM, [b.n_independent for b in blocks]),
         tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
         relative_square=np.array([EXACT.get(b.channel, FORMULA_ERROR) ** 2 for b in blocks]),
         stretch=stretch,
     )
-    board.prepare(library or {}, scales or {})
+    board.prepare(library, scales)
     return board
 
 
-def _block(
-    name: Channel,
-    view: ChannelView,
-    row: int,
-    step: int,
-    fold_of_run: Ints,
-    n_folds: int,
-    stretch: int,
-    tolerance: float,
-) -> Block | None:
+def _block(view: ChannelView, row: int, fold_of_run: Ints | None, n_folds: int, stretch: int) -> Block | None:
     good: Flags = view.usable[:, row] & np.isfinite(view.response[:, row])
     good &= np.isfinite(view.nuisance[:, row]).all(axis=1)
-    if name in COUNTED:
+    noise, step = float(view.noise[row]), max(1, round(view.n / MAX_SAMPLES))
+    if view.name in COUNTED:
         size = np.abs(view.response[:, row])
-        typical = float(np.median(size[good])) if good.any() else 0.0
-        good &= size <= FAR * (typical + float(view.noise[row]))
+        good &= size <= FAR * ((float(np.median(size[good])) if good.any() else 0.0) + noise)
     samples = np.flatnonzero(good)
     samples = samples[::step] if len(samples) > MIN_SAMPLES * step else samples
-    noise = float(view.noise[row])
     if len(samples) < MIN_SAMPLES // 3 or not np.isfinite(noise) or noise <= 0.0:
         return None
     y = view.response[samples, row] / noise
@@ -294,16 +264,28 @@ def _block(
         q, _ = np.linalg.qr(raw / (np.sqrt(np.mean(raw**2, axis=0)) + 1e-12))
         y = y - q @ (q.T @ y)
     run = view.run[samples]
-    fold = fold_of_run[run] if n_folds > 1 else (view.state[samples] // stretch) % 2
-    return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance, _weight(name, view, y))
+    fold = fold_of_run[run] if fold_of_run is not None else (view.state[samples] // stretch) % 2
+    return Block(
+        view.name,
+        row,
+        samples,
+        y,
+        q,
+        fold,
+        tuple(np.flatnonzero(fold == f) for f in range(n_folds)),
+        noise,
+        _independent(y, run),
+        DISCREPANCY.get(view.name, 0.0),
+        _weight(view, y),
+    )
 
 
-def _weight(name: Channel, view: ChannelView, y: Array) -> Array:
+def _weight(view: ChannelView, y: Array) -> Array:
     """Square root of what a sample counts, shape (m,)."""
     if not view.is_robust:
         return np.ones(len(y))
     scale = max(1.0, 1.4826 * float(np.median(np.abs(y))))
-    bound = (PEAK if name in PEAKS else OUTLIER) * scale
+    bound = (PEAK if view.name in PEAKS else OUTLIER) * scale
     # The square of what is farther off counts as the bound's.
     return np.asarray(np.minimum(1.0, bound / np.maximum(np.abs(y), 1e-12)))
 

@@ -1,9 +1,8 @@
-"""Fitted effects as parameters with intervals, and as models: the nominal one with them."""
+"""Fitted effects as parameters with intervals."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -12,11 +11,9 @@ import numpy as np
 from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.document import Number
-from diagnosis.library.base import acts_last
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Placed, Scored, Scorer, without
-from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import describe_joints
 
@@ -33,30 +30,6 @@ def joint_words(robot: Robot, term: Placed) -> tuple[str, ...]:
     return describe_joints(mask) if robot.joint_names == JOINT_NAMES else robot.named(mask)
 
 
-def corrected_model(
-    nominal: RobotModel, robot: Robot, scored: Scored, coefficients: Sequence[Array] | None = None
-) -> RobotModel:
-    """The nominal model with all terms.
-
-    Raises:
-        BadInputError: A value is out of its effect's bounds.
-    """
-    model = nominal
-    terms = zip(scored.terms, coefficients or scored.coefficients, strict=True)
-    for term, own in sorted(terms, key=lambda pair: acts_last(pair[0].effect)):
-        model = term.effect.add_to(model, term.effect.values(own, term.shape), joint_words(robot, term))
-    return model
-
-
-def without_fold(scored: Scored, fold: int) -> tuple[Array, ...]:
-    """Coefficients by term, fitted without a fold."""
-    parts, at = [], 0
-    for own in scored.coefficients:
-        parts.append(scored.spread[fold, at : at + len(own)])
-        at += len(own)
-    return tuple(parts)
-
-
 def without_effect(board: Board, scored: Scored, name: str) -> Scored:
     """The fit less one effect, and less what its joint types or legs have of it by ordinary errors.
 
@@ -68,21 +41,17 @@ def without_effect(board: Board, scored: Scored, name: str) -> Scored:
     for kind in board.ordinary.kinds:
         if kind.effect.name == name:
             for k in range(len(kind.chosen)):
-                shared[kind.columns(k)] = [members.sum() > 1 for members in kind.sets]
+                shared[kind.columns(k)] = kind.alike
     return replace(
         scored, pulls=np.where(shared, 0.0, scored.pulls), fold_pulls=np.where(shared, 0.0, scored.fold_pulls)
     )
 
 
 def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
-    """Parameters of the last term, each with a 90 % interval.
+    """Parameters of the last term beside the scorer's, each with a 90 % interval.
 
     Of a linear number it comes from leaving out one fold at a time; of a shape from the shapes nearby that score
     almost as well; of both from what a formula is usually wrong by, ``PARAMETER_SPREAD``.
-
-    Args:
-        scorer: Has the other terms.
-        scored: They and the term.
     """
     term, own = scored.terms[-1], scored.coefficients[-1]
     size = len(own)

@@ -84,47 +84,35 @@ def bump(centre_rad: float, width_rad: float, *, rubs: bool) -> Term:
 class _Columns:
     """Terms and residuals of the joints that carry the unknown, without what ordinary errors stand for."""
 
-    def __init__(self, board: Board, residuals: Sequence[Array], joints: Flags) -> None:
-        self.board = board
-        view = board.views[Channel.SET_POINT_TO_LOAD]
-        self.s: ActuatorSignals = view.signals
-        self.numbers = [
-            n for n in board.by_channel[Channel.SET_POINT_TO_LOAD] if joints[view.row_joint[board.blocks[n].row]]
-        ]
-        self._ordinary = [orth(board.ordinary.x[n] * board.blocks[n].weight[:, None], RANK) for n in self.numbers]
-        self.y = self._joined([residuals[n] for n in self.numbers])
-        self.fold = np.concatenate([board.blocks[n].fold for n in self.numbers])
-        self.angle_rad = np.concatenate(
-            [self.s.position_rad[self.s.kept][board.blocks[n].samples, board.blocks[n].row] for n in self.numbers]
-        )
+    def __init__(self, board: Board, residuals: Sequence[Array], numbers: Sequence[int]) -> None:
+        self.s: ActuatorSignals = board.views[Channel.SET_POINT_TO_LOAD].signals
+        self.blocks = [board.blocks[n] for n in numbers]
+        self._ordinary = [orth(board.ordinary.x[n] * board.blocks[n].weight[:, None], RANK) for n in numbers]
+        self.y = self._joined([residuals[n] for n in numbers])
+        self.fold = np.concatenate([b.fold for b in self.blocks])
+        self.angle_rad = np.concatenate([self.s.position_rad[self.s.kept][b.samples, b.row] for b in self.blocks])
 
     def of(self, term: Term) -> Array:
         """A term's column in units of the noise, shape (m,)."""
         s = self.s
         finished = s.finish(term.values(Samples(s.position_rad, s.velocity_rad_s, s.torque_nm)))
-        return self._joined([self.board.prepared(n, finished[:, self.board.blocks[n].row]) for n in self.numbers])
+        return self._joined([b.cleaned(finished[b.samples, b.row]) for b in self.blocks])
 
     def _joined(self, parts: Sequence[Array]) -> Array:
-        out = []
-        for n, part, ordinary in zip(self.numbers, parts, self._ordinary, strict=True):
-            weighted = part * self.board.blocks[n].weight
-            out.append(weighted - ordinary @ (ordinary.T @ weighted))
-        return np.concatenate(out)
+        weighted = [part * b.weight for part, b in zip(parts, self.blocks, strict=True)]
+        return np.concatenate([x - z @ (z.T @ x) for x, z in zip(weighted, self._ordinary, strict=True)])
 
 
 def find_formula(board: Board, residuals: Sequence[Array], joints: Flags) -> Formula | None:
     """The formula of the torque that is missing or too much, or None where no short one predicts it.
 
-    Args:
-        board: The evidence.
-        residuals: By block, units of the noise.
-        joints: Where the unknown effect acts, shape (J,).
+    Residuals by block, in units of the noise; ``joints`` where the unknown effect acts, shape (J,).
     """
-    if Channel.SET_POINT_TO_LOAD not in board.by_channel:
+    carrying = board.by_channel.get(Channel.SET_POINT_TO_LOAD, [])
+    numbers = [n for n in carrying if joints[board.views[Channel.SET_POINT_TO_LOAD].row_joint[board.blocks[n].row]]]
+    if not numbers:
         return None
-    columns = _Columns(board, residuals, joints)
-    if not columns.numbers:
-        return None
+    columns = _Columns(board, residuals, numbers)
     centres = np.quantile(columns.angle_rad, np.linspace(0.02, 0.98, N_CENTRES))
     terms = [*_plain(), *(bump(float(c), w, rubs=r) for c in centres for w in WIDTHS_RAD for r in (True, False))]
     x = np.stack([columns.of(term) for term in terms], axis=1)

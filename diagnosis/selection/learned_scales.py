@@ -38,9 +38,9 @@ def learn_scales(board: Board) -> None:
         variance = np.diag(posterior_covariance(board, null_of(board))) * now**2
         wanted = now.copy()
         for kind in board.ordinary.kinds:
-            alike = np.array([s.sum() > 1 for s in kind.sets]) & (len(kind.sets) > 1)
+            alike = kind.alike
             for k in range(len(kind.chosen)):
-                at = np.arange(len(error))[kind.columns(k)]
+                at = kind.columns(k)
                 own = _scale(_apart(error[at[~alike]], kind) ** 2, variance[at[~alike]])
                 wanted[at[~alike]] = own
                 if alike.any():

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
@@ -42,10 +42,14 @@ class ErrorKind:
     chosen: Ints
     """Coefficients that have an error."""
 
-    def columns(self, coefficient: int) -> slice:
+    @property
+    def alike(self) -> Flags:
+        """Sets of several units."""
+        return np.array([members.sum() > 1 for members in self.sets])
+
+    def columns(self, coefficient: int) -> Ints:
         """Columns of one of the chosen coefficients, by set."""
-        step = len(self.chosen)
-        return slice(self.first + coefficient, self.first + len(self.sets) * step, step)
+        return self.first + coefficient + len(self.chosen) * np.arange(len(self.sets))
 
     def coefficients(self, size: Array) -> Array:
         """Coefficients of each unit, shape (U, C), from the size of all columns, shape (Q,)."""
@@ -78,57 +82,45 @@ class Ordinary:
         return len(self.names)
 
 
-class Source(Protocol):
-    """What gives columns by block; a board."""
-
-    def columns(self, effect: LibraryEffect, shape: Shape) -> Any:
-        """Columns of every unit of an effect."""
-        ...
-
-
 def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[str, ErrorScale]) -> Ordinary:
-    """Columns of the ordinary errors.
+    """Columns of the ordinary errors of a board, with their published ranges by effect.
 
-    Args:
-        board: Blocks, views and robot.
-        library: Effects that errors are units of, those left out as causes too: nominal models err all the same.
-        scales: Published ranges, by effect.
+    Effects that are left out of the library as causes belong in here too: nominal models err all the same.
     """
     parts: list[list[Array]] = [[] for _ in board.blocks]
     numbers: list[list[int]] = [[] for _ in board.blocks]
     names: list[str] = []
     kinds: list[ErrorKind] = []
     sizes: list[float] = []
+
+    def add(name: str, size: float, by_block: Mapping[int, Array]) -> None:
+        for number, x in by_block.items():
+            if x.any():
+                parts[number].append(x * size)
+                numbers[number].append(len(names))
+        names.append(name)
+        sizes.append(size)
+
     for name, given in scales.items():
         effect = library.get(name)
         if effect is None or not effect.show(board.views):
             continue
         scale = np.array([given.scales.get(c.name, 0.0) for c in effect.coefficients])
-        columns = board.columns(effect, given.at)
-        sets = error_sets(board.robot, effect)
-        chosen = np.flatnonzero(scale > 0.0)
-        first = len(names)
-        kinds.append(ErrorKind(effect, given.at, first, tuple(sets), chosen))
-        names += [name] * (len(sets) * len(chosen))
-        sizes += [scale[k] * (given.alike if m.sum() > 1 else 1.0) for m in sets for k in chosen]
-        for number, (units, x) in enumerate(zip(columns.units, columns.x, strict=True)):
-            for i, members in enumerate(sets):
-                if not members[units].any():
-                    continue
-                summed = x[:, members[units]].sum(axis=1)
-                there = [k for k, p in enumerate(chosen) if summed[:, p].any()]
-                parts[number] += [summed[:, chosen[k]] * sizes[first + i * len(chosen) + k] for k in there]
-                numbers[number] += [first + i * len(chosen) + k for k in there]
+        columns, chosen = board.columns(effect, given.at), np.flatnonzero(scale > 0.0)
+        kinds.append(ErrorKind(effect, given.at, len(names), tuple(error_sets(board.robot, effect)), chosen))
+        for members in kinds[-1].sets:
+            summed = {
+                number: x[:, members[units]].sum(axis=1)
+                for number, (units, x) in enumerate(zip(columns.units, columns.x, strict=True))
+                if members[units].any()
+            }
+            for k in chosen:
+                size = scale[k] * (given.alike if members.sum() > 1 else 1.0)
+                add(name, size, {number: x[:, k] for number, x in summed.items()})
+    loads = [(n, b) for n, b in enumerate(board.blocks) if b.channel == Channel.SET_POINT_TO_LOAD]
     for own in _own_numbers(board):
-        first = len(names)
-        names += ["nominal"] * board.robot.n_joints
-        sizes += [1.0] * board.robot.n_joints
-        for number, block in enumerate(board.blocks):
-            if block.channel == Channel.SET_POINT_TO_LOAD:
-                x = board.prepared(number, own[:, block.row])
-                if np.any(x):
-                    parts[number].append(x)
-                    numbers[number].append(first + block.row)
+        for joint in range(board.robot.n_joints):
+            add("nominal", 1.0, {n: b.cleaned(own[b.samples, joint]) for n, b in loads if b.row == joint})
     return Ordinary(
         tuple(
             np.stack(p, axis=1).astype(np.float64) if p else np.zeros((len(b.y), 0))

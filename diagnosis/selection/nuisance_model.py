@@ -10,12 +10,12 @@ import numpy as np
 
 from diagnosis.channels.channel_view import Array, Shape
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library.base import LibraryEffect, Location
+from diagnosis.library.base import LibraryEffect, Location, acts_last
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.fitted import corrected_model, without_fold
+from diagnosis.selection.fitted import joint_words
 from diagnosis.selection.nuisance import ErrorKind
 from diagnosis.selection.places import Robot
-from diagnosis.selection.scoring import Scored
+from diagnosis.selection.scoring import Scored, by_term
 from spot_model.effects.base import Effect, ModelEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
@@ -25,13 +25,9 @@ SMALLEST = 0.02
 
 
 def with_errors(model: RobotModel, board: Board, pulls: Array, effects: Container[str] | None = None) -> RobotModel:
-    """The model with the ordinary errors that change how the robot moves, within the bounds of each parameter.
+    """The model with ordinary errors that change how the robot moves, within the bounds of each parameter.
 
-    Args:
-        model: Without them.
-        board: Has their columns.
-        pulls: Each in its usual size, shape (Q,).
-        effects: Names of those that are added; None for all.
+    ``pulls`` are in usual sizes, shape (Q,); ``effects`` names those that are added, None for all.
     """
     size = pulls * board.ordinary.scale
     for kind in board.ordinary.kinds:
@@ -42,13 +38,9 @@ def with_errors(model: RobotModel, board: Board, pulls: Array, effects: Containe
 
 
 def size_of_errors(board: Board, pulls: Array) -> float:
-    """How large a robot's ordinary errors are, in published standard deviations.
+    """How large a robot's ordinary errors (in usual sizes, shape (Q,)) are, in published standard deviations.
 
     The geometric mean over kinds that act in closed loops, so that a fault which one kind takes up hardly counts.
-
-    Args:
-        board: Has their columns.
-        pulls: Each in its usual size, shape (Q,).
     """
     size = np.abs(pulls) * board.ordinary.scale / board.ordinary.published
     names = np.array(board.ordinary.names)
@@ -58,22 +50,19 @@ def size_of_errors(board: Board, pulls: Array) -> float:
 
 
 def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None = None) -> RobotModel:
-    """The nominal model with this robot's ordinary errors and the effects.
-
-    Args:
-        nominal: The model.
-        board: The evidence.
-        scored: Effects, maybe none, fitted beside the errors.
-        fold: Fitted without it; None for everything.
+    """The nominal model with this robot's ordinary errors and the effects, as fitted without a fold or to everything.
 
     Raises:
         BadInputError: A value is out of its effect's bounds.
     """
-    pulls = scored.pulls if fold is None else scored.fold_pulls[fold]
-    coefficients = None if fold is None else without_fold(scored, fold)
+    pulls, coefficients = scored.pulls, scored.coefficients
+    if fold is not None:
+        pulls, coefficients = scored.fold_pulls[fold], by_term(scored.terms, scored.spread[fold])
     named = {t.effect.name for t in scored.terms}
     others = {kind.effect.name for kind in board.ordinary.kinds} - named
-    model = corrected_model(with_errors(nominal, board, pulls, others), board.robot, scored, coefficients)
+    model = with_errors(nominal, board, pulls, others)
+    for term, own in sorted(zip(scored.terms, coefficients, strict=True), key=lambda pair: acts_last(pair[0].effect)):
+        model = term.effect.add_to(model, term.effect.values(own, term.shape), joint_words(board.robot, term))
     # Errors of what is a difference here are counted from it: a joint may have less of it than the others.
     return with_errors(model, board, pulls, named)
 
@@ -99,10 +88,7 @@ def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Ar
 def _with_less(model: RobotModel, effect: LibraryEffect, change: Array) -> RobotModel:
     """The model's own effects of a kind lowered where the change is below what an effect added to them can have.
 
-    Args:
-        model: Has effects of the kind, or none.
-        effect: Has one coefficient and is local to joints.
-        change: By joint, shape (12,).
+    The effect has one coefficient and is local to joints; change by joint, shape (12,).
     """
     c = effect.coefficients[0]
     known = {p.name: p for p in effect.effect.parameters()}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Ints
+from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
 from diagnosis.read.recording import Recording
 from spot_model.robot.rotation import projected_gravity
@@ -26,12 +28,16 @@ class Quantities:
         """Take the logs."""
         self.stack = stack
         self._first = stack.starts()
-        self._kept: dict[str, Array] = {}
+        self._of_drive: dict[str, Array] | None = None
 
     def of(self, view: ChannelView, row: int, samples: Ints) -> Table:
         """Quantities at the samples of one row; none for channels whose samples are events or stamps."""
+        joint, leg = int(view.row_joint[row]), int(view.row_leg[row])
         if view.name == Channel.SET_POINT_TO_LOAD:
-            return self._actuator(view, row, samples)
+            if self._of_drive is None:
+                self._of_drive = _drive_signals(view.signals)
+            table = {k: v[samples] if v.ndim == 1 else v[samples, row] for k, v in self._of_drive.items()}
+            return tuple(table), np.stack(list(table.values()), axis=1)
         if view.name not in (
             Channel.LOAD_TO_MOTION,
             Channel.JOINT_RATES,
@@ -41,47 +47,36 @@ class Quantities:
         ):
             return (), np.zeros((len(samples), 0))
         at = self._first[view.run[samples]] + view.state[samples]
-        joint, leg = int(view.row_joint[row]), int(view.row_leg[row])
-        table: dict[str, Array] = {}
-        if joint >= 0:
-            for name, values in self._joint_signals().items():
-                table[name] = values[at, joint]
+        table = {name: v[at, joint] for name, v in self._joint_signals.items()} if joint >= 0 else {}
         legs_joints = np.flatnonzero(view.leg_of_joint == leg) if leg >= 0 else np.zeros(0, dtype=np.intp)
         names = self.stack.recordings[0].joint_names
         for other in legs_joints[legs_joints != joint]:
             kind = names[other].rsplit("_", 1)[-1]
-            table[f"position of {kind}"] = self._joint_signals()["position"][at, other]
-            table[f"torque of {kind}"] = self._joint_signals()["torque"][at, other]
+            table |= {f"{what} of {kind}": self._joint_signals[what][at, other] for what in ("position", "torque")}
         if joint < 0:
-            for name, values in self._body_signals().items():
-                table[name] = values[at]
+            table |= {name: values[at] for name, values in self._body_signals.items()}
         return tuple(table), np.stack(list(table.values()), axis=1)
 
-    def _signal(self, name: str, part: Callable[[Recording], Any]) -> Array:
-        if name not in self._kept:
-            self._kept[name] = self.stack.smooth(self.stack.filled(part))
-        return self._kept[name]
+    def _smooth(self, part: Callable[[Recording], Any]) -> Array:
+        return self.stack.smooth(self.stack.filled(part))
 
+    @cached_property
     def _joint_signals(self) -> dict[str, Array]:
-        velocity = self._signal("velocity", lambda r: r.velocity_rad_s)
-        if "acceleration" not in self._kept:
-            self._kept["acceleration"] = self.stack.rate(self.stack.filled(lambda r: r.velocity_rad_s))
-            self._kept["torque rate"] = self.stack.rate(self.stack.filled(lambda r: r.load_nm))
         return {
-            "position": self._signal("position", lambda r: r.position_rad),
-            "velocity": velocity,
-            "torque": self._signal("torque", lambda r: r.load_nm),
-            "acceleration": self._kept["acceleration"],
-            "torque rate": self._kept["torque rate"],
+            "position": self._smooth(lambda r: r.position_rad),
+            "velocity": self._smooth(lambda r: r.velocity_rad_s),
+            "torque": self._smooth(lambda r: r.load_nm),
+            "acceleration": self.stack.rate(self.stack.filled(lambda r: r.velocity_rad_s)),
+            "torque rate": self.stack.rate(self.stack.filled(lambda r: r.load_nm)),
         }
 
+    @cached_property
     def _body_signals(self) -> dict[str, Array]:
-        velocity = self._signal("body velocity", lambda r: r.linear_vel_of_body_in_odom_m_s)
-        turn = self._signal("turn", lambda r: r.angular_vel_of_body_in_odom_rad_s)
+        velocity = self._smooth(lambda r: r.linear_vel_of_body_in_odom_m_s)
+        turn = self._smooth(lambda r: r.angular_vel_of_body_in_odom_rad_s)
         attitude = self.stack.filled(lambda r: r.odom_from_body_wxyz)
         attitude = np.where(np.abs(attitude).sum(axis=1, keepdims=True) > 0.5, attitude, [1.0, 0.0, 0.0, 0.0])
         lean = projected_gravity(attitude)
-        torque = self._signal("torque", lambda r: r.load_nm)
         return {
             "body speed": np.linalg.norm(velocity[:, :2], axis=1),
             "vertical velocity": velocity[:, 2],
@@ -90,29 +85,21 @@ class Quantities:
             "pitch rate": turn[:, 1],
             "pitch": np.asarray(lean[..., 0]),
             "roll": np.asarray(lean[..., 1]),
-            "total torque": np.abs(torque).sum(axis=1),
+            "total torque": np.abs(self._joint_signals["torque"]).sum(axis=1),
             "time since start": self.stack.state * self.stack.period_s,
         }
 
-    def _actuator(self, view: ChannelView, row: int, samples: Ints) -> Table:
-        s: Any = view.signals
-        kept = self._kept
 
-        def thin(name: str, make: Callable[[], Array]) -> Array:
-            if "A " + name not in kept:
-                kept["A " + name] = make()
-            return kept["A " + name]
-
-        power = thin("power", lambda: np.maximum(s.torque_nm * s.velocity_rad_s, 0.0).sum(axis=1)[s.kept])
-        table = {
-            "position": s.position_rad[s.kept][samples, row],
-            "velocity": thin("velocity", lambda: s.finish(s.velocity_rad_s))[samples, row],
-            "torque": thin("torque", lambda: s.finish(s.torque_nm))[samples, row],
-            "acceleration": thin("acceleration", lambda: s.finish_rate(s.velocity_rad_s))[samples, row],
-            "torque rate": thin("rate", lambda: s.finish_rate(s.torque_nm))[samples, row],
-            "total power": power[samples],
-            "time since start": (s.stack.state * s.stack.period_s)[s.kept][samples],
-            "torque history": thin("heat", lambda: s.integrated(s.load_nm**2, HEAT_S)[s.kept])[samples, row],
-            "time since set-point": np.minimum(s.command_age_s, LATEST_S)[s.kept][samples],
-        }
-        return tuple(table), np.stack(list(table.values()), axis=1)
+def _drive_signals(s: ActuatorSignals) -> dict[str, Array]:
+    power = np.maximum(s.torque_nm * s.velocity_rad_s, 0.0).sum(axis=1)
+    return {
+        "position": s.position_rad[s.kept],
+        "velocity": s.finish(s.velocity_rad_s),
+        "torque": s.finish(s.torque_nm),
+        "acceleration": s.finish_rate(s.velocity_rad_s),
+        "torque rate": s.finish_rate(s.torque_nm),
+        "total power": power[s.kept],
+        "time since start": (s.stack.state * s.stack.period_s)[s.kept],
+        "torque history": s.integrated(s.load_nm**2, HEAT_S)[s.kept],
+        "time since set-point": np.minimum(s.command_age_s, LATEST_S)[s.kept],
+    }

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve
 
-from diagnosis.channels.channel_view import Array, Ints, Shape
+from diagnosis.channels.channel_view import Array, Shape
 from diagnosis.library.base import LibraryEffect
-from diagnosis.selection.evidence import Board, Columns
-from diagnosis.selection.normal_equations import OrdinarySums, solve_bounded, solved, tried_by_fold
+from diagnosis.selection.evidence import Board, key_of
+from diagnosis.selection.normal_equations import OrdinarySums, Tried, solve_bounded, solved, tried_by_fold
 
 ROUNDS: Final = 4
 """Rounds of weights and fit: weights follow the residuals."""
@@ -74,48 +74,22 @@ def without(scored: Scored, which: int) -> Scored:
     )
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    beta: Array
-    pulls: Array
-    fold_pulls: Array
-    spread: Array
-    held_out: Array
-    explained: Array
-    weights: Array
-
-
 def bounds(effects: Sequence[LibraryEffect]) -> tuple[Array, Array]:
     """Bounds of all coefficients, end to end."""
     cs = [c for e in effects for c in e.coefficients]
     return np.array([c.low for c in cs], dtype=np.float64), np.array([c.high for c in cs], dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class _Cross:
-    """Products of one block's columns of a candidate: with [ordinary, y] and with themselves, by fold."""
+class Crosses(NamedTuple):
+    """Products of one block's columns of a candidate, uP of them: with [ordinary errors, y] and with themselves."""
 
     base: Array
-    """Shape (F, uP, q + 1)."""
+    """By fold, shape (F, uP, q + 1)."""
     own: Array
-    """Shape (F, uP, uP)."""
+    """By fold, shape (F, uP, uP)."""
     whole_base: Array
     """Over all folds."""
     whole_own: Array
-
-    @staticmethod
-    def of(base: Array, own: Array) -> _Cross:
-        """With the sums over the folds."""
-        return _Cross(base, own, base.sum(axis=0), own.sum(axis=0))
-
-
-@dataclass(frozen=True)
-class _WithOwn:
-    """Products of one block's columns of the terms and of a candidate."""
-
-    by_fold: Array
-    """Shape (F, K, uP)."""
-    whole: Array
 
 
 class Scorer:
@@ -131,13 +105,10 @@ class Scorer:
         """By block, whether any term shows there."""
         self.own_base = [board.products(n, x) for n, x in enumerate(self.own)]
         self.own_own = [board.products_of(n, x, x) for n, x in enumerate(self.own)]
-        self._own_cross: dict[tuple[object, ...], list[_WithOwn]] = {}
-        self._tried, _ = tried_by_fold(self.own_base, self.own_own)
-        fitted = self._fit(self.own_base, self.own_own, self.low, self.high)
-        self.weights = fitted.weights
-        self.now = self._scored(self.terms, fitted)
-
-    # ---- one model, exactly
+        self._own_cross: dict[tuple[object, ...], list[tuple[Array, Array]]] = {}
+        self._tried, by_fold = tried_by_fold(self.own_base, self.own_own)
+        self.now, self.weights = _fitted(board, self.terms, self._tried, by_fold)
+        self._by_weights: tuple[bytes, tuple[Any, ...]] = (b"", ())
 
     def scored(self, effect: LibraryEffect, shape: Shape, place: Array) -> Scored:
         """The terms and one candidate, fitted."""
@@ -157,15 +128,12 @@ class Scorer:
             if part is not None:
                 spread = _spread(place[units], size)
                 ours[:, k:] = spread.T @ part.base
-                mixed = own[number].by_fold @ spread
+                mixed = own[number][0] @ spread
                 square[:, :k, k:], square[:, k:, :k] = mixed, np.swapaxes(mixed, 1, 2)
                 square[:, k:, k:] = spread.T @ part.own @ spread
             base.append(ours)
             both.append(square)
-        low_bound, high_bound = bounds([effect])
-        low, high = np.concatenate([self.low, low_bound]), np.concatenate([self.high, high_bound])
-        fitted = self._fit(base, both, low, high)
-        return self._scored((*self.terms, Placed(effect, shape, place)), fitted), fitted.weights
+        return _fitted(self.board, (*self.terms, Placed(effect, shape, place)), *tried_by_fold(base, both))
 
     def residuals(self, cap: float = np.inf) -> list[Array]:
         """What the terms and the ordinary errors leave in each block, those held to so many usual sizes."""
@@ -177,92 +145,37 @@ class Scorer:
             for b, x, z, numbers in zip(self.board.blocks, self.own, ordinary.x, ordinary.numbers, strict=True)
         ]
 
-    def _fit(self, base: list[Array], both: list[Array], low: Array, high: Array) -> _Fitted:
-        board = self.board
-        sums = sums_of(board)
-        tried, by_fold = tried_by_fold(base, both)
-        weights = board.dof / (sums.total.yy + board.tolerance_square)
-        for _ in range(ROUNDS):
-            pulls, beta = solved(sums, sums.total, tried, weights, low, high)
-            left, explained = sums.squares(sums.total, tried, pulls, beta)
-            # Ordinary errors too are formulas: what they explain is as uncertain as what an effect explains.
-            weights = board.dof / (left + board.tolerance_square + board.relative_square * explained)
-        pulls, beta = solved(sums, sums.total, tried, weights, low, high)
-        _, explained = sums.squares(sums.total, tried, pulls, beta)
-        held_out = np.zeros(len(board.blocks))
-        spread = np.zeros((board.n_folds, len(low)))
-        fold_pulls = np.zeros((board.n_folds, sums.size))
-        for fold, own in enumerate(by_fold):
-            fold_pulls[fold], spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high)
-            held_out += sums.squares(sums.folds[fold], own, fold_pulls[fold], spread[fold])[0]
-        return _Fitted(beta, pulls, fold_pulls, spread, held_out, explained, weights)
-
-    def _scored(self, terms: tuple[Placed, ...], fitted: _Fitted) -> Scored:
-        board = self.board
-        tolerance = board.tolerance_square + board.relative_square * fitted.explained
-        by_block = -0.5 * board.dof * np.log(fitted.held_out + tolerance)
-        cost = 0.5 * float(fitted.pulls @ fitted.pulls)
-        if terms:
-            null = null_of(board)
-            by_block = by_block - null.by_block
-            cost -= 0.5 * float(null.pulls @ null.pulls)
-        parts, at = [], 0
-        for term in terms:
-            size = len(term.effect.coefficients)
-            parts.append(fitted.beta[at : at + size])
-            at += size
-        score = float(by_block.sum()) - cost
-        return Scored(
-            terms,
-            tuple(parts),
-            fitted.spread,
-            score,
-            by_block,
-            fitted.held_out,
-            fitted.pulls,
-            fitted.fold_pulls,
-            fitted.explained,
-        )
-
-    # ---- many places at once, with weights that are given
-
-    def crosses(self, effect: LibraryEffect, shape: Shape) -> list[_Cross | None]:
+    def crosses(self, effect: LibraryEffect, shape: Shape) -> list[Crosses | None]:
         """By block the products of a candidate's columns; kept on the board."""
-        key = ("cross", effect.name, *sorted(shape.items()))
+        key = ("cross", *key_of(effect, shape))
         if key not in self.board.kept:
-            columns = self.board.columns(effect, shape)
-            found: list[_Cross | None] = []
-            for number, x in enumerate(columns.x):
-                flat = x.reshape(len(x), -1)
-                found.append(
-                    _Cross.of(self.board.products(number, flat), self.board.products_of(number, flat, flat))
-                    if flat.shape[1]
-                    else None
-                )
+            found: list[Crosses | None] = []
+            for number, flat in enumerate(self.board.columns(effect, shape).flat()):
+                base, own = self.board.products(number, flat), self.board.products_of(number, flat, flat)
+                found.append(Crosses(base, own, base.sum(axis=0), own.sum(axis=0)) if flat.shape[1] else None)
             self.board.kept[key] = found
-        kept: list[_Cross | None] = self.board.kept[key]
+        kept: list[Crosses | None] = self.board.kept[key]
         return kept
 
-    def _crosses_with_own(self, effect: LibraryEffect, shape: Shape) -> list[_WithOwn]:
-        """By block the products of the terms' columns and the candidate's."""
-        key = (effect.name, *sorted(shape.items()))
+    def _crosses_with_own(self, effect: LibraryEffect, shape: Shape) -> list[tuple[Array, Array]]:
+        """By block the products of the terms' columns and the candidate's: by fold (F, K, uP), and over all folds."""
+        key = key_of(effect, shape)
         if key not in self._own_cross:
-            columns = self.board.columns(effect, shape)
-            found = [self._with_own(number, x.reshape(len(x), -1)) for number, x in enumerate(columns.x)]
-            self._own_cross[key] = [_WithOwn(x, x.sum(axis=0)) for x in found]
+            found = []
+            for number, flat in enumerate(self.board.columns(effect, shape).flat()):
+                product = np.zeros((self.board.n_folds, len(self.low), flat.shape[1]))
+                if self._is_touched[number]:
+                    product = self.board.products_of(number, self.own[number], flat)
+                found.append((product, product.sum(axis=0)))
+            self._own_cross[key] = found
         return self._own_cross[key]
-
-    def _with_own(self, number: int, x: Array) -> Array:
-        if not self._is_touched[number]:
-            return np.zeros((self.board.n_folds, len(self.low), x.shape[1]))
-        return self.board.products_of(number, self.own[number], x)
 
     def gains(self, effect: LibraryEffect, shape: Shape, places: Array, weights: Array) -> Array:
         """What the candidate takes off the weighted squares at each place (L, U) beside the terms; shape (L,), nats."""
         board, columns = self.board, self.board.columns(effect, shape)
         cross, with_own = self.crosses(effect, shape), self._crosses_with_own(effect, shape)
-        size, n_units, k = len(effect.coefficients), places.shape[1], len(self.low)
-        width = k + n_units * size
+        size, k = len(effect.coefficients), len(self.low)
+        width = k + places.shape[1] * size
         gram, mixed = np.zeros((width, width)), np.zeros((width, board.ordinary.size))
         right = np.zeros(width)
         factor, right_ordinary, own_gram, own_mixed, own_right = self._weighted(weights)
@@ -277,7 +190,7 @@ class Scorer:
             mixed[columns_at[:, None], at] += base[:, :-1]
             gram[columns_at[:, None], columns_at] += weights[number] * part.whole_own
             if k:
-                both = weights[number] * with_own[number].whole
+                both = weights[number] * with_own[number][1]
                 gram[np.arange(k)[:, None], columns_at] += both
                 gram[columns_at[:, None], np.arange(k)] += both.T
         solved = cho_solve(factor, np.concatenate([mixed.T, right_ordinary[:, None]], axis=1))
@@ -293,20 +206,72 @@ class Scorer:
         beta = solve_bounded(small, small_right, np.concatenate([self.low, low]), np.concatenate([self.high, high]))
         return np.asarray(np.einsum("li,li->l", small_right, beta) - 0.5 * np.einsum("li,lij,lj->l", beta, small, beta))
 
-    def _weighted(self, weights: Array) -> tuple[tuple[Array, bool], Array, Array, Array, Array]:
+    def _weighted(self, weights: Array) -> tuple[Any, ...]:
         """The ordinary errors' system under some weights, and the terms' part; the last one is kept."""
         key = weights.tobytes()
-        if getattr(self, "_key", None) != key:
+        if self._by_weights[0] != key:
             sums, tried = sums_of(self.board), self._tried
-            self._kept = (
+            found = (
                 sums.system(sums.total, weights),
                 weights @ sums.total.with_y,
                 np.tensordot(weights, tried.own, 1),
                 sums.mixed(tried.by_row, weights).T,
                 weights @ tried.with_y,
             )
-            self._key = key
-        return self._kept
+            self._by_weights = key, found
+        return self._by_weights[1]
+
+
+def _fitted(board: Board, terms: tuple[Placed, ...], tried: Tried, by_fold: list[Tried]) -> tuple[Scored, Array]:
+    """Terms and ordinary errors, fitted and scored, and the blocks' weights that belong to them."""
+    sums, (low, high) = sums_of(board), bounds([t.effect for t in terms])
+    weights = board.dof / (sums.total.yy + board.tolerance_square)
+    for _ in range(ROUNDS):
+        pulls, beta = solved(sums, sums.total, tried, weights, low, high)
+        # Ordinary errors too are formulas: what they explain is as uncertain as what an effect explains.
+        weights = weights_of(board, *sums.squares(sums.total, tried, pulls, beta))
+    found = fitted_under(board, terms, tried, by_fold, weights)
+    tolerance = board.tolerance_square + board.relative_square * found.explained
+    by_block = -0.5 * board.dof * np.log(found.held_out + tolerance)
+    cost = 0.5 * float(found.pulls @ found.pulls)
+    if terms:
+        null = null_of(board)
+        by_block = by_block - null.by_block
+        cost -= 0.5 * float(null.pulls @ null.pulls)
+    return replace(found, score=float(by_block.sum()) - cost, by_block=by_block), weights
+
+
+def weights_of(board: Board, left: Array, explained: Array) -> Array:
+    """What a block counts, from the mean squares that are left and explained in it; each shape (B,)."""
+    return np.asarray(board.dof / (left + board.tolerance_square + board.relative_square * explained))
+
+
+def fitted_under(
+    board: Board,
+    terms: tuple[Placed, ...],
+    tried: Tried,
+    by_fold: Sequence[Tried],
+    weights: Array,
+    precision: Array | float = 1.0,
+) -> Scored:
+    """Terms and ordinary errors under given weights, fitted to all folds and without each; not scored.
+
+    ``tried`` and ``by_fold`` are products of their columns, ``precision`` that of the ordinary errors' priors (Q,).
+    """
+    sums, (low, high) = sums_of(board), bounds([t.effect for t in terms])
+    pulls, beta = solved(sums, sums.total, tried, weights, low, high, precision)
+    held_out = np.zeros(len(board.blocks))
+    spread, fold_pulls = np.zeros((board.n_folds, len(low))), np.zeros((board.n_folds, sums.size))
+    for fold, own in enumerate(by_fold):
+        fold_pulls[fold], spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high, precision)
+        held_out += sums.squares(sums.folds[fold], own, fold_pulls[fold], spread[fold])[0]
+    explained = sums.squares(sums.total, tried, pulls, beta)[1]
+    return Scored(terms, by_term(terms, beta), spread, 0.0, np.zeros(0), held_out, pulls, fold_pulls, explained)
+
+
+def by_term(terms: Sequence[Placed], beta: Array) -> tuple[Array, ...]:
+    """Coefficients that stand end to end, by term."""
+    return tuple(np.split(beta, np.cumsum([len(t.effect.coefficients) for t in terms]))[:-1])
 
 
 def sums_of(board: Board) -> OrdinarySums:
@@ -327,24 +292,14 @@ def null_of(board: Board) -> Scored:
 
 def term_columns(board: Board, terms: Sequence[Placed]) -> list[Array]:
     """By block the columns of all terms, end to end; shape (m, K)."""
-    return [
-        np.concatenate(
-            [np.zeros((len(b.y), 0)), *(place_columns(board.columns(t.effect, t.shape), n, t.place) for t in terms)],
-            axis=1,
-        )
-        for n, b in enumerate(board.blocks)
-    ]
-
-
-def place_columns(columns: Columns, number: int, place: Array) -> Array:
-    """Columns of a block at a set of units, shape (m, P)."""
-    x = columns.x[number]
-    return np.asarray(np.einsum("mup,u->mp", x, place[columns.units[number]]), dtype=np.float64)
+    parts = [[np.zeros((len(block.y), 0))] for block in board.blocks]
+    for term in terms:
+        columns = board.columns(term.effect, term.shape)
+        for part, units, x in zip(parts, columns.units, columns.x, strict=True):
+            part.append(np.einsum("mup,u->mp", x, term.place[units]).astype(np.float64))
+    return [np.concatenate(part, axis=1) for part in parts]
 
 
 def _spread(place: Array, size: int) -> Array:
     """From columns of units (uP) to those of the place (P), shape (uP, P)."""
     return np.asarray((place[:, None, None] * np.eye(size)).reshape(-1, size))
-
-
-__all__ = ["Ints", "Placed", "Scored", "Scorer", "bounds", "place_columns"]

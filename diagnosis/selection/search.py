@@ -54,53 +54,37 @@ class Selection:
 
 
 def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
-    """Choose effects.
-
-    Args:
-        board: The channels.
-        library: What is tried.
-        say: Where progress goes.
-    """
+    """Choose effects of a library; progress goes to ``say``."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     first = ranked(board, (), usable)
     # What shows nothing alone, whatever the price of its numbers, is not looked for beside others.
     promising = {e.name: e for r in first if r.scored.score > LEAST_NATS for e in [r.scored.terms[-1].effect]}
-    terms: tuple[Placed, ...] = ()
     best: Scored | None = None
-    value = 0.0
-    candidates = first
-    while len(terms) < MAX_EFFECTS and candidates and candidates[0].value - value > LEAST_NATS_TO_TRY:
+    value, candidates = 0.0, first
+    while candidates and candidates[0].value - value > LEAST_NATS_TO_TRY:
         best, value = candidates[0].scored, candidates[0].value
-        terms = best.terms
-        say(f"+ {terms[-1].effect.name}: {value:.0f} nats")
-        if len(terms) > 1:
+        say(f"+ {best.terms[-1].effect.name}: {value:.0f} nats")
+        if len(best.terms) > 1:
             best, value = _swapped(board, best, value, promising)
-            terms = best.terms
-        candidates = ranked(board, terms, beside(promising, terms))
+        if len(best.terms) == MAX_EFFECTS:
+            break
+        candidates = ranked(board, best.terms, beside(promising, best.terms))
     if best is None:
         return Selection(None, (), (), first)
-    kept = _pruned(board, best)
-    return selection_of(board, kept, first, library)
+    best = _pruned(board, best)
+    return selection_of(board, best, first, library)
 
 
 def selection_of(board: Board, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]) -> Selection:
-    """What each of a set of effects adds to the others, and its rivals.
-
-    Args:
-        board: The channels.
-        best: The effects, fitted.
-        first: All effects alone, best first.
-        library: Where rivals come from.
-    """
+    """What each of the fitted effects adds to the others, and its rivals from the library; ``first`` are all alone."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
+    near = _near(first, board) | {t.effect.name for t in best.terms}
     rivals, gains = [], []
     for i in range(len(best.terms)):
         others = best.terms[:i] + best.terms[i + 1 :]
-        near = _near(first, board) | {t.effect.name for t in best.terms}
         around = beside({n: e for n, e in usable.items() if n in near}, others)
-        ranking = ranked(board, others, around) if others else tuple(first)
-        gains.append(best.score - price(best.terms, board) - _value(board, others))
-        rivals.append(ranking)
+        rivals.append(ranked(board, others, around) if others else tuple(first))
+        gains.append(_worth(best, board) - _value(board, others))
     return Selection(best, tuple(gains), tuple(rivals), tuple(first))
 
 
@@ -115,7 +99,7 @@ def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryE
     """Every effect beside the terms at its best place and shape, best first."""
     scorer = Scorer(board, terms)
     found: list[Rival] = []
-    top = there = scorer.now.score - price(terms, board) if terms else 0.0
+    top = there = _worth(scorer.now, board) if terms else 0.0
     for effect in library.values():
         rival = best_of(scorer, effect, there + WORTH_SHARE * (top - there))
         if rival is not None:
@@ -125,12 +109,9 @@ def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryE
 
 
 def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Rival | None:
-    """The effect at its best place and shape, or None where it shows nowhere.
+    """The effect at its best place and shape beside the scorer's terms, or None where it shows nowhere.
 
-    Args:
-        scorer: Has the other terms.
-        effect: What to place.
-        worth: Value under which the best coarse shape and natural place are good enough.
+    Under the value ``worth`` the best coarse shape and natural place are good enough.
     """
     board = scorer.board
     everywhere = np.ones(board.robot.n_joints, dtype=np.bool_)
@@ -149,7 +130,7 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Ri
         if best is not None:
             place = _grown(scorer, effect, shape, place, weights)
         scored, weights = scorer.with_weights(effect, shape, place)
-        rival = Rival(scored, scored.score - price(scored.terms, board))
+        rival = Rival(scored, _worth(scored, board))
         if best is not None and rival.value <= best.value:
             break
         best = rival
@@ -187,26 +168,26 @@ def _best_by_weights(
         attempt(shape, places)
     again = sorted(shapes, key=lambda s: -tried[tuple(sorted(s.items()))])[:SHAPES_AGAIN]
     for _ in range(ROUNDS):
-        moved = False
-        for shape in effect.refined(best[2]):
-            moved |= attempt(shape, best[1][None])
-        if not moved:
+        moved = [attempt(shape, best[1][None]) for shape in effect.refined(best[2])]
+        if not any(moved):
             break
     return best[2], best[1], again
 
 
 def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, weights: Array) -> Array:
     """Add or drop one unit at a time while that pays for itself."""
-    robot = scorer.board.robot
-    natural = robot.places(effect)
+    natural = scorer.board.robot.places(effect)
+
+    def values_of(options: Array) -> Array:
+        return scorer.gains(effect, shape, options, weights) - PER_UNIT * _distances(options, natural)
+
     if len(place) == 1 or effect.singly:
         return place
-    value = float(scorer.gains(effect, shape, place[None], weights)[0]) - PER_UNIT * _distance(place, natural)
+    value = float(values_of(place[None])[0])
     for _ in range(len(place)):
         options = np.abs(place[None] - np.eye(len(place)))
         options = options[options.any(axis=1)]
-        values = scorer.gains(effect, shape, options, weights)
-        values = values - PER_UNIT * np.array([_distance(o, natural) for o in options])
+        values = values_of(options)
         at = int(np.argmax(values))
         if values[at] <= value + 1e-6:
             break
@@ -224,21 +205,25 @@ def _near(first: Sequence[Rival], board: Board) -> set[str]:
     return names
 
 
-def _distance(place: Array, natural: Array) -> float:
-    return float(np.abs(natural - place[None]).sum(axis=1).min())
+def _distances(places: Array, natural: Array) -> Array:
+    """Of each place, units by which it differs from the nearest natural set; (L, U) to (L,)."""
+    return np.asarray(np.abs(natural - places[:, None]).sum(axis=2).min(axis=1))
 
 
 def price(terms: Sequence[Placed], board: Board) -> float:
     """Nats that a set of effects costs: its free numbers, and joints that are no natural set."""
     return sum(
-        PER_PARAMETER * t.n_parameters + PER_UNIT * _distance(t.place, board.robot.places(t.effect)) for t in terms
+        PER_PARAMETER * t.n_parameters + PER_UNIT * float(_distances(t.place[None], board.robot.places(t.effect))[0])
+        for t in terms
     )
 
 
+def _worth(scored: Scored, board: Board) -> float:
+    return scored.score - price(scored.terms, board)
+
+
 def _value(board: Board, terms: Sequence[Placed]) -> float:
-    if not terms:
-        return 0.0
-    return Scorer(board, terms).now.score - price(terms, board)
+    return _worth(Scorer(board, terms).now, board) if terms else 0.0
 
 
 def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
@@ -246,10 +231,8 @@ def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, Lib
     before, last = value, len(best.terms) - 1
     for i in range(len(best.terms)):
         others = best.terms[1:]
-        if i == last and value == before:
-            best = Scorer(board, (*others, best.terms[0])).now
-            break
-        ranking = ranked(board, others, beside(library, others))
+        is_same = i == last and value == before
+        ranking = () if is_same else ranked(board, others, beside(library, others))
         if ranking and ranking[0].value > value:
             best, value = ranking[0].scored, ranking[0].value
         else:
@@ -260,7 +243,7 @@ def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, Lib
 def _pruned(board: Board, best: Scored) -> Scored:
     """Without effects that no longer add enough."""
     while len(best.terms) > 1:
-        value = best.score - price(best.terms, board)
+        value = _worth(best, board)
         losses = [value - _value(board, best.terms[:i] + best.terms[i + 1 :]) for i in range(len(best.terms))]
         weakest = int(np.argmin(losses))
         if losses[weakest] > LEAST_NATS_TO_TRY:

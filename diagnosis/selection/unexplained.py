@@ -41,8 +41,6 @@ class Remainder:
     """By block: share of the residual's square that is predictable in folds that the fit never saw. Shape (B,)."""
     left: Array
     """By block: mean square of the residual, units of the noise. Shape (B,)."""
-    names: tuple[tuple[str, ...], ...]
-    """By block: quantities that were looked at."""
     importance: tuple[Array, ...]
     """By block: of each quantity; sum 1, or all 0."""
 
@@ -59,18 +57,13 @@ def remainder(
 ) -> Remainder:
     """Predict what is left from signals, block by block.
 
-    Args:
-        board: The blocks.
-        stack: The logs.
-        residuals: By block, units of the noise.
-        explained: By block the mean square of what the chosen effects explain: a formula leaves a share of it.
-        explained_nats: What the chosen effects bring.
+    Residuals by block, in units of the noise; ``explained`` is by block the mean square of what the chosen effects
+    explain, of which a formula leaves a share, and ``explained_nats`` what they bring.
     """
     quantities = Quantities(stack)
     n = len(board.blocks)
     nats, shares, left = np.zeros(n), np.zeros(n), np.zeros(n)
-    names: list[tuple[str, ...]] = []
-    importance: list[Array] = []
+    importance = [np.zeros(0)] * n
     tolerance = board.tolerance_square + board.relative_square * explained
     for number, block in enumerate(board.blocks):
         y = residuals[number] * block.weight
@@ -78,22 +71,16 @@ def remainder(
         # Noise alone is 1; what could be gained if all the rest were explained.
         could = 0.5 * board.dof[number] * np.log((left[number] + tolerance[number]) / (1.0 + tolerance[number]))
         if left[number] <= 1.0 or could < MIN_NATS:
-            names.append(())
-            importance.append(np.zeros(0))
             continue
         step = max(1, len(y) // MAX_ROWS)
-        found, x = quantities.of(board.views[block.channel], block.row, block.samples[::step])
-        share, weight = _predictable(x, y[::step], block.fold[::step])
+        _, x = quantities.of(board.views[block.channel], block.row, block.samples[::step])
+        share, importance[number] = _predictable(x, y[::step], block.fold[::step])
         if block.channel in EXACT:
             share = 1.0
         shares[number] = share
         rest = max(left[number] * (1.0 - share), min(1.0, left[number]))
         nats[number] = 0.5 * board.dof[number] * np.log((left[number] + tolerance[number]) / (rest + tolerance[number]))
-        names.append(found)
-        importance.append(weight)
-    return Remainder(
-        tuple(b.channel for b in board.blocks), nats, explained_nats, shares, left, tuple(names), tuple(importance)
-    )
+    return Remainder(tuple(b.channel for b in board.blocks), nats, explained_nats, shares, left, tuple(importance))
 
 
 def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:

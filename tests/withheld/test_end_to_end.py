@@ -65,8 +65,8 @@ def test_a_finished_part_is_resumed_at_once_and_gives_the_same_scores(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Sources that are edited while the tests run are none of this test's business.
-    monkeypatch.setattr("withheld.blind.frozen.protocol_digest", lambda: load_head(run).protocol)
-    monkeypatch.setattr("withheld.blind.frozen.generator_digest", lambda: load_head(run).generator)
+    monkeypatch.setattr("withheld.blind.run_folder.protocol_digest", lambda: load_head(run).protocol)
+    monkeypatch.setattr("withheld.blind.run_folder.generator_digest", lambda: load_head(run).generator)
     before = (run / "scores.json").read_text()
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
     assert done.exit_code == 0, done.exception
@@ -102,7 +102,7 @@ def test_a_case_is_shown(run: Path) -> None:
 
 @pytest.mark.slow
 def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("withheld.blind.frozen.protocol_digest", lambda: "another")
+    monkeypatch.setattr("withheld.blind.run_folder.protocol_digest", lambda: "another")
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
     assert isinstance(done.exception, BadInputError)
     assert "start anew" in str(done.exception)

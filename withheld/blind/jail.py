@@ -173,18 +173,14 @@ def _paths() -> list[str]:
 
 def _shown() -> tuple[list[tuple[str, str]], list[str]]:
     """What exists inside, and folders that appear empty: installed packages, but of ours only what diagnoses."""
-    hidden: list[str] = []
-    wanted = [p for p in SYSTEM if Path(p).exists()]
-    for entry in [sys.base_prefix, sys.prefix, *_paths()]:
-        has_banned = [str(Path(entry) / name) for name in BANNED if (Path(entry) / name).is_dir()]
-        hidden += has_banned
-        wanted.append(entry)
-    wanted += [f"{_home_of_ours()}/{package}" for package in OURS]
+    installed = [sys.base_prefix, sys.prefix, *_paths()]
+    hidden = {str(banned) for entry in installed for name in BANNED if (banned := Path(entry) / name).is_dir()}
+    ours = [f"{_home_of_ours()}/{package}" for package in OURS]
     kept: list[str] = []
-    for path in wanted:
+    for path in [*(p for p in SYSTEM if Path(p).exists()), *installed, *ours]:
         if not any(path == k or path.startswith(k + "/") for k in kept):
             kept.append(path)
-    return [(path, path) for path in kept], sorted(set(hidden))
+    return [(path, path) for path in kept], sorted(hidden)
 
 
 def _home_of_ours() -> str:

@@ -1,4 +1,4 @@
-"""A run's folder: what all its cases have in common, and the seed until it is published."""
+"""A run's folder: the frozen protocol that all its cases have in common, and the seed until it is published."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from pydantic import Field, ValidationError
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
-from withheld.blind import frozen
 from withheld.blind.jail import Level
 
 SCHEMA: Final = "spot-rl/withheld-run/3"
 RUN: Final = "run.json"
 SEED_FILE: Final = "seed.json"
+SOURCES: Final = ("*.py", "*.json")
+ROOT: Final = Path(__file__).resolve().parent.parent.parent
+DIAGNOSES: Final = ("diagnosis", "spot_model", "trainer/sysid")
+GENERATES: Final = ("withheld/plan.py", "withheld/cases", "withheld/realities", "withheld/simulator")
 NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
 
 
@@ -45,6 +48,10 @@ class RunHead(Settings):
     versions: dict[str, str] = Field(default_factory=dict)
     """Of Python and the libraries that decide numbers: with others the last digits, and a close case, may differ."""
 
+    def write(self, out: Path) -> None:
+        """As ``run.json`` of a folder."""
+        (out / RUN).write_text(self.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+
 
 class Secret(Settings):
     """``seed.json``: readable by the generator's user alone; cases can be made again from it."""
@@ -57,10 +64,10 @@ class Secret(Settings):
         """What ``run.json`` says of it."""
         return hashlib.sha256(f"{self.nonce}\n{self.seed}".encode()).hexdigest()
 
-
-def new_secret(seed: int | None) -> Secret:
-    """A given seed, or one of the operating system."""
-    return Secret(seed=secrets.randbits(62) if seed is None else seed, nonce=secrets.token_hex(32))
+    @staticmethod
+    def of(seed: int | None) -> Secret:
+        """A given seed, or one of the operating system."""
+        return Secret(seed=secrets.randbits(62) if seed is None else seed, nonce=secrets.token_hex(32))
 
 
 def start(out: Path, head: RunHead, secret: Secret) -> None:
@@ -77,11 +84,7 @@ def start(out: Path, head: RunHead, secret: Secret) -> None:
     file = out / SEED_FILE
     file.touch(mode=0o600)
     file.write_text(secret.model_dump_json(), encoding="utf-8")
-    _write_head(out, head)
-
-
-def _write_head(out: Path, head: RunHead) -> None:
-    (out / RUN).write_text(head.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+    head.write(out)
 
 
 def begin(
@@ -101,10 +104,10 @@ def begin(
         BadInputError: The folder holds a run, or the part lies outside of it.
     """
     _check_part(part, cases)
-    secret = new_secret(seed)
+    secret = Secret.of(seed)
     head = RunHead(
-        protocol=frozen.protocol_digest(),
-        generator=frozen.generator_digest(),
+        protocol=protocol_digest(),
+        generator=generator_digest(),
         seed_digest=secret.digest,
         policies=policy_digests(policies),
         reality=reality,
@@ -125,7 +128,7 @@ def go_on(out: Path, policies: Path, part: tuple[int, int] | None) -> tuple[RunH
         BadInputError: There is none, or sources or policies are no longer what they were.
     """
     head = load_head(out)
-    now = (frozen.protocol_digest(), frozen.generator_digest(), policy_digests(policies))
+    now = (protocol_digest(), generator_digest(), policy_digests(policies))
     if now != (head.protocol, head.generator, head.policies):
         raise BadInputError(
             f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
@@ -134,7 +137,7 @@ def go_on(out: Path, policies: Path, part: tuple[int, int] | None) -> tuple[RunH
     if part is not None and part != head.part:
         _check_part(part, head.cases)
         head = head.model_copy(update={"part": part})
-        _write_head(out, head)
+        head.write(out)
     return head, secret
 
 
@@ -182,3 +185,30 @@ def versions() -> dict[str, str]:
 def policy_digests(folder: Path) -> dict[str, str]:
     """SHA-256 of each policy."""
     return {p.stem: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.glob("*.onnx"))}
+
+
+def protocol_digest() -> str:
+    """SHA-256 over the sources of the diagnosis, its constants and the effects that it knows; hexadecimal."""
+    return _digest(DIAGNOSES)
+
+
+def generator_digest() -> str:
+    """SHA-256 over the sources that draw and make the cases; hexadecimal."""
+    return _digest(GENERATES)
+
+
+def _digest(parts: tuple[str, ...]) -> str:
+    h = hashlib.sha256()
+    for part in parts:
+        path = ROOT / part
+        h.update(_folder(path) if path.is_dir() else path.read_bytes())
+    return h.hexdigest()
+
+
+def _folder(folder: Path) -> bytes:
+    h = hashlib.sha256()
+    files = sorted({p for pattern in SOURCES for p in folder.rglob(pattern)}, key=lambda p: p.relative_to(folder).parts)
+    for path in files:
+        h.update(f"{path.relative_to(folder).as_posix()}\n{path.stat().st_size}\n".encode())
+        h.update(path.read_bytes())
+    return h.digest()

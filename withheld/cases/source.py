@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from spot_model.errors import BadInputError
 from spot_model.user_code import users_code
@@ -19,32 +19,13 @@ CATALOGUES: Final[Mapping[str, Mapping[str, FaultKind]]] = {"judging": JUDGING, 
 ENTRY_POINT_GROUP: Final = "spot_rl.realities"
 
 
-class Kind(Protocol):
-    """What a draw must know of a kind of fault."""
-
-    @property
-    def family(self) -> str:
-        """As in :class:`withheld.plan.Fault`."""
-        ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Library effects that are a right answer."""
-        ...
-
-    @property
-    def places(self) -> tuple[Any, ...]:
-        """Where it may act."""
-        ...
-
-
 @dataclass(frozen=True)
 class Source:
     """Makes realities."""
 
     name: str
     """A catalogue's name, or ``module:Class``."""
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, FaultKind]
     """What a case may ask for; empty: the reality chooses by itself."""
 
     def make(self, requests: Sequence[FaultRequest], seed: int) -> Reality:
@@ -71,7 +52,7 @@ def source_of(name: str) -> Source:
     """
     if name in CATALOGUES:
         return Source(name, CATALOGUES[name])
-    kinds: Mapping[str, Kind] = getattr(_load(name), "KINDS", {})
+    kinds: Mapping[str, FaultKind] = getattr(_load(name), "KINDS", {})
     return Source(name, kinds)
 
 

@@ -126,10 +126,6 @@ class SensingParameters:
     """Of the load cells' amplifiers."""
     load_gain: Array = field(default_factory=lambda: np.ones(N))
     load_bias_nm: Array = field(default_factory=lambda: np.zeros(N))
-    velocity_filter_hz: Array = field(default_factory=lambda: np.full(N, np.inf))
-    """Corner of a second-order low pass on the reported velocity; infinite for none."""
-    velocity_lag_s_per_rad_s: Array = field(default_factory=lambda: np.zeros(N))
-    """Extra age of the reported position a rad/s of speed: a slow encoder's interpolation."""
     contact_on_n: float = 22.0
     contact_off_n: float = 14.0
     contact_filter_s: float = 0.002

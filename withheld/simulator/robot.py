@@ -45,8 +45,6 @@ class Robot:
     """Changes of the body before it is compiled."""
     model_edits: list[ModelEdit] = field(default_factory=list)
     """Changes of the compiled body."""
-    requests: list[TorquePart] = field(default_factory=list)
-    """What becomes of the servo law's torque before the current loop, in order."""
     motors: list[TorquePart] = field(default_factory=list)
     """What becomes of the motor's torque before it meets the rotor."""
     rotors: list[TorquePart] = field(default_factory=list)

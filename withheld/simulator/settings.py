@@ -21,7 +21,6 @@ class Settings:
     steps_per_state: int = 6
     """Physics steps in the 3 ms between two states."""
     integrator: str = "implicit"
-    cone: str = "elliptic"
     impratio: float = 2.0
     """Stiffness of friction over that of the normal force."""
     contact_stiffness_per_s2: float = 5200.0

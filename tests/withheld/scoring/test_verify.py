@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from spot_model.errors import BadInputError, SpotRlError
 from withheld.blind.ledger import Ledger
-from withheld.blind.run_folder import RunHead, Secret, go_on, load_head, load_secret, new_secret, start
+from withheld.blind.run_folder import RunHead, Secret, go_on, load_head, load_secret, start
 from withheld.blind.seal import Seal, file_digest
 from withheld.command import app
 from withheld.outcome import Outcome
@@ -59,8 +59,8 @@ def test_a_whole_run_is_read(run: Path) -> None:
 
 
 def test_a_part_goes_on_as_that_part(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("withheld.blind.frozen.protocol_digest", lambda: "p")
-    monkeypatch.setattr("withheld.blind.frozen.generator_digest", lambda: "g")
+    monkeypatch.setattr("withheld.blind.run_folder.protocol_digest", lambda: "p")
+    monkeypatch.setattr("withheld.blind.run_folder.generator_digest", lambda: "g")
     part = tmp_path / "part"
     start(part, head().model_copy(update={"part": (2, 5)}), SEED)
     nowhere = tmp_path / "no policies"
@@ -142,8 +142,8 @@ def test_an_empty_folder_says_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_seed_of_the_system_is_a_new_one_each_time() -> None:
-    assert len({new_secret(None).seed for _ in range(10)}) == 10
-    assert new_secret(7).seed == 7
+    assert len({Secret.of(None).seed for _ in range(10)}) == 10
+    assert Secret.of(7).seed == 7
 
 
 def test_the_same_outcomes_give_the_same_scores(run: Path) -> None:

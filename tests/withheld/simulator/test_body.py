@@ -8,7 +8,7 @@ import pytest
 
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS
-from withheld.realities.calibrating import ground
+from withheld.realities.calibrating import body as calibrating_body
 from withheld.realities.fault_kind import Ask, Draw, flags_of
 from withheld.realities.judging import body, outside
 from withheld.simulator.mechanics.body import build_model
@@ -31,11 +31,11 @@ def model_with(
 
 
 def test_soft_and_slippery_ground() -> None:
-    soft, stated = model_with(ground.soft, 1.0, KNEES)
+    soft, stated = model_with(calibrating_body.soft, 1.0, KNEES)
     plain, _ = model_with(None)
     assert 0.0 > soft.geom("fl_foot").solref[0] > plain.geom("fl_foot").solref[0]
     assert stated["ground_compliance.time_constant_s"] > 0.0
-    slippery, stated = model_with(ground.slippery, 0.5, KNEES)
+    slippery, stated = model_with(calibrating_body.slippery, 0.5, KNEES)
     assert slippery.geom("hr_foot").friction[0] == pytest.approx(0.8 * stated["ground_friction.scale"])
 
 

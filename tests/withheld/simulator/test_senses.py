@@ -8,8 +8,8 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.rotation import rotate_wxyz
+from withheld.realities.calibrating import limits
 from withheld.realities.calibrating import supply as supply_faults
-from withheld.realities.calibrating import thermal
 from withheld.realities.fault_kind import Ask, flags_of
 from withheld.simulator.mechanics.supply import Battery
 from withheld.simulator.mechanics.thermal import Motors
@@ -129,7 +129,7 @@ def test_a_bus_limiter_brings_the_power_down_to_its_bound_and_spares_small_power
 
 def test_hot_motors_lose_torque_while_they_heat_and_cold_ones_do_not() -> None:
     robot = Robot()
-    thermal.hot_motors(Ask(np.random.default_rng(0), 1.0, flags_of(("fl_hy",)))).install(robot)
+    limits.hot_motors(Ask(np.random.default_rng(0), 1.0, flags_of(("fl_hy",)))).install(robot)
     motors = Motors(robot.thermal, robot.drive, 1)
     shares = []
     for _ in range(3000):

@@ -27,7 +27,6 @@ STARTS = (
     "os.posix_spawn",
     "os.system",
     "os.spawn",
-    "os.startfile",
     "os.forkpty",
     "os.fork",
     "pty.spawn",
@@ -36,8 +35,6 @@ STARTS = (
     "socket.sendto",
     "os.kill",
     "os.killpg",
-    "os.putenv",
-    "winreg.ConnectRegistry",
 )
 PATHS = (
     "open",
@@ -90,7 +87,7 @@ def hook(banned: Sequence[str], allowed: Sequence[str]) -> Callable[[str, tuple[
                 path = os.fsdecode(path)
             if isinstance(path, (str, os.PathLike)) and not is_allowed(os.fspath(path)):
                 raise PermissionError(f"{REFUSED} {event} of {path}")
-        elif event in STARTS and event != "os.putenv":
+        elif event in STARTS:
             raise PermissionError(f"{REFUSED} {event}")
 
     return watch

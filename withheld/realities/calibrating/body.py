@@ -1,4 +1,4 @@
-"""Masses that no model knows: bodies of their own, fixed to the robot; and feet that are worn."""
+"""Masses that no model knows: bodies of their own, fixed to the robot; and ground that is slippery or soft."""
 
 from __future__ import annotations
 
@@ -7,11 +7,17 @@ import numpy as np
 
 from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.mjcf_options import MjcfOptions
 from withheld.realities.fault_kind import Ask, Built
+from withheld.simulator.robot import Robot, leg_mask
+from withheld.simulator.settings import Settings
 
 PAYLOAD_KG = 12.0
 PAYLOAD_HALF_M = (0.14, 0.09, 0.06)
 LEG_SHARE = 0.5
+GRIP_LOSS = 0.6
+SOFTER = 2.2
+MORE_DAMPING = 0.3
 LINK_OF = {"hx": "hip", "hy": "uleg", "kn": "lleg"}
 
 
@@ -61,3 +67,28 @@ def add_mass(
     return spec.body(link).add_body(
         name=name, pos=place_m, ipos=np.zeros(3), mass=mass_kg, inertia=inertia_kg_m2, explicitinertial=True
     )
+
+
+def slippery(ask: Ask) -> Built:
+    """Less friction under some feet, or all."""
+    scale = 1.0 - ask.size * GRIP_LOSS
+
+    def install(robot: Robot) -> None:
+        robot.foot_friction = np.where(leg_mask(ask.joints), robot.foot_friction * scale, robot.foot_friction)
+
+    return Built(install, {"ground_friction.scale": scale})
+
+
+def soft(ask: Ask) -> Built:
+    """A mat: contacts that give way further, later, and with more loss."""
+    softer, damped = 1.0 + ask.size * SOFTER, 1.0 + ask.size * MORE_DAMPING
+
+    def install(robot: Robot) -> None:
+        legs = leg_mask(ask.joints)
+        robot.foot_softness = np.where(legs, robot.foot_softness * softer, robot.foot_softness)
+        robot.foot_damping = np.where(legs, robot.foot_damping * damped, robot.foot_damping)
+
+    # MuJoCo's time constant of a contact is 2 over the damping of its direct form.
+    usual_s = 2.0 / Settings().contact_damping_per_s
+    more = usual_s * softer / damped - MjcfOptions().contact_solref[0]
+    return Built(install, {"ground_compliance.time_constant_s": more} if more > 0.0 else {})

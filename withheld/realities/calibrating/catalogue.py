@@ -5,19 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from withheld.realities.calibrating import (
-    body,
-    drive,
-    estimator,
-    friction,
-    ground,
-    limits,
-    outside,
-    sensing,
-    supply,
-    thermal,
-    transport,
-)
+from withheld.realities.calibrating import body, drive, friction, limits, outside, sensing, supply, transport
 from withheld.realities.fault_kind import BODY, JOINT_PLACES, LEG_PLACES, FaultKind
 
 _KINDS: Final = (
@@ -31,7 +19,7 @@ _KINDS: Final = (
     FaultKind("servo_gains", "drive", ("torque_gain",), JOINT_PLACES, drive.servo_gains),
     FaultKind("servo_damping", "drive", ("viscous_friction",), JOINT_PLACES, drive.servo_damping),
     FaultKind("soft_current_limit", "limits", ("torque_limit",), JOINT_PLACES, limits.soft_limit),
-    FaultKind("hot_motors", "thermal", ("thermal_derating",), JOINT_PLACES, thermal.hot_motors),
+    FaultKind("hot_motors", "thermal", ("thermal_derating",), JOINT_PLACES, limits.hot_motors),
     FaultKind("bus_current_limiter", "supply", ("power_limit",), BODY, supply.bus_limit),
     FaultKind("tired_battery", "supply", ("bus_sag", "torque_speed_curve"), BODY, supply.tired_battery),
     FaultKind("slow_queue", "transport", ("command_delay",), BODY, transport.delay),
@@ -40,11 +28,11 @@ _KINDS: Final = (
     FaultKind("encoder_offset", "sensing", ("encoder_offset",), ("joint",), sensing.encoder_offset),
     FaultKind("noisy_sensors", "sensing", ("sensor_noise",), JOINT_PLACES, sensing.noise),
     FaultKind("crooked_imu", "sensing", ("imu_tilt",), BODY, sensing.crooked_imu),
-    FaultKind("lazy_estimator", "estimator", ("velocity_estimate",), BODY, estimator.lazy),
+    FaultKind("lazy_estimator", "estimator", ("velocity_estimate",), BODY, sensing.lazy),
     FaultKind("box_on_the_back", "body", ("payload_mass",), BODY, body.payload),
     FaultKind("boots", "body", ("leg_mass",), ("type", "leg", "all"), body.boots),
-    FaultKind("slippery_ground", "ground", ("ground_friction",), LEG_PLACES, ground.slippery),
-    FaultKind("soft_ground", "ground", ("ground_compliance",), LEG_PLACES, ground.soft),
+    FaultKind("slippery_ground", "ground", ("ground_friction",), LEG_PLACES, body.slippery),
+    FaultKind("soft_ground", "ground", ("ground_compliance",), LEG_PLACES, body.soft),
     *outside.KINDS,
 )
 

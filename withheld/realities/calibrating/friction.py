@@ -6,13 +6,14 @@ import numpy as np
 
 from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import Ask, Built, at
-from withheld.simulator.parts import Motion
+from withheld.simulator.parts import Law, Motion
 from withheld.simulator.robot import Robot
 
 COULOMB_NM = 1.5
 VISCOUS_NM_S_PER_RAD = 0.3
 STRIBECK_NM = 2.0
 GEAR_LOSS = 0.22
+STILL_RAD_S = 0.03
 
 
 def coulomb(ask: Ask) -> Built:
@@ -30,11 +31,12 @@ def viscous(ask: Ask) -> Built:
     """Thick grease: it shears thinner the faster it goes, τ = c·v / (1 + |v|/v₀)."""
     level, thins = ask.size * VISCOUS_NM_S_PER_RAD, float(ask.rng.uniform(25.0, 45.0))
     # At the 4 rad/s of a walking joint, the straight line of a perfect diagnosis.
-    stated = level / (1.0 + 4.0 / thins)
-    return Built(
-        lambda robot: robot.rotors.append(_Grease(at(ask.joints, level), thins)),
-        {"viscous_friction.damping_nm_s_per_rad": stated},
-    )
+    stated, drag = level / (1.0 + 4.0 / thins), at(ask.joints, level)
+
+    def law(torque_nm: Array, m: Motion) -> Array:
+        return torque_nm - drag * m.rotor_rad_s / (1.0 + np.abs(m.rotor_rad_s) / thins)
+
+    return Built(lambda robot: robot.rotors.append(Law(law)), {"viscous_friction.damping_nm_s_per_rad": stated})
 
 
 def stribeck(ask: Ask) -> Built:
@@ -51,42 +53,15 @@ def stribeck(ask: Ask) -> Built:
 
 
 def gear_loss(ask: Ask) -> Built:
-    """A gear that passes a share η of the power on, whichever way it flows."""
+    """A gear that passes a share η of the power on: driving, the motor must bring τ/η; driven, only η·τ reaches it."""
     loss = ask.size * GEAR_LOSS
     back = float(ask.rng.uniform(0.9, 1.1)) * loss
-    return Built(
-        lambda robot: robot.rotors.append(_GearLoss(at(ask.joints, loss), at(ask.joints, back))),
-        {"load_friction.share": 0.5 * (loss + back)},
-    )
+    # As shares of the motor's torque when driving: 1/η − 1 of the load.
+    driving, driven = at(ask.joints, loss / (1.0 - loss)), at(ask.joints, back)
 
+    def law(torque_nm: Array, m: Motion) -> Array:
+        v, load = m.rotor_rad_s, m.gear_nm
+        share = np.where(load * v > 0.0, driving, driven)
+        return np.asarray(torque_nm - share * np.abs(load) * v / (np.abs(v) + STILL_RAD_S))
 
-class _Grease:
-    def __init__(self, level: Array, thins_rad_s: float) -> None:
-        self._level, self._thins = level, thins_rad_s
-
-    def start(self, n_runs: int) -> None:
-        """Nothing to remember."""
-
-    def act(self, torque_nm: Array, motion: Motion) -> Array:
-        """Less its drag."""
-        v = motion.rotor_rad_s
-        return np.asarray(torque_nm - self._level * v / (1.0 + np.abs(v) / self._thins))
-
-
-class _GearLoss:
-    """Driving, the motor must bring τ/η for a load τ; driven, only η·τ of the load reaches the motor."""
-
-    STILL_RAD_S = 0.03
-
-    def __init__(self, driving: Array, driven: Array) -> None:
-        # As shares of the motor's torque when driving: 1/η − 1 of the load.
-        self._driving, self._driven = driving / (1.0 - driving), driven
-
-    def start(self, n_runs: int) -> None:
-        """Nothing to remember."""
-
-    def act(self, torque_nm: Array, motion: Motion) -> Array:
-        """Less what the teeth take."""
-        v, load = motion.rotor_rad_s, motion.gear_nm
-        share = np.where(load * v > 0.0, self._driving, self._driven)
-        return np.asarray(torque_nm - share * np.abs(load) * v / (np.abs(v) + self.STILL_RAD_S))
+    return Built(lambda robot: robot.rotors.append(Law(law)), {"load_friction.share": 0.5 * (loss + back)})

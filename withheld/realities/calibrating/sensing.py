@@ -1,4 +1,4 @@
-"""Sensors that are off: encoders, load cells, rates, contacts, the inertial unit."""
+"""Sensors that are off, and a state estimator that is tuned to be lazy."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from withheld.simulator.robot import Robot
 OFFSET_RAD = 0.05
 NOISE = (1.5e-3, 0.15, 1.8)
 TILT_RAD = 0.052
+LAG_S = 0.045
 
 
 def encoder_offset(ask: Ask) -> Built:
@@ -51,3 +52,13 @@ def crooked_imu(ask: Ask) -> Built:
         robot.sensing.imu_tilt_rpy_rad = robot.sensing.imu_tilt_rpy_rad + np.array([roll, pitch, 0.0])
 
     return Built(install, {"imu_tilt.roll_rad": float(roll), "imu_tilt.pitch_rad": float(pitch)})
+
+
+def lazy(ask: Ask) -> Built:
+    """A low pass on the velocity that is handed out."""
+    lag = ask.size * LAG_S
+
+    def install(robot: Robot) -> None:
+        robot.estimator.output_lag_s = float(np.hypot(robot.estimator.output_lag_s, lag))
+
+    return Built(install, {"velocity_estimate.lag_s": lag})

@@ -16,8 +16,6 @@ FOOT_WIDTH = 1.12
 _INTEGRATORS = {
     "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
-    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
 }
 
 
@@ -26,9 +24,7 @@ def build_model(robot: Robot, settings: Settings) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(robot_mjcf(default_height_m()))
     spec.option.timestep = settings.step_s
     spec.option.integrator = _INTEGRATORS[settings.integrator]
-    spec.option.cone = (
-        mujoco.mjtCone.mjCONE_ELLIPTIC if settings.cone == "elliptic" else mujoco.mjtCone.mjCONE_PYRAMIDAL
-    )
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = settings.impratio
     for i, leg in enumerate(LEG_NAMES):
         foot = spec.geom(f"{leg}_foot")

@@ -74,9 +74,8 @@ class Drives:
         self._gain: Array = np.ones(shape)
         s = robot.sensing
         self._offset_rad, self._eccentric = s.offset_rad, bool(s.eccentricity_rad.any())
-        self._is_plain = not (s.eccentricity_rad > NEGLIGIBLE_RAD).any() and not s.velocity_lag_s_per_rad_s.any()
-        self._lags = bool(s.velocity_lag_s_per_rad_s.any())
-        self._parts = [*robot.requests, *robot.motors, *robot.rotors, *robot.links]
+        self._is_plain = not (s.eccentricity_rad > NEGLIGIBLE_RAD).any()
+        self._parts = [*robot.motors, *robot.rotors, *robot.links]
         for part in self._parts:
             part.start(n_runs)
         self._zeros: Array = np.zeros(shape)
@@ -88,9 +87,6 @@ class Drives:
         angle = self.motion.rotor_rad + self._offset_rad
         if self._eccentric:
             angle = angle + s.eccentricity_rad * np.sin(self.motion.rotor_rad + s.eccentricity_phase_rad)
-        if self._lags:
-            rate = self.motion.rotor_rad_s
-            angle = angle - s.velocity_lag_s_per_rad_s * rate * np.abs(rate)
         return np.asarray(angle)
 
     def step(self, setpoint_rad: Array, kp: Array, kd: Array) -> Array:
@@ -104,8 +100,6 @@ class Drives:
         robot, m = self._robot, self.motion
         believed = m.rotor_rad + self._offset_rad if self._is_plain else self.encoder_rad()
         asked = kp * (setpoint_rad - believed) - kd * m.rotor_rad_s
-        for part in robot.requests:
-            asked = part.act(asked, m)
         allowed = self._limited(asked)
         self._current_nm = self._current_nm + self._blend * (allowed - self._current_nm)
         motor = self._current_nm * self._gain
