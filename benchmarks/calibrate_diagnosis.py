@@ -37,8 +37,8 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
 from diagnosis.selection.calibrated import calibrated
+from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.nuisance_model import size_of_errors
-from diagnosis.selection.one_thread import one_thread
 from diagnosis.selection.scoring import Placed, null_of
 from diagnosis.selection.search import search
 from diagnosis.verdict.causes import CALIBRATED, candidates_of, decide, name_of, own_nats

@@ -20,7 +20,7 @@ import numpy as np
 
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
-from diagnosis.selection.one_thread import one_thread
+from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.scoring import Scorer, null_of
 from diagnosis.selection.unexplained import remainder
 from diagnosis.verdict.explain import evidence_of

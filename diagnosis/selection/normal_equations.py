@@ -7,18 +7,26 @@ products of the first and the last stay as they are whatever is tried; :class:`O
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from diagnosis.channels.channel_view import Array, Ints
 
 Factor = tuple[Array, bool]
 SWEEPS: Final = 60
 RIDGE: Final = 1e-9
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Within it, linear algebra runs on one thread: threads that share small matrices wait longer than they compute."""
+    limits: AbstractContextManager[object] = threadpool_limits(1)
+    return limits
 
 
 @dataclass(frozen=True)

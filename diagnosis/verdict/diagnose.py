@@ -22,8 +22,8 @@ from diagnosis.progress import Progress
 from diagnosis.read.recording import record
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
+from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.nuisance_model import by_joint, model_of
-from diagnosis.selection.one_thread import one_thread
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.causes import CALIBRATED, Causes, decide
 from diagnosis.verdict.explain import Say, explain

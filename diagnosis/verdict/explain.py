@@ -16,7 +16,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.read.recording import record
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.learned_scales import learn_scales
-from diagnosis.selection.one_thread import one_thread
+from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scored, Scorer
 from diagnosis.selection.search import Selection, search, selection_of
