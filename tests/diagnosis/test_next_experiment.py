@@ -169,6 +169,15 @@ def test_an_experiment_that_makes_a_weak_robot_collapse_is_refused_with_the_reas
     assert told[0].startswith("1 of 2 simulated robots ")
 
 
+def test_a_refusal_names_the_joint_that_is_loaded_most() -> None:
+    run = try_on(SQUAT, [RobotModel()], None, np.random.default_rng(0))[0]
+    load = run.states.load_nm.copy()
+    load[-1, facts.JOINT_NAMES.index("hr_hy")] = 60.0
+    load[-1, facts.JOINT_NAMES.index("fl_kn")] = 120.0
+    told = refusals([run, replace(run, states=replace(run.states, load_nm=load))])
+    assert told == ("1 of 2 simulated robots load hr_hy with 120 % of what it may carry",)
+
+
 def test_a_simulation_that_broke_leaves_the_others_alone() -> None:
     """A joint position that is no number gives some finite limit, and the other robots' are what they were."""
     effect = PositionTorqueLimit(motor_torque_nm=1.5)
