@@ -41,7 +41,7 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
     channel = [e for e in model.effects if isinstance(e, CommandEffect)]
     software = [e for e in model.effects if isinstance(e, SoftwareEffect)]
     own = [e for e in model.effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
-    mjcf = MjcfOptions(timestep_s=STEP_S, cone="elliptic", collision="all", visuals=False)
+    mjcf = MjcfOptions(timestep_s=STEP_S, cone="elliptic", collision="all", link_torque_sensors=True, visuals=False)
     plant = Plant(own, len(runs), PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
     last_action = put_at(plant, [run.start() for run in followed])
 
