@@ -69,6 +69,10 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
+    "spot-rl withheld run --cases 800 --seed-from-os --out DIR --workers 2 --until 1950": (
+        "withheld/test_end_to_end.py",
+        '["run", "--out", str(out), "--cases", "9"',
+    ),
     "PYTHONPATH=$PWD spot-rl withheld run --reality rubbing:RubbingKnees --cases 3 --seed 1 --out judged": (
         "withheld/test_own_reality.py",
         'source_of("rubbing:RubbingKnees")',
@@ -148,7 +152,7 @@ NOT_RUN = {
     "spot-rl bench all --repeats 1": "takes seven minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench all --json": "takes twenty minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench sysid --json": "takes ten seconds of CPU time at its smallest; identification itself is played",
-    "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy policies/baseline.onnx --out DIR": (
+    "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy policies/walk.onnx --out DIR": (
         "takes minutes with twenty logs of half a minute; shorter ones are diagnosed on the same page"
     ),
 }
