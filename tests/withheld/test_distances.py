@@ -8,8 +8,10 @@ import pytest
 from spot_log import read_run
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy
 from withheld.features import GAPS, Walk
+from withheld.measuring.closed_loop import simulate
 from withheld.measuring.consequences import consequences
 from withheld.measuring.distances import Written, moved, true_shrink
 from withheld.plan import FaultRequest, RecordingPlan
@@ -100,3 +102,19 @@ def test_a_short_drive_has_consequences() -> None:
     assert found.top_speed.before is not None
     assert 0.5 < found.top_speed.before < 2.0
     assert found.fall_share.before == 0.0
+
+
+def test_simulated_loads_are_those_of_the_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a robot's load cells have them, without what friction and rotor take of the motor's torque."""
+    reality, made = StandIn(4, ()), []
+
+    def plant(effects: object, n: int, options: PlantOptions) -> Plant:
+        made.append(options.mjcf)
+        return Plant(effects, n, options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("withheld.measuring.closed_loop.Plant", plant)
+    reality.record(RecordingPlan(POLICY, (SEQUENCE,), 1, 2), tmp_path)
+    runs = [read_run(path) for path in sorted(tmp_path.glob("*.mcap"))]
+    (walk,) = simulate(reality.nominal, load_policy(POLICY), runs, np.random.default_rng(0))
+    assert made[0].link_torque_sensors
+    assert np.abs(walk.signals["torque"]).max() > 10.0
