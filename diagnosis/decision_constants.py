@@ -104,15 +104,15 @@ DISCREPANCY: Final[Mapping[str, float]] = {
 }
 """What formulas leave in a channel, root mean square in units of its noise, so that a small misfit is no finding.
 
-At least the median of 24 robots without a fault, in *load to motion*, *base wrench* and *battery power* more than 95 %
-of them leave (``benchmarks/calibrate_formulas.py --seed 41 --robots 24``); in the others they leave nothing.
+Each is at least the median of what 24 robots without a fault leave, 0 to 0.79 by channel
+(``benchmarks/calibrate_formulas.py --seed 41 --robots 24``).
 """
 DEGREES_OF_FREEDOM: Final = 40.0
 """Independent ways, at most, in which a formula can be off in one signal: eight phases of a gait in five strides. It
 sets the scale of the evidence, to which :data:`THERE` is fitted."""
 FORMULA_ERROR: Final = 0.15
-"""Share of what a formula explains by which it may be off, as dry friction is from a joint with bristles (LuGre). Of
-the same scale."""
+"""Share of what a formula explains by which it may be off, as dry friction is from a joint with bristles (LuGre). It
+sets the scale of the evidence, too."""
 PARAMETER_SPREAD: Final = 0.1
 """Standard deviation of a fitted number from the formula that is not the robot's, as a share of the number: dry
 friction fitted to a LuGre joint, a first-order lag to a delay."""
@@ -181,9 +181,9 @@ THERE: Final = (-2.45, 0.93)
 """Log odds that an effect is there: at one nat, and for each e-fold of nats.
 
 Logistic regression over 98 effects that residuals of 78 robots showed, 23 of them without a fault, 44 with one and 11
-with two, errors 0.5 to 5 times the usual; 49 were there. What an unknown cause feigns is P(unknown)'s affair: with 11
-robots that have a fault outside the library it would be (-2.10, 0.65), for 116 effects
-(``benchmarks/calibrate_diagnosis.py``, seed 8801).
+with two, errors 0.5 to 5 times the usual; 49 were there (``benchmarks/calibrate_diagnosis.py``, seed 8801). Robots with
+a fault outside the library are left out, because P(unknown) covers them; with 11 of these, and 116 effects, the fit is
+(-2.10, 0.65).
 """
 USUAL_LEFT: Final[Mapping[str, float]] = {
     Channel.SET_POINT_TO_LOAD: 9.0,
