@@ -87,7 +87,7 @@ def chirp(seconds: float) -> Array:
 def recorded(truth: PaperActuator, setpoint: Array, rng: np.random.Generator) -> Array:
     """Encoder positions of the robot at each set-point's instant, shape (n, 12)."""
     scenario = scenario_from_data(scenario_data(truth, 1, inertia=True))
-    chain = TorqueChain([e for e in scenario.robot_model.effects if isinstance(e, TorqueEffect)], 1)
+    chain = TorqueChain([e for e in scenario.robot_model.effects if isinstance(e, TorqueEffect)], np.zeros((1, 12)))
     physics, fine_s = scenario.physics, STEP_S / FINE_STEPS
     model = held(fine_s, servos=False)
     model.dof_frictionloss[:] = per_joint(truth.hip_friction_nm, truth.hip_friction_nm, truth.knee_friction_nm)

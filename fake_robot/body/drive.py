@@ -21,7 +21,7 @@ class Drive:
     """
 
     def __init__(self, effects: Sequence[TorqueEffect]) -> None:
-        self._chain = TorqueChain(effects, 1)
+        self._chain = TorqueChain(effects, np.zeros((1, N_JOINTS)))
         boxes = [(effect.idle_box(), effect.mask) for effect in effects]
         self._can_idle = all(box is not None for box, _ in boxes)
         # Rows: torque, velocity, position.
@@ -38,7 +38,7 @@ class Drive:
         """Motor torque at this physics step, shape (1, 12), N·m."""
         own_damping = isinstance(reading, JointReading) and reading.servo_velocity_rad_s is not None
         if not self._can_idle or own_damping:
-            return self._chain.torque_nm(servo, motion, reading)
+            return np.asarray(self._chain.torque_nm(servo, motion, reading))
         torque: Array = pd_torque(
             position_rad=reading.position_rad,
             velocity_rad_s=reading.velocity_rad_s,
@@ -51,7 +51,7 @@ class Drive:
         now = self._now
         now[0], now[1], now[2] = torque, motion.velocity_rad_s, motion.position_rad
         if (now > self._high).any() or (now < self._low).any():
-            return self._chain.torque_nm(servo, motion, reading)
+            return np.asarray(self._chain.torque_nm(servo, motion, reading))
         return torque
 
     def reset(self) -> None:

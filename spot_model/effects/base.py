@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -44,6 +45,22 @@ class Hook(enum.Enum):
     """What the joints' sensors report: to the servo, the log and the policy."""
     ESTIMATE = "estimate"
     """What the state estimator reports of the body: to the log and the policy."""
+
+
+class Draws(Protocol):
+    """Random numbers for an effect, as arrays of the simulations' library; NumPy's generator is one such source."""
+
+    def random(self, size: tuple[int, ...]) -> AnyArray:
+        """Evenly drawn in [0, 1)."""
+        ...
+
+    def standard_normal(self, size: tuple[int, ...]) -> AnyArray:
+        """Mean 0, standard deviation 1."""
+        ...
+
+    def standard_exponential(self, size: tuple[int, ...]) -> AnyArray:
+        """Mean 1."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -148,6 +165,10 @@ class Effect(ABC):
         """Joints on which the effect acts, shape (12,)."""
         return select_joints(self.joints)
 
+    def mask_like(self, like: AnyArray) -> AnyArray:
+        """:attr:`mask` as an array of ``like``'s library, on its device."""
+        return self.mask if type(like) is np.ndarray else _mask_on(self.joints, namespace_of(like), device(like))
+
     def arrays_like(self, like: AnyArray) -> Self:
         """The same effect with every parameter as an array of ``like``'s library, dtype and device.
 
@@ -228,7 +249,7 @@ class CommandEffect(Effect):
     hook: ClassVar[Hook] = Hook.COMMAND
 
     @abstractmethod
-    def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
+    def arrival_s(self, issued_s: AnyArray, rng: Draws) -> AnyArray:
         """Time at which commands take effect that were issued at ``issued_s``, shape (n,), s; infinity if lost.
 
         The channel keeps the order: no command takes effect before one that was issued earlier.
@@ -269,9 +290,7 @@ class SensorEffect(Effect):
         return None
 
     @abstractmethod
-    def read(
-        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
-    ) -> tuple[JointReading, Memory]:
+    def read(self, reading: JointReading, dt_s: float, memory: Memory, rng: Draws) -> tuple[JointReading, Memory]:
         """Change the reading of all twelve joints. The effect's parameters are arrays here.
 
         Args:
@@ -310,12 +329,18 @@ class EstimateEffect(Effect):
 
     @abstractmethod
     def estimate(
-        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: Draws
     ) -> tuple[BodyEstimate, Memory]:
         """Change the estimate; returns it with the new memory. Arguments as in :meth:`SensorEffect.read`.
 
         ``joints`` holds the reading of the joints' sensors at this instant.
         """
+
+
+@functools.lru_cache(maxsize=256)
+def _mask_on(joints: tuple[str, ...], xp: Any, on_device: Any) -> AnyArray:
+    """Kept, because a copy to a GPU would make every caller wait."""
+    return xp.asarray(select_joints(joints), device=on_device)
 
 
 def per_sim(value: Any) -> Any:

@@ -41,6 +41,34 @@ def restarted(rows: AnyArray, fresh: Memory, old: Memory) -> Memory:
     return map_leaves(choose, fresh, old)
 
 
+def held(old: Memory, new: Memory) -> Memory:
+    """The next memory: ``new`` of NumPy; of torch ``old``, whose tensors take the new values.
+
+    Tensors stay where they are, so that a recorded step of a GPU finds them when it is played again.
+    """
+    pairs: list[tuple[Any, Any]] = []
+    map_leaves(lambda before, after: pairs.append((before, after)), old, new)
+    moved = [(b, a) for b, a in pairs if b is not a and not isinstance(a, np.ndarray) and hasattr(a, "clone")]
+    if not moved:
+        return new
+    # A new tensor may be a view of an old one, as in a shifted history: none is written before all are read.
+    for before, after in [(b, a.clone()) for b, a in moved]:
+        before.copy_(after)
+    return old
+
+
+def tensors_of(memory: Memory) -> list[Any]:
+    """The torch tensors of a memory, themselves."""
+    found: list[Any] = []
+    map_leaves(lambda leaf: found.append(leaf) if hasattr(leaf, "clone") else None, memory)
+    return found
+
+
+def own_tensors(memory: Memory) -> Memory:
+    """A memory that shares no tensor with anything else; NumPy's arrays stay as they are."""
+    return map_leaves(lambda leaf: leaf.clone() if hasattr(leaf, "clone") else leaf, memory)
+
+
 def leaves(memory: Memory) -> list[Any]:
     """Copies of the leaves, in the tree's order."""
     found: list[Any] = []

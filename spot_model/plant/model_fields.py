@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import mujoco
@@ -58,9 +58,9 @@ class PlantFields(MujocoFields):
     MuJoCo derives from a field follows.
     """
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, batch: Batch, on_commit: Callable[[], None] = lambda: None) -> None:
         super().__init__(batch.model)
-        self._batch = batch
+        self._batch, self._on_commit = batch, on_commit
         self._names: set[str] = set()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -78,3 +78,4 @@ class PlantFields(MujocoFields):
         derives = set(mujoco.MjModel._setconst_inputs)
         if any(name in derives or name.startswith("opt.") for name in self._names):
             self._batch.set_const()
+        self._on_commit()

@@ -1,4 +1,4 @@
-"""Many simulated Spots on the CPU: servo law and effects at every physics step, on ``mujoco.batch``."""
+"""Many simulated Spots: servo law and effects at every physics step, over MuJoCo on the cores or on a GPU."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from spot_model.effects.base import (
     BodyEstimate,
@@ -26,14 +26,16 @@ from spot_model.effects.base import (
 )
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
-from spot_model.plant.memory import leaves, with_leaves
-from spot_model.plant.model_fields import PlantFields
+from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
+from spot_model.plant.physics import CorePhysics
 from spot_model.plant.plant_state import PlantState
 from spot_model.plant.sensing import Sensing
 from spot_model.plant.torque import TorqueChain
 from spot_model.robot import facts
+from spot_model.robot.arrays import copy_of, like, namespace_of
 from spot_model.robot.control import saturate_setpoint
 from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
+from spot_model.robot.rotation import AnyArray
 
 __all__ = ["Plant", "PlantDivergedError", "PlantOptions", "ServoCommand"]
 
@@ -54,12 +56,14 @@ class PlantOptions:
 
     Args:
         mjcf: Choices of the MuJoCo model: time step, integrator, contact, terrain.
+        device: "cpu", or a GPU ("cuda", "cuda:N"; extra ``gpu``), where all arrays are torch tensors.
         n_threads: Threads that step simulations, 0 for all CPUs. The result is bit-identical at any number.
         on_divergence: "raise", or "flag" to leave it at :attr:`Plant.diverged`.
         seed: Seed of what effects draw: noise, jitter, drops.
     """
 
     mjcf: MjcfOptions = field(default_factory=MjcfOptions)
+    device: str = "cpu"
     n_threads: int = 0
     on_divergence: Literal["raise", "flag"] = "raise"
     seed: int = 0
@@ -85,27 +89,31 @@ class Plant(PlantState):
         _check_effects(effects, n_sims)
         acting = [effect for effect in effects if not effect.is_null]
         self.options = options
-        self.model = mujoco.MjModel.from_xml_string(spot_mjcf(options.mjcf))
-        batch = Batch(self.model, n_sims, nthread=_threads(options.n_threads, n_sims))
-        super().__init__(batch, has_link_torque=options.mjcf.link_torque_sensors)
-        self.fields = PlantFields(batch)
+        model = mujoco.MjModel.from_xml_string(spot_mjcf(options.mjcf))
+        super().__init__(_physics(model, n_sims, options), has_link_torque=options.mjcf.link_torque_sensors)
+        self._is_on_host = options.device == "cpu"
+        self._senses = False
+        self.fields = self.physics.fields
         """Per-simulation fields of the MuJoCo model, for randomisation; call ``fields.commit()`` after writing."""
         for effect in [e for e in acting if isinstance(e, ModelEffect)]:
             effect.edit(self.fields)
         self.fields.commit()
         self.timestep_s = options.mjcf.timestep_s
-        self._n_steps = 0
-        self._rng = np.random.default_rng(options.seed)
-        self._software = [e for e in acting if isinstance(e, SoftwareEffect)]
-        self._torques = TorqueChain([e for e in acting if isinstance(e, TorqueEffect)], n_sims)
-        rest = np.tile(facts.DEFAULT_POSITION_RAD, (n_sims, 1))
-        self._channel = CommandChannel(
-            [e for e in acting if isinstance(e, CommandEffect)],
-            n_sims,
-            self.timestep_s,
-            ServoCommand(position_rad=rest),
-            self._rng,
-        )
+        rest = like(self._qpos, np.tile(facts.DEFAULT_POSITION_RAD, (n_sims, 1)))
+        self._stops_rad = tuple(like(self._qpos, stop) for stop in (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD))
+        self._software = [e.arrays_like(rest) for e in acting if isinstance(e, SoftwareEffect)]
+        self._torques = TorqueChain([e for e in acting if isinstance(e, TorqueEffect)], rest)
+        commands = [e for e in acting if isinstance(e, CommandEffect)]
+        start = ServoCommand(position_rad=rest)
+        self._rng: Any
+        self._channel: Any
+        if self._is_on_host:
+            self._now_s: Any = 0.0
+            self._n_steps = 0
+            self._rng = np.random.default_rng(options.seed)
+            self._channel = CommandChannel(commands, n_sims, self.timestep_s, start, self._rng)
+        else:
+            self._rng, self._now_s, self._channel = _on_gpu(commands, start, rest, options)
         sensors = [e for e in acting if isinstance(e, SensorEffect)]
         estimators = [e for e in acting if isinstance(e, EstimateEffect)]
         self._has_sensing = bool(sensors or estimators)
@@ -113,9 +121,14 @@ class Plant(PlantState):
         self.reset()
 
     @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled MuJoCo model."""
+        return self.physics.model
+
+    @property
     def batch(self) -> Batch:
         """The MuJoCo batch beneath, for rendering (``get_model``, ``get_data``), rays or external forces."""
-        return self._batch
+        return self.physics.batch
 
     # What the robot reports; the truth is in PlantState --------------------------------------------------------------
 
@@ -139,9 +152,9 @@ class Plant(PlantState):
             n_substeps: Physics steps, >= 1.
 
         Raises:
-            PlantDivergedError: A simulation diverged, and the options say "raise".
+            PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :attr:`diverged`).
         """
-        self.command(ServoCommand(position_rad=np.asarray(position_rad, dtype=np.float64)))
+        self.command(ServoCommand(position_rad=like(self._qpos, position_rad)))
         self.advance(n_substeps)
 
     def command(self, command: ServoCommand) -> None:
@@ -152,29 +165,30 @@ class Plant(PlantState):
         Raises:
             ValueError: An array does not broadcast to (n_sims, 12).
         """
-        command = command.copied_for(self.n_sims)
+        if self._is_on_host:
+            command = command.copied_for(self.n_sims)
+        position = command.position_rad
         for effect in self._software:
-            command = replace(command, position_rad=effect.setpoint_rad(command.position_rad))
-        within_stops = saturate_setpoint(command.position_rad, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
-        command = replace(command, position_rad=within_stops)
+            position = effect.setpoint_rad(position)
+        command = replace(command, position_rad=saturate_setpoint(position, *self._stops_rad))
         self._channel.issue(command, self._now_s)
 
     def advance(self, n_substeps: int = 1) -> None:
         """Advance all simulations by physics steps, with the servo law and the torque effects at each.
 
         Raises:
-            PlantDivergedError: A simulation diverged, and the options say "raise".
+            PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :attr:`diverged`).
         """
         for _ in range(n_substeps):
             # Fresh arrays: an effect may keep what it is shown until the next step.
-            motion = Motion(self._joint_pos.copy(), self._joint_vel.copy(), self.timestep_s)
+            motion = Motion(copy_of(self._joint_pos), copy_of(self._joint_vel), self.timestep_s)
             believed = self._reading if self._has_sensing else motion
             self._ctrl[...] = self._torques.torque_nm(self._channel.at(self._now_s), motion, believed)
-            self._batch.step()
-            self._n_steps += 1
+            self.physics.step()
+            self._pass_step()
             if self._has_sensing:
                 self._sense(self.timestep_s)
-        if self.options.on_divergence == "raise" and self._warning_counts().any():
+        if self.options.on_divergence == "raise" and self._is_on_host and self.diverged.any():
             self._raise_divergence()
 
     def push(
@@ -185,9 +199,11 @@ class Plant(PlantState):
         angular_vel_in_body_rad_s: ArrayLike = 0.0,
     ) -> None:
         """Add to the body's velocity at once; each argument broadcasts to (len(ids), 3)."""
-        rows = np.flatnonzero(self._mask(ids))
-        self._qvel[rows, :3] += np.asarray(linear_vel_in_world_m_s, dtype=np.float64)
-        self._qvel[rows, 3:6] += np.asarray(angular_vel_in_body_rad_s, dtype=np.float64)
+        mask = self._mask(ids)
+        for columns, value in ((slice(3), linear_vel_in_world_m_s), (slice(3, 6), angular_vel_in_body_rad_s)):
+            self._write(
+                self._qvel[:, columns], mask, self._rows_of(self._qvel[:, columns], mask) + like(self._qvel, value)
+            )
 
     def reset(
         self,
@@ -205,33 +221,38 @@ class Plant(PlantState):
         Commands on their way are dropped, the servos hold the joint positions under the policy's gains, and the
         effects' memories start afresh. Each argument broadcasts to (len(ids), its size).
 
+        On a GPU ``ids`` is a mask, and arguments broadcast to (n_sims, its size); contacts of some robots that are put
+        back are those of the last step.
+
         Raises:
             ValueError: An id is out of range, repeated or out of order; a shape does not fit; a quaternion has not
                 length 1.
         """
         mask = self._mask(ids)
-        rows = np.flatnonzero(mask)
-        attitude = np.asarray(world_from_body_wxyz, dtype=np.float64)
-        if np.any(np.abs(np.linalg.norm(attitude, axis=-1) - 1.0) > 1e-6):
-            raise ValueError(f"world_from_body_wxyz = {attitude.tolist()} has not length 1; normalise it")
-        self._batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        self._qpos[rows, :3] = position_of_body_in_world_m
-        self._qpos[rows, 3:7] = attitude
-        self._joint_pos[rows] = joint_position_rad
-        self._qvel[rows, :3] = linear_vel_of_body_in_world_m_s
-        self._qvel[rows, 3:6] = angular_vel_of_body_in_body_rad_s
-        self._joint_vel[rows] = joint_velocity_rad_s
+        attitude = world_from_body_wxyz
+        if self._is_on_host and np.any(np.abs(np.linalg.norm(np.asarray(attitude), axis=-1) - 1.0) > 1e-6):
+            raise ValueError(f"world_from_body_wxyz = {np.asarray(attitude).tolist()} has not length 1; normalise it")
+        self.physics.restart(mask)
+        self._write(self._qpos[:, :3], mask, position_of_body_in_world_m)
+        self._write(self._qpos[:, 3:7], mask, attitude)
+        self._write(self._joint_pos, mask, joint_position_rad)
+        self._write(self._qvel[:, :3], mask, linear_vel_of_body_in_world_m_s)
+        self._write(self._qvel[:, 3:6], mask, angular_vel_of_body_in_body_rad_s)
+        self._write(self._joint_vel, mask, joint_velocity_rad_s)
         self._torques.reset(mask)
-        self._channel.reset(mask, ServoCommand(position_rad=self._joint_pos.copy()))
-        self._batch.forward(rows)
+        self._channel.reset(mask, ServoCommand(position_rad=copy_of(self._joint_pos)))
+        if self._is_on_host or ids is None:
+            self.physics.forward(mask)
         if self._has_sensing:
             self._sensing.reset(mask, self.true_reading(), self.true_estimate())
             self._sense(0.0)
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that moves, as plain arrays and numbers: physics, commands on their way, effects' memories."""
+        if not self._is_on_host:
+            return {"buffers": [buffer.clone() for buffer in self._buffers()], "rng": self._rng.generator.get_state()}
         return {
-            "state": self._batch.state.copy(),
+            "state": self.batch.state.copy(),
             "n_steps": self._n_steps,
             "commands": self._channel.snapshot(),
             "memories": self._torques.snapshot(),
@@ -248,33 +269,65 @@ class Plant(PlantState):
         Raises:
             ValueError: The snapshot is of another size, or of other effects.
         """
+        if not self._is_on_host:
+            for buffer, kept in zip(self._buffers(), snapshot["buffers"], strict=True):
+                buffer.copy_(kept)
+            self._rng.generator.set_state(snapshot["rng"].cpu())
+            return
         state = np.asarray(snapshot["state"])
-        if state.shape != self._batch.state.shape:
-            raise ValueError(f"the snapshot has shape {state.shape}, the plant {self._batch.state.shape}")
+        if state.shape != self.batch.state.shape:
+            raise ValueError(f"the snapshot has shape {state.shape}, the plant {self.batch.state.shape}")
         self._torques.restore(snapshot["memories"])
         self._channel.restore(snapshot["commands"])
         self._sensing.restore(snapshot["sensing"])
         self._reading, self._estimate = with_leaves((self.reading, self.estimate), snapshot["reported"])
         self._rng.bit_generator.state = snapshot["rng"]
         self._n_steps = int(snapshot["n_steps"])
-        self._batch.state[...] = state
-        self._batch.forward()
+        self._now_s = self._n_steps * self.timestep_s
+        self.batch.state[...] = state
+        self.batch.forward()
         # Forward moves the solver's starting point on; the next step must start from the saved one.
-        self._batch.state[...] = state
+        self.batch.state[...] = state
 
     # Private ---------------------------------------------------------------------------------------------------------
 
     def _sense(self, dt_s: float) -> None:
-        self._reading = self._sensing.read(self.true_reading(), dt_s, self._rng)
-        self._estimate = self._sensing.estimate(self.true_estimate(), self._reading, dt_s, self._rng)
+        reading = self._sensing.read(self.true_reading(), dt_s, self._rng)
+        estimate = self._sensing.estimate(self.true_estimate(), reading, dt_s, self._rng)
+        if self._is_on_host or not self._senses:
+            self._reading, self._estimate, self._senses = own_tensors(reading), own_tensors(estimate), True
+        else:
+            self._reading, self._estimate = held((self._reading, self._estimate), (reading, estimate))
 
-    @property
-    def _now_s(self) -> float:
-        return self._n_steps * self.timestep_s
+    def _pass_step(self) -> None:
+        if self._is_on_host:
+            self._n_steps += 1
+            self._now_s = self._n_steps * self.timestep_s
+        else:
+            self._now_s += self.timestep_s
 
-    def _mask(self, ids: SimIds) -> NDArray[np.bool_]:
+    def _buffers(self) -> list[Any]:
+        """On a GPU, all that moves."""
+        reported = tensors_of((self._reading, self._estimate)) if self._has_sensing else []
+        memories = [*self._torques.leaves(), *self._sensing.leaves()]
+        physics: Any = self.physics
+        return [*physics.state(), self._now_s, *self._channel.buffers(), *memories, *reported]
+
+    def _write(self, target: AnyArray, mask: AnyArray, values: Any) -> None:
+        """Write into the rows of ``mask``: values of those rows on the cores, of all rows on a GPU."""
+        if self._is_on_host:
+            target[np.flatnonzero(mask)] = values
+        else:
+            target.copy_(namespace_of(target).where(mask[:, None], like(target, values), target))
+
+    def _rows_of(self, array: AnyArray, mask: AnyArray) -> AnyArray:
+        return array[np.flatnonzero(mask)] if self._is_on_host else array
+
+    def _mask(self, ids: Any) -> AnyArray:
         if ids is None:
-            return np.ones(self.n_sims, dtype=np.bool_)
+            return namespace_of(self._qpos).ones_like(self._qpos[:, 0], dtype=bool)
+        if not self._is_on_host:
+            return ids
         array = np.asarray(ids)
         if array.dtype == np.bool_ and array.shape != (self.n_sims,):
             raise ValueError(f"a mask of simulations has shape {array.shape}; it must be ({self.n_sims},)")
@@ -286,7 +339,8 @@ class Plant(PlantState):
         return mask
 
     def _raise_divergence(self) -> None:
-        counts = self._warning_counts()
+        physics: Any = self.physics
+        counts = physics.warning_counts()
         sim = int(np.flatnonzero(counts.any(axis=1))[0])
         warning = mujoco.mjtWarning(mujoco.mjtWarning.mjWARN_CONTACTFULL.value + int(np.argmax(counts[sim] > 0)))
         raise PlantDivergedError(
@@ -297,6 +351,26 @@ class Plant(PlantState):
 
 PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)
 """Kinds of effect that the plant has a place for."""
+
+
+def _physics(model: mujoco.MjModel, n_sims: int, options: PlantOptions) -> Any:
+    if options.device == "cpu":
+        return CorePhysics(model, n_sims, _threads(options.n_threads, n_sims))
+    from spot_model.plant.warp_physics import WarpPhysics
+
+    return WarpPhysics(model, n_sims, options.device, has_sensors=options.mjcf.link_torque_sensors)
+
+
+def _on_gpu(commands: Sequence[CommandEffect], start: ServoCommand, rest: Any, options: PlantOptions) -> Any:
+    """Source of random numbers, time, shape (1,), and command channel of simulations on a GPU."""
+    import torch
+
+    from spot_model.plant.torch_channel import TorchChannel
+    from spot_model.plant.torch_draws import TorchDraws
+
+    rng = TorchDraws(options.seed, rest.device)
+    now_s = torch.zeros(1, dtype=torch.float64, device=rest.device)
+    return rng, now_s, TorchChannel(commands, start, options.mjcf.timestep_s, rng)
 
 
 def _threads(n_threads: int, n_sims: int) -> int:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, SensorEffect
-from spot_model.plant.memory import leaves, restarted, with_leaves
+from spot_model.effects.base import BodyEstimate, Draws, EstimateEffect, JointReading, Memory, SensorEffect
+from spot_model.plant.memory import held, leaves, own_tensors, restarted, tensors_of, with_leaves
+from spot_model.robot.rotation import AnyArray
 
 
 class Sensing:
@@ -24,29 +22,35 @@ class Sensing:
     ) -> None:
         self._sensors = tuple(effect.arrays_like(reading.position_rad) for effect in sensors)
         self._estimators = tuple(effect.arrays_like(reading.position_rad) for effect in estimators)
-        self._sensor_memory: list[Memory] = [effect.start(reading) for effect in self._sensors]
-        self._estimator_memory: list[Memory] = [effect.start(estimate) for effect in self._estimators]
+        self._sensor_memory: list[Memory] = [own_tensors(effect.start(reading)) for effect in self._sensors]
+        self._estimator_memory: list[Memory] = [own_tensors(effect.start(estimate)) for effect in self._estimators]
 
-    def read(self, truth: JointReading, dt_s: float, rng: np.random.Generator) -> JointReading:
+    def read(self, truth: JointReading, dt_s: float, rng: Draws) -> JointReading:
         """What the joints report; moves the memories on by ``dt_s``."""
         for i, effect in enumerate(self._sensors):
-            truth, self._sensor_memory[i] = effect.read(truth, dt_s, self._sensor_memory[i], rng)
+            truth, memory = effect.read(truth, dt_s, self._sensor_memory[i], rng)
+            self._sensor_memory[i] = held(self._sensor_memory[i], memory)
         return truth
 
-    def estimate(
-        self, truth: BodyEstimate, joints: JointReading, dt_s: float, rng: np.random.Generator
-    ) -> BodyEstimate:
+    def estimate(self, truth: BodyEstimate, joints: JointReading, dt_s: float, rng: Draws) -> BodyEstimate:
         """What the state estimator reports, given what the joints report; moves the memories on by ``dt_s``."""
         for i, effect in enumerate(self._estimators):
-            truth, self._estimator_memory[i] = effect.estimate(truth, joints, dt_s, self._estimator_memory[i], rng)
+            truth, memory = effect.estimate(truth, joints, dt_s, self._estimator_memory[i], rng)
+            self._estimator_memory[i] = held(self._estimator_memory[i], memory)
         return truth
 
-    def reset(self, rows: NDArray[np.bool_], reading: JointReading, estimate: BodyEstimate) -> None:
+    def leaves(self) -> list[Any]:
+        """On a GPU, the tensors of all memories."""
+        return tensors_of((self._sensor_memory, self._estimator_memory))
+
+    def reset(self, rows: AnyArray, reading: JointReading, estimate: BodyEstimate) -> None:
         """Start the memories afresh, from the truth, in the simulations of ``rows``, shape (n_sims,)."""
         for i, sensor in enumerate(self._sensors):
-            self._sensor_memory[i] = restarted(rows, sensor.start(reading), self._sensor_memory[i])
+            memory = self._sensor_memory[i]
+            self._sensor_memory[i] = held(memory, restarted(rows, sensor.start(reading), memory))
         for i, estimator in enumerate(self._estimators):
-            self._estimator_memory[i] = restarted(rows, estimator.start(estimate), self._estimator_memory[i])
+            memory = self._estimator_memory[i]
+            self._estimator_memory[i] = held(memory, restarted(rows, estimator.start(estimate), memory))
 
     def snapshot(self) -> list[list[Any]]:
         """The memories as plain arrays and numbers, one list an effect."""

@@ -6,26 +6,28 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot_model.effects.base import JointReading, Memory, Motion, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.plant.memory import leaves, restarted, with_leaves
-from spot_model.robot import facts
+from spot_model.plant.memory import held, leaves, own_tensors, restarted, tensors_of, with_leaves
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.control import pd_torque
-from spot_model.robot.facts import Array
+from spot_model.robot.rotation import AnyArray
 
 
 class TorqueChain:
-    """The torque effects of ``n_sims`` simulations with their memories."""
+    """The torque effects of many simulations with their memories, on arrays like ``like``, shape (n_sims, 12)."""
 
-    def __init__(self, effects: Sequence[TorqueEffect], n_sims: int) -> None:
-        self._still = np.zeros((n_sims, facts.N_JOINTS))
-        self._effects = tuple(effect.arrays_like(self._still) for effect in effects)
-        self._masks = tuple(None if effect.mask.all() else effect.mask for effect in self._effects)
-        self._memory: list[Memory] = [effect.start(self._still) for effect in self._effects]
+    def __init__(self, effects: Sequence[TorqueEffect], like: AnyArray) -> None:
+        xp = namespace_of(like)
+        self._still = xp.zeros_like(like)
+        self._where = xp.where
+        self._is_numpy = xp is np
+        self._effects = tuple(effect.arrays_like(like) for effect in effects)
+        self._masks = tuple(None if effect.mask.all() else effect.mask_like(like) for effect in self._effects)
+        self._memory: list[Memory] = [own_tensors(effect.start(self._still)) for effect in self._effects]
 
-    def torque_nm(self, command: ServoCommand, motion: Motion, reading: JointReading | Motion) -> Array:
+    def torque_nm(self, command: ServoCommand, motion: Motion, reading: JointReading | Motion) -> AnyArray:
         """Motor torque at this physics step; moves the effects' memories on by one step.
 
         Returns:
@@ -42,15 +44,20 @@ class TorqueChain:
             kd_nm_s_per_rad=command.kd_nm_s_per_rad,
         )
         for i, (effect, mask) in enumerate(zip(self._effects, self._masks, strict=True)):
-            # As Effect.apply does, without its look-up of the array library: here all is NumPy.
-            changed, self._memory[i] = effect.torque(torque, motion, self._memory[i])
-            torque = changed if mask is None else np.where(mask, changed, torque)
-        return np.asarray(torque)
+            # As Effect.apply does, without its look-up of the array library.
+            changed, memory = effect.torque(torque, motion, self._memory[i])
+            self._memory[i] = memory if self._is_numpy else held(self._memory[i], memory)
+            torque = changed if mask is None else self._where(mask, changed, torque)
+        return torque
 
-    def reset(self, rows: NDArray[np.bool_]) -> None:
+    def leaves(self) -> list[Any]:
+        """On a GPU, the tensors of all memories."""
+        return tensors_of(self._memory)
+
+    def reset(self, rows: AnyArray) -> None:
         """Start the memories afresh in the simulations of ``rows``, shape (n_sims,)."""
         for i, effect in enumerate(self._effects):
-            self._memory[i] = restarted(rows, effect.start(self._still), self._memory[i])
+            self._memory[i] = held(self._memory[i], restarted(rows, effect.start(self._still), self._memory[i]))
 
     def snapshot(self) -> list[list[Any]]:
         """The memories as plain arrays and numbers, one list an effect."""

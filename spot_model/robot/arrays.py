@@ -16,3 +16,18 @@ def namespace_of(array: Any) -> Any:
     parts, a fifth of the runtime's imports.
     """
     return np if type(array) is ndarray else array_api_compat.array_namespace(array)
+
+
+def copy_of(array: Any) -> Any:
+    """A copy of a NumPy array or a torch tensor."""
+    return array.copy() if type(array) is ndarray else array.clone()
+
+
+def on_host(array: Any) -> ndarray[Any, Any]:
+    """The array in NumPy; of a tensor on a GPU, a copy for which the host waits."""
+    return array if type(array) is ndarray else np.asarray(array.detach().cpu())
+
+
+def like(array: Any, values: Any) -> Any:
+    """Values as an array of ``array``'s library, dtype and device."""
+    return namespace_of(array).asarray(values, dtype=array.dtype, device=array_api_compat.device(array))

@@ -43,7 +43,7 @@ def foot_position_and_jacobian(position_rad: AnyArray, legs: slice = slice(None)
         Positions, shape (..., 4, 3), m; Jacobians, shape (..., 4, 3, 3), m/rad, rows x, y, z, columns hx, hy, kn.
     """
     xp = namespace_of(position_rad)
-    hip_x, hip_y, out = (a[legs] for a in _geometry(xp, position_rad.dtype, device(position_rad)))
+    hip_x, hip_y, out = (a[legs] for a in hip_placement(xp, position_rad.dtype, device(position_rad)))
     hx, hy, kn = (position_rad[..., joint::3][..., legs] for joint in range(3))
     cos_hx, sin_hx = xp.cos(hx), xp.sin(hx)
     # In the leg's plane: rotation about +y turns (x, z) into (x cos + z sin, −x sin + z cos).
@@ -60,8 +60,8 @@ def foot_position_and_jacobian(position_rad: AnyArray, legs: slice = slice(None)
 
 
 @functools.lru_cache(maxsize=16)
-def _geometry(xp: Any, dtype: Any, on_device: Any) -> tuple[AnyArray, ...]:
-    """Hip placements as arrays; kept, because a copy to a GPU would make every caller wait."""
+def hip_placement(xp: Any, dtype: Any, on_device: Any) -> tuple[AnyArray, ...]:
+    """Where the legs begin, x and y, and how far out, each of shape (4,), m; kept: a copy to a GPU makes one wait."""
     return tuple(xp.asarray(values, dtype=dtype, device=on_device) for values in (_HIP_X_M, _HIP_Y_M, _OUT_M))
 
 

@@ -92,6 +92,11 @@ def tilt_rad(world_from_body_wxyz: AnyArray) -> AnyArray:
     return xp.acos(xp.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))
 
 
+def cross(a: AnyArray, b: AnyArray) -> AnyArray:
+    """Cross product of vectors, shape (..., 3)."""
+    return _cross(namespace_of(a), a, b)
+
+
 def _cross(xp: Any, a: AnyArray, b: AnyArray) -> AnyArray:
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]

@@ -94,7 +94,7 @@ def test_a_process_of_ours_is_told_no_secret(monkeypatch: pytest.MonkeyPatch) ->
     process = ChildProcess.start("fake_robot.start.launch", "0", "", "--help")
     # The kernel fills this in a moment after the program has replaced the fork: it is empty until then.
     while not (environment := Path(f"/proc/{process.pid}/environ").read_text()):
-        assert process.exit_code() is None
+        assert process.exit_code is None
     process.end(60.0)
     assert "PATH" in environment
     assert "s3cr3t" not in environment

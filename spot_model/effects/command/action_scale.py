@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
+from array_api_compat import device
 
 from spot_model.effects.base import SoftwareEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.facts import DEFAULT_POSITION_RAD
 from spot_model.robot.rotation import AnyArray
 
@@ -25,5 +26,7 @@ class ActionScale(SoftwareEffect):
 
     def setpoint_rad(self, position_rad: AnyArray) -> AnyArray:
         """Scale about the default pose."""
-        scaled = position_rad + (np.asarray(self.scale) - 1.0) * (position_rad - DEFAULT_POSITION_RAD)
-        return np.where(self.mask, scaled, position_rad)
+        xp = namespace_of(position_rad)
+        rest = xp.asarray(DEFAULT_POSITION_RAD, dtype=position_rad.dtype, device=device(position_rad))
+        scaled = position_rad + (self.scale - 1.0) * (position_rad - rest)
+        return xp.where(self.mask_like(position_rad), scaled, position_rad)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import CommandEffect, parameter, per_sim
+from spot_model.effects.base import CommandEffect, Draws, parameter, per_sim
 from spot_model.robot.rotation import AnyArray
 
 
@@ -22,6 +20,6 @@ class CommandDelay(CommandEffect):
 
     delay_s: Any = parameter(null=0.0, low=0.0, high=0.2, unit="s", source="the paper: 5 ms")
 
-    def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
+    def arrival_s(self, issued_s: AnyArray, rng: Draws) -> AnyArray:
         """Issue time plus delay."""
         return issued_s + per_sim(self.delay_s)

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import CommandEffect, parameter, per_sim
+from spot_model.effects.base import CommandEffect, Draws, parameter, per_sim
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -23,6 +22,7 @@ class CommandDrop(CommandEffect):
 
     probability: Any = parameter(null=0.0, low=0.0, high=0.9, unit="1", source="0 to 0.02")
 
-    def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
+    def arrival_s(self, issued_s: AnyArray, rng: Draws) -> AnyArray:
         """Issue time, or never."""
-        return np.where(rng.random(np.shape(issued_s)) < per_sim(self.probability), math.inf, issued_s)
+        is_lost = rng.random(tuple(issued_s.shape)) < per_sim(self.probability)
+        return namespace_of(issued_s).where(is_lost, math.inf, issued_s)

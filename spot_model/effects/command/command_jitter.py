@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import CommandEffect, parameter, per_sim
+from spot_model.effects.base import CommandEffect, Draws, parameter, per_sim
 from spot_model.robot.rotation import AnyArray
 
 
@@ -22,6 +20,6 @@ class CommandJitter(CommandEffect):
 
     mean_s: Any = parameter(null=0.0, low=0.0, high=0.05, unit="s", source="recorded intervals, 0.0005 to 0.003 s")
 
-    def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
+    def arrival_s(self, issued_s: AnyArray, rng: Draws) -> AnyArray:
         """Issue time plus a drawn delay."""
-        return issued_s + per_sim(self.mean_s) * rng.standard_exponential(np.shape(issued_s))
+        return issued_s + per_sim(self.mean_s) * rng.standard_exponential(tuple(issued_s.shape))

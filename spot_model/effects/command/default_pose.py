@@ -22,4 +22,4 @@ class DefaultPose(SoftwareEffect):
 
     def setpoint_rad(self, position_rad: AnyArray) -> AnyArray:
         """Add the offset."""
-        return position_rad + self.offset_rad * self.mask
+        return position_rad + self.offset_rad * self.mask_like(position_rad)

@@ -30,4 +30,4 @@ class JointSwap(SoftwareEffect):
     def setpoint_rad(self, position_rad: AnyArray) -> AnyArray:
         """Blend with the other side."""
         other = position_rad[:, LEFT_RIGHT]
-        return position_rad + self.share * self.mask * (other - position_rad)
+        return position_rad + self.share * self.mask_like(position_rad) * (other - position_rad)

@@ -6,9 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.base import Draws, JointReading, Memory, SensorEffect, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,9 +24,7 @@ class JointCompliance(SensorEffect):
         null=0.0, low=0.0, high=0.02, unit="rad/(N·m)", source="0.0002 to 0.002 rad/(N·m)"
     )
 
-    def read(
-        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
-    ) -> tuple[JointReading, Memory]:
+    def read(self, reading: JointReading, dt_s: float, memory: Memory, rng: Draws) -> tuple[JointReading, Memory]:
         """Add the wind-up."""
-        wind_up = self.compliance_rad_per_nm * reading.load_nm * self.mask
+        wind_up = self.compliance_rad_per_nm * reading.load_nm * self.mask_like(reading.load_nm)
         return dataclasses.replace(reading, position_rad=reading.position_rad + wind_up), memory

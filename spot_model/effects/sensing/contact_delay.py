@@ -7,9 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
+from spot_model.effects.base import BodyEstimate, Draws, EstimateEffect, JointReading, Memory, parameter
+from spot_model.robot.arrays import namespace_of
 
 JOINTS_A_LEG = 3
 
@@ -27,16 +26,19 @@ class ContactDelay(EstimateEffect):
 
     def start(self, estimate: BodyEstimate) -> Memory:
         """The flags as they are, and for how long the contact has differed from them."""
-        return estimate.foot_contact, np.zeros_like(estimate.foot_contact)
+        return estimate.foot_contact, namespace_of(estimate.foot_contact).zeros_like(estimate.foot_contact)
 
     def estimate(
-        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: Draws
     ) -> tuple[BodyEstimate, Memory]:
         """Hold the flags back."""
+        xp = namespace_of(estimate.foot_contact)
         flags, differs_s = memory
-        own_s = np.where(self.mask.reshape(-1, JOINTS_A_LEG).any(axis=1), self.delay_s, 0.0)
-        differs_s = np.where(estimate.foot_contact != flags, differs_s + dt_s, 0.0)
+        # A leg's delay is that of its joints, the largest of the three.
+        own_s = xp.where(self.mask_like(estimate.foot_contact), self.delay_s, 0.0)
+        own_s = xp.max(xp.reshape(own_s, (own_s.shape[0], -1, JOINTS_A_LEG)), axis=-1)
+        differs_s = xp.where(estimate.foot_contact != flags, differs_s + dt_s, 0.0)
         # Half a step of slack: times are sums of steps.
         due = differs_s > own_s + 0.5 * dt_s if math.isfinite(dt_s) else differs_s >= 0.0
-        flags = np.where(due | (own_s <= 0.0), estimate.foot_contact, flags)
+        flags = xp.where(due | (own_s <= 0.0), estimate.foot_contact, flags)
         return dataclasses.replace(estimate, foot_contact=flags), (flags, differs_s)

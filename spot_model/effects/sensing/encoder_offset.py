@@ -6,9 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.base import Draws, JointReading, Memory, SensorEffect, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +20,7 @@ class EncoderOffset(SensorEffect):
 
     offset_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="calibration, 0.005 to 0.05 rad")
 
-    def read(
-        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
-    ) -> tuple[JointReading, Memory]:
+    def read(self, reading: JointReading, dt_s: float, memory: Memory, rng: Draws) -> tuple[JointReading, Memory]:
         """Add the offset."""
-        return dataclasses.replace(reading, position_rad=reading.position_rad + self.offset_rad * self.mask), memory
+        offset = self.offset_rad * self.mask_like(reading.position_rad)
+        return dataclasses.replace(reading, position_rad=reading.position_rad + offset), memory

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
+from spot_model.effects.base import BodyEstimate, Draws, EstimateEffect, JointReading, Memory, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray, multiply_wxyz, rotate_inverse_wxyz
 
 
@@ -26,12 +25,10 @@ class ImuTilt(EstimateEffect):
     pitch_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="0.01 to 0.05 rad")
 
     def estimate(
-        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: Draws
     ) -> tuple[BodyEstimate, Memory]:
         """Tilt attitude, turn rates and velocity."""
         body_from_imu = self._body_from_imu_wxyz
-        if body_from_imu is None:
-            return estimate, memory
         linear = rotate_inverse_wxyz(body_from_imu, estimate.linear_vel_of_body_in_body_m_s)
         angular = rotate_inverse_wxyz(body_from_imu, estimate.angular_vel_of_body_in_body_rad_s)
         tilted = dataclasses.replace(
@@ -43,13 +40,11 @@ class ImuTilt(EstimateEffect):
         return tilted, memory
 
     @cached_property
-    def _body_from_imu_wxyz(self) -> AnyArray | None:
-        """The tilt, shape (1, 4) or (n, 4); None where there is none."""
-        if self.is_null:
-            return None
-        angles = (0.5 * np.reshape(np.asarray(v), (-1, 1)) for v in (self.roll_rad, self.pitch_rad))
-        roll, pitch = np.broadcast_arrays(*angles)
-        zero = np.zeros_like(roll)
-        about_x = np.concatenate([np.cos(roll), np.sin(roll), zero, zero], axis=1)
-        about_y = np.concatenate([np.cos(pitch), zero, np.sin(pitch), zero], axis=1)
+    def _body_from_imu_wxyz(self) -> AnyArray:
+        """The tilt, shape (1, 4) or (n, 4)."""
+        xp = namespace_of(self.roll_rad)
+        roll, pitch = xp.broadcast_arrays(0.5 * self.roll_rad, 0.5 * self.pitch_rad)
+        zero = xp.zeros_like(roll)
+        about_x = xp.concat([xp.cos(roll), xp.sin(roll), zero, zero], axis=1)
+        about_y = xp.concat([xp.cos(pitch), zero, xp.sin(pitch), zero], axis=1)
         return multiply_wxyz(about_x, about_y)

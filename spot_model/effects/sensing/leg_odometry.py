@@ -8,25 +8,23 @@ policy sees. A simulation that shows the policy the true velocity is another clo
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-import numpy as np
-from numpy.typing import NDArray
+from array_api_compat import device
 
-from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
+from spot_model.effects.base import BodyEstimate, Draws, EstimateEffect, JointReading, Memory, parameter
 from spot_model.robot import facts
-from spot_model.robot.rotation import rotate_inverse_wxyz
+from spot_model.robot.arrays import namespace_of
+from spot_model.robot.leg_kinematics import hip_placement
+from spot_model.robot.rotation import AnyArray, rotate_inverse_wxyz
 
-Array = NDArray[np.float64]
 Vector = tuple[Any, Any, Any]
 """Three components, each an array of its own: many small arrays cost by the call."""
 
 STANDS_AFTER_S: Final = 0.025
 """A foot that has just touched down still moves, and estimators leave it out."""
-_HIP_X_M: Final = np.array([facts.end_sign(leg) * facts.HX_FROM_BODY_M[0] for leg in facts.LEG_NAMES])
-_HIP_Y_M: Final = np.array([facts.side_sign(leg) * facts.HX_FROM_BODY_M[1] for leg in facts.LEG_NAMES])
-_OUT_M: Final = np.array([facts.side_sign(leg) * facts.HY_FROM_HX_M[1] for leg in facts.LEG_NAMES])
 _THIGH_X_M, _, _THIGH_Z_M = facts.KN_FROM_HY_M
 _SHANK_X_M, _, _SHANK_Z_M = facts.FOOT_FROM_KN_M
 
@@ -48,56 +46,60 @@ class LegOdometry(EstimateEffect):
 
     def start(self, estimate: BodyEstimate) -> Memory:
         """No error in the world frame, shape (n, 3), and no foot on the ground, in s, shape (n, 4)."""
-        n = len(estimate.world_from_body_wxyz)
-        return np.zeros((n, 3)), np.zeros((n, facts.N_LEGS))
+        velocity = estimate.linear_vel_of_body_in_body_m_s
+        zeros_like = namespace_of(velocity).zeros_like
+        return zeros_like(velocity), zeros_like(estimate.foot_contact)
 
     def estimate(
-        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: Draws
     ) -> tuple[BodyEstimate, Memory]:
         """Move the error on, and add it to the velocity."""
         error, on_s = memory
-        time_s = np.broadcast_to(np.asarray(self.time_s)[:, :1], (len(error), 1))
-        pull = np.where(time_s > 0.0, -np.expm1(-dt_s / np.where(time_s > 0.0, time_s, np.inf)), 0.0)
-        on_s = np.where(np.asarray(estimate.foot_contact) > 0.5, on_s + dt_s, 0.0)
+        xp = namespace_of(error)
+        time_s = self.time_s[:, :1]
+        pull = xp.where(time_s > 0.0, -xp.expm1(-dt_s / xp.where(time_s > 0.0, time_s, math.inf)), 0.0)
+        on_s = xp.where(estimate.foot_contact > 0.5, on_s + dt_s, 0.0)
         stands = on_s > STANDS_AFTER_S
-        count = stands.sum(axis=1, keepdims=True)
+        count = xp.sum(xp.astype(stands, error.dtype), axis=1, keepdims=True)
         velocity = foot_velocity_m_s(
             estimate.world_from_body_wxyz,
             estimate.linear_vel_of_body_in_body_m_s,
             estimate.angular_vel_of_body_in_body_rad_s,
-            np.asarray(joints.position_rad),
-            np.asarray(joints.velocity_rad_s),
+            joints.position_rad,
+            joints.velocity_rad_s,
         )
-        mean = np.where(stands[..., None], velocity, 0.0).sum(axis=1) / np.maximum(count, 1)
-        error = error - np.where(count > 0, pull * (mean + error), 0.0)
-        shift = np.asarray(rotate_inverse_wxyz(estimate.world_from_body_wxyz, error))
+        mean = xp.sum(xp.where(stands[..., None], velocity, 0.0), axis=1) / xp.clip(count, 1.0, None)
+        error = error - xp.where(count > 0.0, pull * (mean + error), 0.0)
+        shift = rotate_inverse_wxyz(estimate.world_from_body_wxyz, error)
         velocity_m_s = estimate.linear_vel_of_body_in_body_m_s + shift
         return dataclasses.replace(estimate, linear_vel_of_body_in_body_m_s=velocity_m_s), (error, on_s)
 
 
 def foot_velocity_m_s(
-    world_from_body_wxyz: Array,
-    linear_vel_in_body_m_s: Array,
-    angular_vel_in_body_rad_s: Array,
-    position_rad: Array,
-    velocity_rad_s: Array,
-) -> Array:
+    world_from_body_wxyz: AnyArray,
+    linear_vel_in_body_m_s: AnyArray,
+    angular_vel_in_body_rad_s: AnyArray,
+    position_rad: AnyArray,
+    velocity_rad_s: AnyArray,
+) -> AnyArray:
     """Of the feet's lowest points, world frame, by what the robot knows of its joints; shape (n, 4, 3).
 
     Component by component, since many small arrays cost by the call.
     """
+    xp = namespace_of(position_rad)
+    hip_x, hip_y, out = hip_placement(xp, position_rad.dtype, device(position_rad))
     w, x, y, z = (world_from_body_wxyz[:, i : i + 1] for i in range(4))
     attitude = (x, y, z)
     # The lowest point lies the foot's radius below its centre.
     down = (-2.0 * (z * x - w * y), -2.0 * (w * x + z * y), -1.0 + 2.0 * (x * x + y * y))
     arm_x, arm_y, arm_z = (facts.FOOT_RADIUS_M * d for d in down)
     hx, hy, kn = (position_rad[:, joint::3] for joint in range(3))
-    cos_hx, sin_hx = np.cos(hx), np.sin(hx)
-    thigh_x, thigh_z = _in_plane(hy, _THIGH_X_M, _THIGH_Z_M)
-    shank_x, shank_z = _in_plane(hy + kn, _SHANK_X_M, _SHANK_Z_M)
+    cos_hx, sin_hx = xp.cos(hx), xp.sin(hx)
+    thigh_x, thigh_z = _in_plane(xp, hy, _THIGH_X_M, _THIGH_Z_M)
+    shank_x, shank_z = _in_plane(xp, hy + kn, _SHANK_X_M, _SHANK_Z_M)
     leg_x, leg_z = thigh_x + shank_x, thigh_z + shank_z
-    foot_y, foot_z = _OUT_M * cos_hx - leg_z * sin_hx, _OUT_M * sin_hx + leg_z * cos_hx
-    point = (_HIP_X_M + leg_x + arm_x, _HIP_Y_M + foot_y + arm_y, foot_z + arm_z)
+    foot_y, foot_z = out * cos_hx - leg_z * sin_hx, out * sin_hx + leg_z * cos_hx
+    point = (hip_x + leg_x + arm_x, hip_y + foot_y + arm_y, foot_z + arm_z)
     # Two joints turn about the same axis, (0, cos hx, sin hx).
     turned_x, turned_y, turned_z = cos_hx * arm_z - sin_hx * arm_y, sin_hx * arm_x, cos_hx * arm_x
     rate_hx, rate_hy, rate_kn = (velocity_rad_s[:, joint::3] for joint in range(3))
@@ -113,20 +115,20 @@ def foot_velocity_m_s(
         own[1] + by_turn[1] + by_joints[1],
         own[2] + by_turn[2] + by_joints[2],
     )
-    return np.stack(_turned(w, attitude, in_body), axis=-1)
+    return xp.stack(_turned(w, attitude, in_body), axis=-1)
 
 
-def _columns(vector: Array) -> Vector:
+def _columns(vector: AnyArray) -> Vector:
     return vector[:, 0:1], vector[:, 1:2], vector[:, 2:3]
 
 
-def _in_plane(angle: Array, x_m: float, z_m: float) -> tuple[Array, Array]:
+def _in_plane(xp: Any, angle: AnyArray, x_m: float, z_m: float) -> tuple[AnyArray, AnyArray]:
     """A link in its leg's plane, turned about +y."""
-    cos, sin = np.cos(angle), np.sin(angle)
+    cos, sin = xp.cos(angle), xp.sin(angle)
     return x_m * cos + z_m * sin, z_m * cos - x_m * sin
 
 
-def _turned(w: Array, u: Vector, v: Vector) -> Vector:
+def _turned(w: AnyArray, u: Vector, v: Vector) -> Vector:
     """Components turned by a quaternion (w, u)."""
     uv = _cross(u, v)
     uuv = _cross(u, uv)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.base import Draws, JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.sensing.low_pass import low_pass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,11 +25,7 @@ class LoadFilter(SensorEffect):
         """Start at the first load."""
         return reading.load_nm
 
-    def read(
-        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
-    ) -> tuple[JointReading, Memory]:
+    def read(self, reading: JointReading, dt_s: float, memory: Memory, rng: Draws) -> tuple[JointReading, Memory]:
         """Filter the load."""
-        tau = np.where(self.mask, self.time_constant_s, 0.0)
-        keep = np.where(tau > 0.0, np.exp(-dt_s / np.where(tau > 0.0, tau, math.inf)), 0.0)
-        load = np.where(keep > 0.0, reading.load_nm + keep * (memory - reading.load_nm), reading.load_nm)
+        load = low_pass(reading.load_nm, memory, self.time_constant_s, dt_s, self)
         return dataclasses.replace(reading, load_nm=load), load

@@ -6,9 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.base import Draws, JointReading, Memory, SensorEffect, parameter
+from spot_model.robot.arrays import namespace_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +22,9 @@ class LoadSensorGain(SensorEffect):
     gain: Any = parameter(null=1.0, low=0.2, high=3.0, unit="1", source="0.95 to 1.05")
     bias_nm: Any = parameter(null=0.0, low=-20.0, high=20.0, unit="N·m", source="0.1 to 1 N·m")
 
-    def read(
-        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
-    ) -> tuple[JointReading, Memory]:
+    def read(self, reading: JointReading, dt_s: float, memory: Memory, rng: Draws) -> tuple[JointReading, Memory]:
         """Scale and shift the load."""
-        load = np.where(self.mask, self.gain * reading.load_nm + self.bias_nm, reading.load_nm)
+        load = namespace_of(reading.load_nm).where(
+            self.mask_like(reading.load_nm), self.gain * reading.load_nm + self.bias_nm, reading.load_nm
+        )
         return dataclasses.replace(reading, load_nm=load), memory

@@ -6,9 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.base import Draws, JointReading, Memory, SensorEffect, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,13 +22,11 @@ class SensorNoise(SensorEffect):
     velocity_rad_s: Any = parameter(null=0.0, low=0.0, high=2.0, unit="rad/s", source="0.02 to 0.1 rad/s")
     load_nm: Any = parameter(null=0.0, low=0.0, high=20.0, unit="N·m", source="0.3 to 1 N·m")
 
-    def read(
-        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
-    ) -> tuple[JointReading, Memory]:
+    def read(self, reading: JointReading, dt_s: float, memory: Memory, rng: Draws) -> tuple[JointReading, Memory]:
         """Add the noise."""
 
         def noisy(name: str) -> Any:
             value = getattr(reading, name)
-            return value + getattr(self, name) * self.mask * rng.standard_normal(value.shape)
+            return value + getattr(self, name) * self.mask_like(value) * rng.standard_normal(tuple(value.shape))
 
         return dataclasses.replace(reading, **{p.name: noisy(p.name) for p in self.parameters()}), memory

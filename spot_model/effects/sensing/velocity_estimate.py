@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
+from spot_model.effects.base import BodyEstimate, Draws, EstimateEffect, JointReading, Memory, parameter
+from spot_model.effects.sensing.low_pass import low_pass
+from spot_model.robot.arrays import namespace_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,14 +30,13 @@ class VelocityEstimate(EstimateEffect):
         return estimate.linear_vel_of_body_in_body_m_s
 
     def estimate(
-        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: Draws
     ) -> tuple[BodyEstimate, Memory]:
         """Filter, scale and shift."""
         now = estimate.linear_vel_of_body_in_body_m_s
-        lag = np.asarray(self.lag_s)
-        keep = np.where(lag > 0.0, np.exp(-dt_s / np.where(lag > 0.0, lag, math.inf)), 0.0)
-        filtered = np.where(keep > 0.0, now + keep * (memory - now), now)
-        zero = np.zeros_like(now[:, :1])
-        bias = np.concatenate([zero + self.bias_x_m_s, zero + self.bias_y_m_s, zero], axis=1)
+        xp = namespace_of(now)
+        filtered = low_pass(now, memory, self.lag_s, dt_s)
+        zero = xp.zeros_like(now[:, :1])
+        bias = xp.concat([zero + self.bias_x_m_s, zero + self.bias_y_m_s, zero], axis=1)
         out = self.scale * filtered + bias
         return dataclasses.replace(estimate, linear_vel_of_body_in_body_m_s=out), filtered

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
-import numpy as np
-
-from spot_model.effects.base import JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.base import Draws, JointReading, Memory, SensorEffect, parameter
+from spot_model.effects.sensing.low_pass import low_pass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,16 +30,15 @@ class VelocityFilter(SensorEffect):
         """Start at the first velocity."""
         return reading.velocity_rad_s
 
-    def read(
-        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
-    ) -> tuple[JointReading, Memory]:
+    def read(self, reading: JointReading, dt_s: float, memory: Memory, rng: Draws) -> tuple[JointReading, Memory]:
         """Filter the velocity."""
-        tau = np.where(self.mask, self.time_constant_s, 0.0)
-        keep = np.where(tau > 0.0, np.exp(-dt_s / np.where(tau > 0.0, tau, math.inf)), 0.0)
-        filtered = np.where(
-            keep > 0.0, reading.velocity_rad_s + keep * (memory - reading.velocity_rad_s), reading.velocity_rad_s
-        )
+        filtered = low_pass(reading.velocity_rad_s, memory, self.time_constant_s, dt_s, self)
         servo = reading.servo_velocity_rad_s
-        if np.any(np.asarray(self.unfiltered_share) > 0.0):
+        if self._is_shared:
             servo = filtered + self.unfiltered_share * (reading.velocity_rad_s - filtered)
         return dataclasses.replace(reading, velocity_rad_s=filtered, servo_velocity_rad_s=servo), filtered
+
+    @cached_property
+    def _is_shared(self) -> bool:
+        """Looked at once: on a GPU each look would make the host wait."""
+        return bool((self.unfiltered_share > 0.0).any())

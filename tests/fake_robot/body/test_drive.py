@@ -29,7 +29,7 @@ def case(seed: int, spread: float) -> tuple[ServoCommand, Motion]:
 @given(seed=st.integers(0, 10_000), spread=st.floats(0.01, 6.0))
 def test_the_drive_gives_what_all_effects_together_give(seed: int, spread: float):
     servo, motion = case(seed, spread)
-    expected = TorqueChain(EFFECTS, 1).torque_nm(servo, motion, motion)
+    expected = TorqueChain(EFFECTS, np.zeros((1, 12))).torque_nm(servo, motion, motion)
     np.testing.assert_array_equal(Drive(EFFECTS).torque_nm(servo, motion, motion), expected)
 
 
@@ -53,15 +53,15 @@ def test_an_effect_is_the_identity_inside_its_idle_box(effect: TorqueEffect, see
 
 def test_effects_outside_their_boxes_are_not_left_out():
     servo, motion = case(1, 6.0)
-    plain = TorqueChain([], 1).torque_nm(servo, motion, motion)
+    plain = TorqueChain([], np.zeros((1, 12))).torque_nm(servo, motion, motion)
     assert not np.array_equal(Drive(EFFECTS).torque_nm(servo, motion, motion), plain)
 
 
 def test_an_effect_without_a_box_always_acts():
     effects = [*EFFECTS, TorqueBandwidth(time_constant_s=0.01)]
-    drive, chain = Drive(effects), TorqueChain(effects, 1)
+    drive, chain = Drive(effects), TorqueChain(effects, np.zeros((1, 12)))
     for seed in range(5):
         servo, motion = case(seed, 0.1)
         expected = chain.torque_nm(servo, motion, motion)
         np.testing.assert_array_equal(drive.torque_nm(servo, motion, motion), expected)
-    assert not np.array_equal(expected, TorqueChain([], 1).torque_nm(servo, motion, motion))
+    assert not np.array_equal(expected, TorqueChain([], np.zeros((1, 12))).torque_nm(servo, motion, motion))

@@ -1,0 +1,106 @@
+"""What moves simulated robots: MuJoCo on the cores, or on a GPU. The plant above it is the same for both."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from spot_model.plant.model_fields import PlantFields
+from spot_model.robot import facts
+from spot_model.robot.rotation import AnyArray
+
+FOOT_SENSOR_SIZE = 4
+"""Number of contacts, then the force of the foot on the ground, three components in the world frame."""
+
+
+class Physics(Protocol):
+    """Many simulations of one MuJoCo model. Arrays are live: what is written into them is the next state."""
+
+    model: mujoco.MjModel
+    fields: PlantFields
+    """Per-simulation fields of the model."""
+    batch: Batch
+    """On the cores the simulations themselves; for a GPU it only holds the fields."""
+    qpos: AnyArray
+    """Shape (n_sims, 19)."""
+    qvel: AnyArray
+    """Shape (n_sims, 18)."""
+    ctrl: AnyArray
+    """Motor torques, shape (n_sims, 12), N·m."""
+    sensordata: AnyArray
+    time: AnyArray
+    """Since the last reset, shape (n_sims,), s."""
+
+    def step(self) -> None:
+        """Advance all simulations by one physics step."""
+        ...
+
+    def restart(self, mask: AnyArray) -> None:
+        """Forget velocities, torques and the solver's last solution in the simulations of ``mask``, shape (n_sims,)."""
+        ...
+
+    def forward(self, mask: AnyArray) -> None:
+        """Bring contacts, forces and sensors up to date with the state in the simulations of ``mask``."""
+        ...
+
+    def foot_contact(self) -> AnyArray:
+        """Whether each foot touches the ground, bool, shape (n_sims, 4)."""
+        ...
+
+    def body_contact(self) -> AnyArray:
+        """Whether anything but a foot touches the ground, bool, shape (n_sims,)."""
+        ...
+
+    def diverged(self) -> AnyArray:
+        """Simulations whose numbers mean nothing any more, bool, shape (n_sims,)."""
+        ...
+
+
+class CorePhysics:
+    """On the cores, by ``mujoco.batch``; the result is bit-identical at any number of threads."""
+
+    def __init__(self, model: mujoco.MjModel, n_sims: int, n_threads: int) -> None:
+        self.model = model
+        self.batch = batch = Batch(model, n_sims, nthread=n_threads)
+        self.fields = PlantFields(batch)
+        self.qpos: NDArray[np.float64] = batch.bind("qpos")
+        self.qvel: NDArray[np.float64] = batch.bind("qvel")
+        self.ctrl: NDArray[np.float64] = batch.bind("ctrl")
+        self.time: NDArray[np.float64] = batch.bind("time")
+        self.sensordata: NDArray[np.float64] = batch.bind("sensordata")
+        self._ncon: NDArray[np.int32] = batch.bind("ncon")
+        self._foot_contacts = self.sensordata[:, : FOOT_SENSOR_SIZE * facts.N_LEGS : FOOT_SENSOR_SIZE]
+
+    def step(self) -> None:
+        """Advance all simulations by one physics step."""
+        self.batch.step()
+
+    def restart(self, mask: NDArray[np.bool_]) -> None:
+        """Forget velocities, torques and the solver's last solution."""
+        self.batch.reset(np.flatnonzero(mask), stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+
+    def forward(self, mask: NDArray[np.bool_]) -> None:
+        """Bring contacts, forces and sensors up to date with the state."""
+        self.batch.forward(np.flatnonzero(mask))
+
+    def foot_contact(self) -> NDArray[np.bool_]:
+        """Whether each foot touches the ground, shape (n_sims, 4)."""
+        contact: NDArray[np.bool_] = self._foot_contacts > 0.0
+        return contact
+
+    def body_contact(self) -> NDArray[np.bool_]:
+        """Whether anything but a foot touches the ground, shape (n_sims,)."""
+        return np.asarray(self._ncon > self._foot_contacts.sum(axis=1))
+
+    def warning_counts(self) -> NDArray[Any]:
+        """MuJoCo's warnings from a full contact list on, shape (n_sims, k)."""
+        counts: NDArray[Any] = self.batch.warning[:, mujoco.mjtWarning.mjWARN_CONTACTFULL.value :, 1]
+        return counts
+
+    def diverged(self) -> NDArray[np.bool_]:
+        """Simulations that MuJoCo warned of, shape (n_sims,)."""
+        return np.asarray(self.warning_counts().any(axis=1))

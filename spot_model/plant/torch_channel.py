@@ -1,0 +1,105 @@
+"""Position set-points under way to the servos of simulations on a GPU: fixed buffers, and no look at a value."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final, cast
+
+import numpy as np
+import torch
+
+from spot_model.effects.base import CommandEffect, Draws
+from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.plant.command_channel import ServoCommand
+
+Tensor = torch.Tensor
+
+JITTER_MEANS: Final = 12.0
+"""Room for delays of so many means; one command in 160,000 is later, and takes effect when its buffer ends."""
+SHORTEST_PERIOD_S: Final = 0.02
+"""Between two commands, by which the number of buffers is chosen."""
+
+
+class TorchChannel:
+    """Carries position set-points late, in order, or never; gains and feed-forward hold at once, as they never change.
+
+    As :class:`spot_model.plant.command_channel.CommandChannel` does, a command takes effect at the first physics step
+    that starts at or after its arrival, and never before one that was issued earlier.
+    """
+
+    def __init__(self, effects: Sequence[CommandEffect], start: ServoCommand, timestep_s: float, rng: Draws) -> None:
+        self._effects = tuple(effects)
+        self._rng = rng
+        self._tolerance_s = 1e-6 * timestep_s
+        self._command = start
+        held = _tensor(start.position_rad)
+        self._held = held.clone()
+        n = len(held)
+        slots = 1 + math.ceil(longest_delay_s(effects, n) / SHORTEST_PERIOD_S)
+        self._setpoints = [held.clone() for _ in range(slots)] if effects else []
+        """The newest first."""
+        self._arrival_s = [
+            torch.full((n, 1), -math.inf, dtype=torch.float64, device=held.device) for _ in self._setpoints
+        ]
+
+    def issue(self, command: ServoCommand, now_s: Tensor) -> None:
+        """Send a command at ``now_s``, shape (1,)."""
+        if not self._effects:
+            self._held.copy_(_tensor(command.position_rad))
+        else:
+            n = len(self._held)
+            arrival: Any = now_s.expand(n)
+            for effect in self._effects:
+                arrival = torch.broadcast_to(effect.arrival_s(arrival, self._rng), (n,))
+            arrival = arrival[:, None].to(torch.float64)
+            # In order: no earlier than the newest before it that was not lost.
+            for earlier in self._arrival_s:
+                arrival = torch.where(torch.isfinite(earlier), torch.maximum(arrival, earlier), arrival)
+            self._settle(self._setpoints[-1], self._arrival_s[-1])
+            for kept in (self._setpoints, self._arrival_s):
+                for newer, older in reversed(list(itertools.pairwise(kept))):
+                    older.copy_(newer)
+            self._setpoints[0].copy_(_tensor(command.position_rad))
+            self._arrival_s[0].copy_(arrival)
+        self._command = command
+
+    def at(self, now_s: Tensor) -> ServoCommand:
+        """The command in effect in the physics step that starts at ``now_s``."""
+        active = self._held
+        for setpoint, arrival in zip(reversed(self._setpoints), reversed(self._arrival_s), strict=True):
+            active = torch.where(arrival <= now_s + self._tolerance_s, setpoint, active)
+        return replace(self._command, position_rad=cast(Any, active))
+
+    def reset(self, mask: Tensor, command: ServoCommand) -> None:
+        """In the simulations of ``mask``, drop what is on its way and hold the command's position."""
+        rows = mask[:, None]
+        self._held.copy_(torch.where(rows, _tensor(command.position_rad), self._held))
+        for arrival in self._arrival_s:
+            arrival.masked_fill_(rows, math.inf)
+
+    def buffers(self) -> list[Tensor]:
+        """All that moves."""
+        return [self._held, *self._setpoints, *self._arrival_s]
+
+    def _settle(self, setpoint: Tensor, arrival_s: Tensor) -> None:
+        self._held.copy_(torch.where(torch.isfinite(arrival_s), setpoint, self._held))
+
+
+def _tensor(array: Any) -> Tensor:
+    """A servo command's array, as what it is on a GPU."""
+    return cast(Tensor, array)
+
+
+def longest_delay_s(effects: Sequence[CommandEffect], n: int) -> float:
+    """The longest time that commands of n simulations are under way, lost ones aside."""
+    longest = 0.0
+    for effect in effects:
+        if isinstance(effect, CommandJitter):
+            longest += JITTER_MEANS * float(np.max(np.asarray(effect.mean_s)))
+        else:
+            delay = np.asarray(effect.arrival_s(np.zeros(n), np.random.default_rng(0)))
+            longest += float(np.max(np.where(np.isfinite(delay), delay, 0.0)))
+    return longest
