@@ -12,9 +12,8 @@ import sys
 import torch
 
 from spot_model.robot import facts
-from trainer.backends.cpu import CpuBackend
+from trainer.backends.plant_backend import PlantBackend
 from trainer.backends.random_draws import Draws
-from trainer.backends.warp import WarpBackend
 from trainer.config.task_config import RandomisationConfig, TaskConfig
 from trainer.task.initial_state import draw_initial_state, draw_simulations
 from trainer.task.randomised_effects import training_effects
@@ -38,7 +37,7 @@ def main(device: str = "cuda:0", n: int = 256, periods: int = 50) -> None:
     simulations = draw_simulations(config.randomisation, n, draws)
     initial = draw_initial_state(config.randomisation, config.terrain, n, draws)
     everyone = torch.ones(n, dtype=torch.bool)
-    gpu, cpu = WarpBackend(config, effects, simulations, device), CpuBackend(config, effects, simulations)
+    gpu, cpu = PlantBackend(config, effects, simulations, device), PlantBackend(config, effects, simulations)
     cpu.reset(everyone, initial)
     on_gpu = type(initial)(**{name: value.to(device) for name, value in vars(initial).items()})
     gpu.reset(everyone.to(device), on_gpu)

@@ -18,7 +18,7 @@ from spot_model.robot import facts
 from spot_rl.learning import training_config
 from spot_rl.paths import AnyPath
 from spot_rl.simulation import model_of
-from trainer.backends.cpu import CpuBackend
+from trainer.backends.plant_backend import PlantBackend
 from trainer.backends.random_draws import Draws
 from trainer.config.train_config import TrainConfig
 from trainer.task.initial_state import draw_simulations
@@ -149,7 +149,7 @@ def _one_robot(config: TrainConfig, model: RobotModel, seed: int) -> _OneRobot:
     randomisation = config.task.randomisation
     effects = training_effects(model, randomisation, 1, draws)
     simulations = draw_simulations(randomisation, 1, draws)
-    return _OneRobot(config.task, CpuBackend(config.task, effects, simulations, 1, seed=seed), generator)
+    return _OneRobot(config.task, PlantBackend(config.task, effects, simulations, n_threads=1, seed=seed), generator)
 
 
 def _command(options: Mapping[str, Any] | None) -> torch.Tensor | None:

@@ -16,11 +16,10 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.shared.threads import available_threads
-from trainer.sysid.simulation import recorded_loop
-from trainer.sysid.simulation.recorded_loop import RecordedLoop, Told
+from trainer.simulate import recorded_loop
+from trainer.simulate.recorded_loop import RecordedLoop, Told
 
 SUBSTEPS: Final = 2
 """Physics steps between two states."""
@@ -45,12 +44,14 @@ def simulate(
     noise: SensorNoise,
     *,
     only_ticks: bool = False,
+    device: str = "cpu",
     tell: Callable[[float], None] = lambda _: None,
 ) -> list[Run]:
     """Run all scripts, which have one tick period, in one batch.
 
     ``rng`` draws the sensors' noise and the delays; ``tell`` is called with the share that is done. With
     ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links: enough to compare gaits.
+    ``device`` is where the physics runs: "cpu" or a GPU.
 
     Raises:
         ValueError: There are no scripts.
@@ -64,21 +65,16 @@ def simulate(
     mjcf = MjcfOptions(
         timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
     )
-    plant = Plant(own, len(scripts), PlantOptions(mjcf=mjcf, n_threads=available_threads(), on_divergence="flag"))
+    options = PlantOptions(mjcf=mjcf, device=device, n_threads=available_threads(), on_divergence="flag")
+    plant = Plant(own, len(scripts), options)
     last_action = put_at(plant, [script.start for script in scripts])
-
-    def arrival_s(issued_s: Array) -> Array:
-        for effect in channel:
-            issued_s = np.broadcast_to(effect.arrival_s(issued_s, rng), (len(scripts),))
-        return issued_s
-
     loop = RecordedLoop(
         plant,
         policy,
         [Told(script.sequence, script.repeat, script.velocity_command) for script in scripts],
         start_setpoint_rad=np.asarray(policy.setpoint_rad(last_action)),
         last_action=last_action,
-        arrival_s=arrival_s,
+        channel=channel,
         rng=rng,
         noise=noise,
         software=software,

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from array_api_compat import device
 from numpy.typing import NDArray
 
 from spot_model.plant.command_path import CommandPath, PlantPath
@@ -18,11 +18,13 @@ from spot_model.plant.plant import Plant
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.arrays import like, namespace_of
 from spot_model.robot.facts import Array
+from spot_model.robot.rotation import AnyArray
 
 CommandAt = Callable[[int], Array]
 """What is asked of all robots at a policy tick: velocities, shape (n, 3); offsets of a joint script, shape (n, 12)."""
-Observed = NDArray[Any]
+Observed = AnyArray
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,8 @@ class Tick:
     velocity_command: Array
     """Shape (n, 3), or (n, 12) of a joint script."""
     observation: Observed
-    """What the policy saw, shape (n, 48), policy order."""
-    action: NDArray[np.float32]
+    """What the policy saw, shape (n, 48), policy order; an array of the plant's library."""
+    action: AnyArray
     """Shape (n, 12), policy order."""
 
 
@@ -70,7 +72,7 @@ class ClosedLoop:
     path: CommandPath | None = None
     sense: Callable[[int], Sensed | None] | None = None
     see: Callable[[int, Observed], Observed] | None = None
-    act: Callable[[Observed], NDArray[np.float32]] | None = None
+    act: Callable[[Observed], AnyArray] | None = None
     before_tick: Callable[[int], None] | None = None
     after_step: Callable[[], None] | None = None
 
@@ -84,25 +86,29 @@ class ClosedLoop:
             schedule: When robots are sensed and the policy runs; it may be endless.
             last_action: The networks' outputs before the first tick, shape (n, 12), policy order; zeros if None.
         """
-        path = self.path or PlantPath(self.plant, self.policy.gains())
-        act = self.act or self.policy.act
-        n = self.plant.n_sims
-        action = np.zeros((n, facts.N_JOINTS), dtype=np.float32) if last_action is None else last_action
+        policy = self.plant.policy_here(self.policy)
+        path = self.path or PlantPath(self.plant, policy.gains())
+        act = self.act or policy.act
+        n, position = self.plant.n_sims, self.plant.joint_position_rad
+        xp = namespace_of(position)
+        zeros = np.zeros((n, facts.N_JOINTS)) if last_action is None else last_action
+        action = xp.asarray(zeros, dtype=xp.float32, device=device(position))
         window: Observed | None = None
         for index, messages in enumerate(schedule):
             if self.before_tick is not None:
                 self.before_tick(index)
             asked = command_at(index)
             command = np.broadcast_to(asked, (n, asked.shape[-1]))
+            told = like(position, command)
             observation: Observed = np.empty(0)
             for message, n_steps in enumerate(messages):
                 sensed = true_state(self.plant) if self.sense is None else self.sense(message)
                 if message == 0 and sensed is not None:
-                    observation = self.policy.observe_many(sensed, command, action)
+                    observation = policy.observe_many(sensed, told, action)
                     observation = observation if self.see is None else self.see(index, observation)
-                    window = self.policy.window(observation, window)
+                    window = policy.window(observation, window)
                     action = act(window)
-                    path.send(index + 1, self.policy.setpoint_rad(action))
+                    path.send(index + 1, policy.setpoint_rad(action))
                 for _ in range(n_steps):
                     path.step()
                     if self.after_step is not None:

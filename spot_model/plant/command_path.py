@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.effects.base import CommandEffect, Draws
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.plant import Plant
+from spot_model.robot.arrays import like, namespace_of
 from spot_model.robot.facts import Array
+from spot_model.robot.rotation import AnyArray
 from spot_model.robot.state import Gains
-
-ArrivalS = Callable[[Array], Array]
-"""When commands take effect that are issued at these times, shape (n,), s; infinity for one that is lost."""
 
 
 class CommandPath(Protocol):
@@ -33,7 +33,7 @@ class PlantPath:
     """Through the plant's own channel, with its command effects."""
 
     def __init__(self, plant: Plant, gains: Gains) -> None:
-        self._plant, self._gains = plant, gains
+        self._plant, self._gains = plant, gains_like(plant, gains)
 
     def send(self, number: int, setpoint_rad: Array) -> None:
         """Issue a command; :class:`CommandPath`."""
@@ -54,15 +54,23 @@ class ReceiptPath:
         plant: Without command effects of its own.
         gains: Of every command.
         start_setpoint_rad: In effect until the first command arrives, shape (n_sims, 12).
-        arrival_s: When a command takes effect.
+        effects: On the commands' way.
+        rng: What they draw from.
         start_ns: Robot time at which the loop starts.
     """
 
     def __init__(
-        self, plant: Plant, gains: Gains, start_setpoint_rad: Array, arrival_s: ArrivalS, start_ns: int
+        self,
+        plant: Plant,
+        gains: Gains,
+        start_setpoint_rad: Array,
+        effects: Sequence[CommandEffect],
+        rng: Draws,
+        start_ns: int,
     ) -> None:
         n = plant.n_sims
-        self._plant, self._gains, self._arrival_s, self._start_ns = plant, gains, arrival_s, start_ns
+        self._plant, self._gains, self._start_ns = plant, gains, start_ns
+        self._effects, self._rng = effects, rng
         self._step_ns = round(plant.timestep_s * 1e9)
         self._setpoint = start_setpoint_rad
         self._followed: Array | None = None
@@ -78,7 +86,7 @@ class ReceiptPath:
     def send(self, number: int, setpoint_rad: Array) -> None:
         """Issue a command; :class:`CommandPath`."""
         issued_s = np.full(self._plant.n_sims, 1e-9 * (self.now_ns - self._start_ns))
-        arrival = np.maximum(self._arrival_s(issued_s), self._latest_s)
+        arrival = np.maximum(arrival_of(issued_s, self._effects, self._rng), self._latest_s)
         self._latest_s = np.where(np.isfinite(arrival), arrival, self._latest_s)
         self._waiting.append((number, arrival, setpoint_rad))
 
@@ -110,8 +118,38 @@ class ReceiptPath:
         return mean
 
 
-def servo_command(setpoint_rad: Array, gains: Gains) -> ServoCommand:
+def gains_like(plant: Plant, gains: Gains) -> Gains:
+    """Gains as arrays of the plant's library and device."""
+    position = plant.joint_position_rad
+    return Gains(like(position, gains.kp_nm_per_rad), like(position, gains.kd_nm_s_per_rad))
+
+
+def receipt_path(
+    plant: Plant,
+    gains: Gains,
+    start_setpoint_rad: AnyArray,
+    effects: Sequence[CommandEffect],
+    rng: Draws,
+    start_ns: int,
+) -> Any:
+    """A path with receipts over a plant on the cores or on a GPU; arguments of :class:`ReceiptPath`."""
+    own = gains_like(plant, gains)
+    if isinstance(start_setpoint_rad, np.ndarray):
+        return ReceiptPath(plant, own, start_setpoint_rad, effects, rng, start_ns)
+    from spot_model.plant.torch_channel import TorchReceiptPath
+
+    return TorchReceiptPath(plant, own, start_setpoint_rad, effects, rng, start_ns)
+
+
+def arrival_of(issued_s: AnyArray, effects: Sequence[CommandEffect], rng: Draws) -> AnyArray:
+    """When commands take effect that are issued at these times, shape (n,), s; infinity for one that is lost."""
+    arrival = issued_s
+    for effect in effects:
+        arrival = namespace_of(issued_s).broadcast_to(effect.arrival_s(arrival, rng), issued_s.shape)
+    return arrival
+
+
+def servo_command(setpoint_rad: AnyArray, gains: Gains) -> ServoCommand:
     """Position set-points under a policy's gains."""
-    return ServoCommand(
-        position_rad=setpoint_rad, kp_nm_per_rad=gains.kp_nm_per_rad, kd_nm_s_per_rad=gains.kd_nm_s_per_rad
-    )
+    kp, kd = gains.kp_nm_per_rad, gains.kd_nm_s_per_rad
+    return ServoCommand(position_rad=setpoint_rad, kp_nm_per_rad=kp, kd_nm_s_per_rad=kd)

@@ -55,6 +55,14 @@ class Physics(Protocol):
         """Whether anything but a foot touches the ground, bool, shape (n_sims,)."""
         ...
 
+    def contacts(self) -> tuple[AnyArray, AnyArray]:
+        """Both of these, read once."""
+        ...
+
+    def standing(self) -> AnyArray:
+        """Feet on the ground, shape (n_sims, 4), by the cheapest means that there are."""
+        ...
+
     def diverged(self) -> AnyArray:
         """Simulations whose numbers mean nothing any more, bool, shape (n_sims,)."""
         ...
@@ -95,6 +103,14 @@ class CorePhysics:
     def body_contact(self) -> NDArray[np.bool_]:
         """Whether anything but a foot touches the ground, shape (n_sims,)."""
         return np.asarray(self._ncon > self._foot_contacts.sum(axis=1))
+
+    def contacts(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Contact flags of the feet and of the rest."""
+        return self.foot_contact(), self.body_contact()
+
+    def standing(self) -> NDArray[np.bool_]:
+        """Whether each foot touches the ground, shape (n_sims, 4)."""
+        return self.foot_contact()
 
     def warning_counts(self) -> NDArray[Any]:
         """MuJoCo's warnings from a full contact list on, shape (n_sims, k)."""

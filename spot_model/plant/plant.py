@@ -31,6 +31,7 @@ from spot_model.plant.physics import CorePhysics
 from spot_model.plant.plant_state import PlantState
 from spot_model.plant.sensing import Sensing
 from spot_model.plant.torque import TorqueChain
+from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, like, namespace_of
 from spot_model.robot.control import saturate_setpoint
@@ -141,6 +142,22 @@ class Plant(PlantState):
     def estimate(self) -> BodyEstimate:
         """What the state estimator reports."""
         return self._estimate if self._has_sensing else self.true_estimate()
+
+    def policy_here(self, policy: Policy) -> Any:
+        """A policy that works on this plant's arrays."""
+        if self._is_on_host:
+            return policy
+        from spot_model.plant.torch_policy import TorchPolicy
+
+        return TorchPolicy(policy, self._qpos.device)
+
+    def draws(self, rng: np.random.Generator) -> Any:
+        """A source of random numbers as arrays of this plant, seeded by ``rng``; itself on the cores."""
+        if self._is_on_host:
+            return rng
+        from spot_model.plant.torch_draws import TorchDraws
+
+        return TorchDraws(int(rng.integers(2**31)), self._qpos.device)
 
     # Moving ----------------------------------------------------------------------------------------------------------
 

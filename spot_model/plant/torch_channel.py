@@ -14,6 +14,8 @@ import torch
 from spot_model.effects.base import CommandEffect, Draws
 from spot_model.effects.command.command_jitter import CommandJitter
 from spot_model.plant.command_channel import ServoCommand
+from spot_model.plant.command_path import arrival_of, servo_command
+from spot_model.robot.state import Gains
 
 Tensor = torch.Tensor
 
@@ -31,7 +33,7 @@ class TorchChannel:
     """
 
     def __init__(self, effects: Sequence[CommandEffect], start: ServoCommand, timestep_s: float, rng: Draws) -> None:
-        self._effects = tuple(effects)
+        self._effects = [effect.arrays_like(start.position_rad) for effect in effects]
         self._rng = rng
         self._tolerance_s = 1e-6 * timestep_s
         self._command = start
@@ -51,10 +53,7 @@ class TorchChannel:
             self._held.copy_(_tensor(command.position_rad))
         else:
             n = len(self._held)
-            arrival: Any = now_s.expand(n)
-            for effect in self._effects:
-                arrival = torch.broadcast_to(effect.arrival_s(arrival, self._rng), (n,))
-            arrival = arrival[:, None].to(torch.float64)
+            arrival = arrival_of(now_s.expand(n), self._effects, self._rng)[:, None].to(torch.float64)
             # In order: no earlier than the newest before it that was not lost.
             for earlier in self._arrival_s:
                 arrival = torch.where(torch.isfinite(earlier), torch.maximum(arrival, earlier), arrival)
@@ -71,7 +70,7 @@ class TorchChannel:
         active = self._held
         for setpoint, arrival in zip(reversed(self._setpoints), reversed(self._arrival_s), strict=True):
             active = torch.where(arrival <= now_s + self._tolerance_s, setpoint, active)
-        return replace(self._command, position_rad=cast(Any, active))
+        return replace(self._command, position_rad=cast("Any", active))
 
     def reset(self, mask: Tensor, command: ServoCommand) -> None:
         """In the simulations of ``mask``, drop what is on its way and hold the command's position."""
@@ -88,9 +87,71 @@ class TorchChannel:
         self._held.copy_(torch.where(torch.isfinite(arrival_s), setpoint, self._held))
 
 
+class TorchReceiptPath:
+    """What :class:`spot_model.plant.command_path.ReceiptPath` does, on fixed buffers of a GPU."""
+
+    def __init__(
+        self,
+        plant: Any,
+        gains: Gains,
+        start_setpoint_rad: Tensor,
+        effects: Sequence[CommandEffect],
+        rng: Draws,
+        start_ns: int,
+    ) -> None:
+        n, held = plant.n_sims, start_setpoint_rad
+        slots = 1 + math.ceil(longest_delay_s(effects, n) / SHORTEST_PERIOD_S)
+        self._plant, self._gains, self._rng, self._start_ns = plant, gains, rng, start_ns
+        self._effects = [effect.arrays_like(held) for effect in effects]
+        self._step_ns = round(plant.timestep_s * 1e9)
+        self._setpoint = held.clone()
+        self._waiting = [
+            (0, torch.full((n, 1), math.inf, dtype=torch.float64, device=held.device), held) for _ in range(slots)
+        ]
+        """Number, arrival and set-point of the newest commands, the oldest first."""
+        self._latest_s = torch.full((n, 1), -math.inf, dtype=torch.float64, device=held.device)
+        self._received_s = torch.zeros_like(self._latest_s)
+        self.now_ns = start_ns
+        """Robot time of the next physics step."""
+        self.key = torch.zeros(n, dtype=torch.int64, device=held.device)
+        """Newest command received, shape (n,); 0 before the first."""
+
+    @property
+    def received_ns(self) -> Tensor:
+        """When it was, robot time, shape (n,); 0 before the first."""
+        stamp = self._start_ns + torch.round(self._received_s[:, 0] * 1e9).long()
+        return torch.where(self.key > 0, stamp, 0)
+
+    def send(self, number: int, setpoint_rad: Tensor) -> None:
+        """Issue command ``number``; position set-points, shape (n_sims, 12)."""
+        issued_s = torch.full_like(self._latest_s[:, 0], 1e-9 * (self.now_ns - self._start_ns))
+        arrival = torch.maximum(arrival_of(issued_s, self._effects, self._rng)[:, None].double(), self._latest_s)
+        self._latest_s = torch.where(torch.isfinite(arrival), arrival, self._latest_s)
+        self._waiting = [*self._waiting[1:], (number, arrival, setpoint_rad)]
+
+    def step(self) -> None:
+        """Move the plant by one physics step."""
+        self._plant.command(servo_command(self._mean_setpoint(), self._gains))
+        self._plant.advance()
+        self.now_ns += self._step_ns
+
+    def _mean_setpoint(self) -> Tensor:
+        """Mean set-point over the coming physics step, shape (n, 12)."""
+        end_s = 1e-9 * (self.now_ns + self._step_ns - self._start_ns)
+        mean = self._setpoint
+        for number, arrival_s, setpoint in self._waiting:
+            due = (arrival_s < end_s - 1e-9) & (self.key[:, None] < number)
+            share = ((end_s - arrival_s) / (1e-9 * self._step_ns)).clamp(0.0, 1.0).to(mean.dtype)
+            mean = torch.where(due, mean + share * (setpoint - mean), mean)
+            self._setpoint = torch.where(due, setpoint, self._setpoint)
+            self._received_s = torch.where(due, arrival_s, self._received_s)
+            self.key = torch.where(due[:, 0], number, self.key)
+        return mean
+
+
 def _tensor(array: Any) -> Tensor:
     """A servo command's array, as what it is on a GPU."""
-    return cast(Tensor, array)
+    return cast("Tensor", array)
 
 
 def longest_delay_s(effects: Sequence[CommandEffect], n: int) -> float:

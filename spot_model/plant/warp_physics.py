@@ -102,9 +102,14 @@ class WarpPhysics:
         """Whether anything but a foot touches the ground, shape (n_sims,)."""
         return self._contacts.read()[1]
 
-    def foot_is_low(self) -> Tensor | None:
-        """Feet that reach the ground by their height, shape (n_sims, 4), where it is level: few operations."""
-        return self._contacts.standing()
+    def contacts(self) -> tuple[Tensor, Tensor]:
+        """Contact flags of the feet and of the rest."""
+        return self._contacts.read()
+
+    def standing(self) -> Tensor:
+        """Feet on the ground, shape (n_sims, 4): where it is level by their height, which takes few operations."""
+        standing = self._contacts.standing()
+        return self._contacts.read()[0] if standing is None else standing
 
     def diverged(self) -> Tensor:
         """Simulations with a number that is not finite, shape (n_sims,)."""

@@ -106,6 +106,8 @@ class Policy:
     """Policy order, shape (12,)."""
     path: Path | None = field(default=None, kw_only=True)
     """The file that it was loaded from."""
+    file_bytes: bytes = field(default=b"", kw_only=True, repr=False)
+    """The file's content; empty for what is no network."""
 
     @cached_property
     def _act_on_one(self) -> _OneRow:
@@ -292,6 +294,7 @@ def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu", path: 
         canonical_from_policy=np.argsort(policy_from_canonical),
         default_position_rad=np.array(contract.default_position_rad),
         path=path,
+        file_bytes=data,
     )
     with words_for(source):
         _check_stored_pair(policy, source)

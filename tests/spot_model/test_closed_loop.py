@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from spot_model.effects.base import CommandEffect
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.plant.closed_loop import ClosedLoop, schedule_by_messages, schedule_by_rate, true_state
 from spot_model.plant.command_path import ReceiptPath
@@ -91,11 +94,23 @@ def test_schedules_keep_an_absolute_pace():
     assert [len(messages) for messages in schedule_by_messages(3, 2, 0.018)] == [6, 6, 6]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Lost(CommandEffect):
+    """No command ever arrives."""
+
+    name: ClassVar[str] = "lost"
+
+    def arrival_s(self, issued_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.full_like(issued_s, np.inf)
+
+
 def receipts(delay_s: float, n_steps: int) -> tuple[list[float], ReceiptPath]:
     """Joint set-points that one command from 0 to 1 rad gives at each step of 1.5 ms, and the path."""
     plant, told = Plant([], 1, STATE_STEP), []
     plant.command = lambda command: told.append(float(command.position_rad[0, 0]))  # type: ignore[method-assign]
-    path = ReceiptPath(plant, policy_gains(), np.zeros((1, 12)), lambda issued_s: issued_s + delay_s, start_ns=1_000)
+    channel = [CommandDelay(delay_s=delay_s)] if np.isfinite(delay_s) else [Lost()]
+    rng = np.random.default_rng(0)
+    path = ReceiptPath(plant, policy_gains(), np.zeros((1, 12)), channel, rng, start_ns=1_000)
     path.send(1, np.ones((1, 12)))
     for _ in range(n_steps):
         path.step()

@@ -2,7 +2,7 @@ import numpy as np
 import torch
 
 from spot_model.plant.plant import Plant
-from trainer.backends.cpu import CpuBackend
+from trainer.backends.plant_backend import PlantBackend
 from trainer.backends.random_draws import Draws
 from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 from trainer.task.ground import Ground
@@ -13,7 +13,7 @@ from trainer.task.kinematics import foot_motion
 def test_feet_are_where_mujoco_has_them() -> None:
     draws = Draws(torch.Generator().manual_seed(0))
     config = TaskConfig()
-    backend = CpuBackend(config, (), draw_simulations(config.randomisation, 4, draws), n_threads=1)
+    backend = PlantBackend(config, (), draw_simulations(config.randomisation, 4, draws), n_threads=1)
     backend.reset(torch.ones(4, dtype=torch.bool), draw_initial_state(RandomisationConfig(), config.terrain, 4, draws))
     plant: Plant = backend.plant
     feet = foot_motion(backend.read())

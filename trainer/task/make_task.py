@@ -10,8 +10,7 @@ from typing import Final
 import torch
 
 from spot_model.errors import BadInputError
-from trainer.backends.backend import Backend
-from trainer.backends.cpu import CpuBackend
+from trainer.backends.plant_backend import PlantBackend
 from trainer.backends.random_draws import Draws
 from trainer.config.train_config import TrainConfig
 from trainer.task.initial_state import draw_simulations
@@ -66,13 +65,7 @@ def make_task(config: TrainConfig, device: str, *, seed: int, n_threads: int = 0
     randomisation = config.task.randomisation
     effects = training_effects(config.model, randomisation, config.n_envs, draws)
     simulations = draw_simulations(randomisation, config.n_envs, draws)
-    backend: Backend
-    if device == "cpu":
-        backend = CpuBackend(config.task, effects, simulations, n_threads, seed=seed)
-    else:
-        from trainer.backends.warp import WarpBackend
-
-        backend = WarpBackend(config.task, effects, simulations, device)
+    backend = PlantBackend(config.task, effects, simulations, device, n_threads, seed=seed)
     return Task(config.task, backend, generator)
 
 

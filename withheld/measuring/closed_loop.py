@@ -13,10 +13,9 @@ from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy
-from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
+from trainer.simulate.recorded_loop import RecordedLoop, Told
 from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.simulation.recorded_loop import RecordedLoop, Told
 from withheld.features import ACTIVE, Walk, walk_of_run
 
 STEP_S: Final = 1e-3
@@ -44,19 +43,13 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
     mjcf = MjcfOptions(timestep_s=STEP_S, cone="elliptic", collision="all", link_torque_sensors=True, visuals=False)
     plant = Plant(own, len(runs), PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
     last_action = put_at(plant, [run.start() for run in followed])
-
-    def arrival_s(issued_s: Array) -> Array:
-        for effect in channel:
-            issued_s = np.broadcast_to(effect.arrival_s(issued_s, rng), (len(runs),))
-        return issued_s
-
     loop = RecordedLoop(
         plant,
         policy,
         [Told(run.sequence, run.repeat, np.asarray(run.ticks.velocity_command)) for run in followed],
         start_setpoint_rad=np.asarray(policy.setpoint_rad(last_action)),
         last_action=last_action,
-        arrival_s=arrival_s,
+        channel=channel,
         rng=rng,
         software=software,
         only_ticks=True,

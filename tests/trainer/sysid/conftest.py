@@ -18,8 +18,8 @@ from spot_model.robot import facts
 from spot_model.robot.facts import PaperActuator
 from spot_model.robot.mjcf import MjcfOptions
 from tests.trainer.sysid.simulated_log import SimulatedRobot, simulate_logs
+from trainer.simulate.recorded_loop import SensorNoise
 from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.simulation.recorded_loop import SensorNoise
 
 OTHER_PHYSICS = MjcfOptions(
     timestep_s=0.0015,

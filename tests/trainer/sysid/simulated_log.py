@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,22 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, default_height_m
+from trainer.simulate.recorded_loop import RecordedLoop, SensorNoise, Told
 from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.simulation.recorded_loop import RecordedLoop, SensorNoise, Told
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnDelay(CommandEffect):
+    """Each command is as late as a distribution says."""
+
+    name: ClassVar[str] = "drawn_delay"
+
+    delay: Delay
+
+    def arrival_s(self, issued_s: Array, rng: np.random.Generator) -> Array:
+        return issued_s + self.delay.sample(rng, len(issued_s))
 
 
 @dataclass(frozen=True)
@@ -69,7 +82,7 @@ def simulate_logs(
         [Told(sequence, i, velocity_command) for i in range(n_repeats)],
         start_setpoint_rad=pose,
         last_action=np.zeros((n_repeats, facts.N_JOINTS), dtype=np.float32),
-        arrival_s=lambda issued_s: issued_s + robot.delay.sample(rng, n_repeats),
+        channel=[DrawnDelay(delay=robot.delay)],
         rng=rng,
         noise=robot.noise,
     )

@@ -10,9 +10,9 @@ from spot_model.errors import BadInputError
 from spot_model.policy.observation import OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot.facts import PAPER_IDENTIFIED
+from trainer.simulate.recorded_loop import SensorNoise
 from trainer.sysid.logs import noise as estimate
 from trainer.sysid.logs.noise import observation_noise, write_noise
-from trainer.sysid.simulation.recorded_loop import SensorNoise
 
 from .conftest import MakeLogs, oscillator_bytes
 

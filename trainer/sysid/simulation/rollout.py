@@ -17,8 +17,8 @@ from spot_model.policy.observation import N_OBSERVATION, is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
+from trainer.simulate.recorded_loop import padded
 from trainer.sysid.distance.features import features_of_observations
-from trainer.sysid.simulation.recorded_loop import padded
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""The CPU back end: ``mujoco.batch`` through the plant that all parts of the project share."""
+"""The plant under the task: on the cores in NumPy, on a GPU in torch; the task sees tensors of one device."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 import torch
 
 from spot_model.effects.base import Effect, EstimateEffect, SensorEffect
+from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.memory import map_leaves
-from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
+from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
@@ -23,48 +24,60 @@ Tensor = torch.Tensor
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 
 DISABLE_FLAGS = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_WARMSTART)
-"""Thirteen shapes and one ground need no search for near pairs: the same bits without it. Without a warm start a
-physics step takes 14 % less CPU time, and after twelve policy periods joints are within 4e-7 rad of where the warm
-start has them (``benchmarks/solver_options.py``)."""
+"""On the cores. Thirteen shapes and one ground need no search for near pairs: the same bits without it. Without a warm
+start a physics step takes 14 % less CPU time, and after twelve policy periods joints are within 4e-7 rad of where the
+warm start has them (``benchmarks/solver_options.py``)."""
 
 
-class CpuBackend:
-    """``n_envs`` robots on the CPU's cores."""
+class PlantBackend:
+    """``n_envs`` robots under the policy's PD law with the model's effects; no step on a GPU waits for it.
+
+    Args:
+        config: Physics rate and terrain are taken from it.
+        effects: What acts in the robots.
+        draws: Friction and mass of each simulation.
+        device: "cpu", "cuda:N", or "warp-cpu" for checks.
+        n_threads: On the cores, 0 for all.
+        seed: Seed of what effects draw.
+    """
 
     def __init__(
         self,
         config: TaskConfig,
         effects: tuple[Effect, ...],
         draws: SimulationDraws,
+        device: str = "cpu",
         n_threads: int = 0,
         seed: int = 0,
     ) -> None:
-        self.n_envs = len(draws.foot_friction)
-        self.device = torch.device("cpu")
+        self.n_envs = n = len(draws.foot_friction)
+        self._is_on_cores = device == "cpu"
+        self.device = torch.device("cpu" if device == "warp-cpu" else device)
         self._substeps = round(config.physics_rate_hz / facts.POLICY_RATE_HZ)
-        options = PlantOptions(mjcf=mjcf_options(config), n_threads=n_threads, seed=seed)
+        options = PlantOptions(mjcf=mjcf_options(config), device=device, n_threads=n_threads, seed=seed)
         self._is_falsified = any(isinstance(e, (SensorEffect, EstimateEffect)) and not e.is_null for e in effects)
-        self.plant = Plant(effects, self.n_envs, options)
-        self.plant.fields["opt.disableflags"][...] |= DISABLE_FLAGS
+        self.plant = Plant(effects, n, options)
+        if self._is_on_cores:
+            self.plant.fields["opt.disableflags"][...] |= DISABLE_FLAGS
         randomise(self.plant, draws)
         self.plant.reset()
-        self._duty = torch.zeros(self.n_envs, facts.N_LEGS) if config.counts_duty else None
+        self._duty = torch.zeros(n, facts.N_LEGS, device=self.device) if config.counts_duty else None
 
     def step(self, setpoint_position_rad: Tensor) -> None:
         """Advance one policy period."""
         if self._duty is None:
-            self.plant.step(setpoint_position_rad.numpy(), self._substeps)
+            self.plant.step(self._into_plant(setpoint_position_rad), self._substeps)
             return
-        self.plant.command(ServoCommand(position_rad=setpoint_position_rad.numpy().astype(np.float64)))
+        self.plant.command(ServoCommand(position_rad=self._into_plant(setpoint_position_rad)))
         self._duty.zero_()
         for _ in range(self._substeps):
             self.plant.advance()
-            self._duty += torch.from_numpy(self.plant.foot_contact) / self._substeps
+            self._duty += _tensor(self.plant.physics.standing()) / self._substeps
 
     def read(self) -> PlantState:
-        """The state now, copied into float32 tensors."""
+        """The state now, as float32 copies."""
         p = self.plant
-        foot_contact = torch.from_numpy(p.foot_contact)
+        foot_contact, body_contact = (_tensor(flags) for flags in p.physics.contacts())
         return PlantState(
             position_rad=_float(p.joint_position_rad),
             velocity_rad_s=_float(p.joint_velocity_rad_s),
@@ -74,7 +87,7 @@ class CpuBackend:
             linear_vel_of_body_in_world_m_s=_float(p.linear_vel_of_body_in_world_m_s),
             angular_vel_of_body_in_world_rad_s=_float(p.angular_vel_of_body_in_world_rad_s),
             foot_contact=foot_contact,
-            body_contact=torch.from_numpy(p.body_contact),
+            body_contact=body_contact,
             foot_duty=foot_contact.float() if self._duty is None else self._duty.clone(),
         )
 
@@ -95,18 +108,19 @@ class CpuBackend:
 
     def reset(self, mask: Tensor, initial: InitialState) -> None:
         """Put the robots of ``mask`` into their initial state."""
-        rows = mask.numpy()
-        if not rows.any():
+        if self._is_on_cores and not mask.any():
             return
 
-        def of(tensor: Tensor) -> np.ndarray[Any, np.dtype[np.float64]]:
-            return tensor[mask].numpy().astype(np.float64)
+        def of(tensor: Tensor) -> Any:
+            return tensor[mask].numpy().astype(np.float64) if self._is_on_cores else tensor
 
         attitude = of(initial.world_from_body_wxyz)
+        if self._is_on_cores:
+            attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
         self.plant.reset(
-            rows,
+            mask.numpy() if self._is_on_cores else mask,
             position_of_body_in_world_m=of(initial.body_position_m),
-            world_from_body_wxyz=attitude / np.linalg.norm(attitude, axis=-1, keepdims=True),
+            world_from_body_wxyz=attitude,
             joint_position_rad=of(initial.position_rad),
             linear_vel_of_body_in_world_m_s=of(initial.linear_vel_of_body_in_world_m_s),
             angular_vel_of_body_in_body_rad_s=of(initial.angular_vel_of_body_in_body_rad_s),
@@ -115,6 +129,9 @@ class CpuBackend:
 
     def add_velocity(self, delta_m_s: Tensor) -> None:
         """Push: change the body's linear velocity in the world."""
+        if not self._is_on_cores:
+            self.plant.push(linear_vel_in_world_m_s=delta_m_s)
+            return
         delta = delta_m_s.numpy()
         rows = delta.any(axis=-1)
         if rows.any():
@@ -128,8 +145,13 @@ class CpuBackend:
         return plain
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue from a snapshot."""
-        self.plant.restore(map_leaves(lambda v: v.numpy() if isinstance(v, Tensor) else v, snapshot))
+        """Continue from a snapshot; a GPU's sums are not bit-exact from run to run."""
+        if self._is_on_cores:
+            snapshot = map_leaves(lambda v: v.numpy() if isinstance(v, Tensor) else v, snapshot)
+        self.plant.restore(snapshot)
+
+    def _into_plant(self, tensor: Tensor) -> Any:
+        return tensor.numpy().astype(np.float64) if self._is_on_cores else tensor
 
 
 def mjcf_options(config: TaskConfig) -> MjcfOptions:
@@ -150,5 +172,9 @@ def randomise(plant: Plant, draws: SimulationDraws) -> None:
     plant.fields.commit()
 
 
-def _float(array: np.ndarray[Any, np.dtype[np.float64]]) -> Tensor:
-    return torch.from_numpy(array).float()
+def _tensor(array: Any) -> Tensor:
+    return torch.from_numpy(array) if isinstance(array, np.ndarray) else array
+
+
+def _float(array: Any) -> Tensor:
+    return _tensor(array).float()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +13,23 @@ from numpy.typing import NDArray
 from spot_log.format.names import FOLLOWING_MODE
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
-from spot_model.effects.base import SoftwareEffect
+from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.closed_loop import ClosedLoop, Tick, schedule_by_messages
-from spot_model.plant.command_path import ArrivalS, ReceiptPath
+from spot_model.plant.command_path import receipt_path
 from spot_model.plant.plant import Plant
 from spot_model.policy.joint_script import JointScript
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.rotation import rotate_wxyz
+from spot_model.robot.arrays import copy_of, like, namespace_of, on_host
+from spot_model.robot.rotation import AnyArray, rotate_wxyz
 
 Array = NDArray[np.float64]
 
 START_NS = 1_000_000_000_000
 """Robot time of a simulated run's first state."""
 COMMAND_VALID_NS = 100_000_000
+N_QUATERNION: Final = 4
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,8 @@ class RecordedLoop:
         told: One a robot.
         start_setpoint_rad: In effect until the first command arrives, shape (n, 12), canonical order.
         last_action: The network's output before the first tick, shape (n, 12), policy order.
-        arrival_s: When a command takes effect.
-        rng: Draws the sensors' noise.
+        channel: Effects on the commands' way.
+        rng: Draws the sensors' noise and what those effects draw.
         noise: Of the sensors.
         software: Effects of the program that drives the robot.
         only_ticks: Keep only the states that the policy saw.
@@ -74,7 +76,7 @@ class RecordedLoop:
     told: Sequence[Told]
     start_setpoint_rad: Array
     last_action: NDArray[np.float32]
-    arrival_s: ArrivalS
+    channel: Sequence[CommandEffect]
     rng: np.random.Generator
     noise: SensorNoise = SensorNoise()
     software: Sequence[SoftwareEffect] = ()
@@ -84,7 +86,11 @@ class RecordedLoop:
     _ticks: dict[str, list[Any]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        self._path = ReceiptPath(self.plant, self.policy.gains(), self.start_setpoint_rad, self.arrival_s, START_NS)
+        position = self.plant.joint_position_rad
+        start = like(position, self.start_setpoint_rad)
+        self._draws = self.plant.draws(self.rng)
+        self._software = [effect.arrays_like(position) for effect in self.software]
+        self._path = receipt_path(self.plant, self.policy.gains(), start, self.channel, self._draws, START_NS)
 
     def runs(self, tell: Callable[[float], None] = lambda _: None) -> list[Run]:
         """Simulate; ``tell`` is called with the share that was done before each tick."""
@@ -96,8 +102,8 @@ class RecordedLoop:
         for tick in loop.run(lambda i: commands[:, i], schedule, self.last_action):
             self._keep(tick)
             tell(tick.index / n_ticks)
-        states = {name: np.array(rows) for name, rows in self._states.items()}
-        ticks = {name: np.array(rows) for name, rows in self._ticks.items()}
+        states = {name: stacked(rows) for name, rows in self._states.items()}
+        ticks = {name: stacked(rows) for name, rows in self._ticks.items()}
         return [self._run(i, states, ticks) for i in range(len(self.told))]
 
     # The loop's command path ------------------------------------------------------------------------------------------
@@ -105,8 +111,8 @@ class RecordedLoop:
     def send(self, number: int, setpoint_rad: Array) -> None:
         """Issue a command, changed by the software's effects; both are kept."""
         sent = setpoint_rad
-        for effect in self.software:
-            sent = np.asarray(effect.setpoint_rad(sent))
+        for effect in self._software:
+            sent = effect.setpoint_rad(sent)
         _append(self._ticks, {"stamp": self._path.now_ns, "requested": setpoint_rad, "sent": sent})
         self._path.send(number, sent)
 
@@ -118,9 +124,9 @@ class RecordedLoop:
         if message and self.only_ticks:
             return None
         reading, estimate, noise = self.plant.reading, self.plant.estimate, self.noise
-        attitude = np.array(estimate.world_from_body_wxyz)
-        linear = np.asarray(rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s))
-        angular = np.asarray(rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s))
+        attitude = copy_of(estimate.world_from_body_wxyz)
+        linear = rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s)
+        angular = rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s)
         position = self._noisy(reading.position_rad, noise.position_rad)
         velocity = self._noisy(reading.velocity_rad_s, noise.velocity_rad_s)
         load = self._noisy(reading.load_nm, noise.load_nm)
@@ -135,15 +141,15 @@ class RecordedLoop:
             "odom_from_body_wxyz": attitude,
             "linear_vel_of_body_in_odom_m_s": linear,
             "angular_vel_of_body_in_odom_rad_s": angular,
-            "foot_contact": np.asarray(estimate.foot_contact) > 0.5,
-            "last_command_key": self._path.key.copy(),
-            "last_command_robot_stamp_ns": self._path.received_ns.copy(),
+            "foot_contact": estimate.foot_contact > 0.5,
+            "last_command_key": self._path.key,
+            "last_command_robot_stamp_ns": self._path.received_ns,
         }
         _append(self._states, columns)
         return Sensed(position, velocity, attitude, linear, angular)
 
-    def _noisy(self, value: Array, sigma: float) -> Array:
-        return np.asarray(value + sigma * self.rng.standard_normal(value.shape))
+    def _noisy(self, value: AnyArray, sigma: float) -> AnyArray:
+        return value + sigma * self._draws.standard_normal(tuple(value.shape))
 
     def _keep(self, tick: Tick) -> None:
         kept = {"observation": tick.observation, "action": tick.action, "velocity_command": tick.velocity_command}
@@ -200,11 +206,29 @@ def padded(command: Array, n_ticks: int) -> Array:
     return np.concatenate([command, np.repeat(command[-1:], n_ticks - len(command), axis=0)])
 
 
-def _as_seen(observation: NDArray[Any]) -> NDArray[np.float32]:
+def _as_seen(observation: AnyArray) -> AnyArray:
     """The policy's input as float32; NaN of a diverged simulation becomes 0, so that the others go on."""
-    return np.nan_to_num(observation.astype(np.float32))
+    xp = namespace_of(observation)
+    seen = xp.astype(observation, xp.float32)
+    return xp.where(seen == seen, seen, xp.zeros_like(seen))
 
 
 def _append(table: dict[str, list[Any]], row: dict[str, Any]) -> None:
     for name, value in row.items():
-        table.setdefault(name, []).append(np.array(value))
+        table.setdefault(name, []).append(value if np.isscalar(value) else copy_of(value))
+
+
+def stacked(rows: Sequence[Any]) -> NDArray[Any]:
+    """Rows of all ticks as one array of NumPy, shape (T, ...); of a GPU's tensors in one transfer, and float64.
+
+    What is not a number any more in a diverged simulation becomes 0, and an attitude level, as MuJoCo puts it back.
+    """
+    if np.isscalar(rows[0]) or isinstance(rows[0], np.ndarray):
+        return np.array(rows)
+    table = on_host(namespace_of(rows[0]).stack(list(rows)))
+    if table.dtype.kind != "f":
+        return table
+    table = table.astype(np.float64)
+    lost = ~np.isfinite(table).all(axis=-1, keepdims=True)
+    level = np.eye(table.shape[-1])[0] if table.shape[-1] == N_QUATERNION else 0.0
+    return np.where(lost, level, table)

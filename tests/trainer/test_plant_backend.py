@@ -8,7 +8,7 @@ from spot_model.io.model_file import load_model
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 from trainer.backends.backend import InitialState, SimulationDraws
-from trainer.backends.cpu import CpuBackend
+from trainer.backends.plant_backend import PlantBackend
 from trainer.backends.random_draws import Draws
 from trainer.config.reward_config import RewardWeights
 from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
@@ -28,9 +28,9 @@ def a_start(n: int = N) -> InitialState:
     return draw_initial_state(RandomisationConfig(), TerrainConfig(), n, draws())
 
 
-def a_backend(model: str = "paper_identified", n: int = N) -> CpuBackend:
+def a_backend(model: str = "paper_identified", n: int = N) -> PlantBackend:
     simulations = SimulationDraws(torch.linspace(0.4, 0.9, n), torch.linspace(-2.0, 2.0, n))
-    return CpuBackend(TaskConfig(), load_model(model).effects, simulations, n_threads=1)
+    return PlantBackend(TaskConfig(), load_model(model).effects, simulations, n_threads=1)
 
 
 def setpoints() -> torch.Tensor:
@@ -97,7 +97,7 @@ def test_it_agrees_with_a_single_mj_step_loop_from_the_same_states() -> None:
 def test_duty_is_counted_at_every_physics_step_without_changing_the_motion() -> None:
     simulations = SimulationDraws(torch.linspace(0.4, 0.9, N), torch.linspace(-2.0, 2.0, N))
     config = TaskConfig(rewards=RewardWeights(uneven_duty=-1.0))
-    counting = CpuBackend(config, load_model("paper_identified").effects, simulations, n_threads=1)
+    counting = PlantBackend(config, load_model("paper_identified").effects, simulations, n_threads=1)
     plain = a_backend()
     everyone, start = torch.ones(N, dtype=torch.bool), a_start()
     shares = set()
@@ -169,7 +169,7 @@ def test_mass_and_friction_reach_the_physics() -> None:
 def test_robots_start_clear_of_the_ground(kind: str) -> None:
     config = TaskConfig(terrain=TerrainConfig(kind=kind, half_size_m=5.0))
     simulations = SimulationDraws(torch.full((16,), 0.8), torch.zeros(16))
-    backend = CpuBackend(config, (), simulations, n_threads=1)
+    backend = PlantBackend(config, (), simulations, n_threads=1)
     start = draw_initial_state(RandomisationConfig(), config.terrain, 16, draws())
     backend.reset(torch.ones(16, dtype=torch.bool), start)
     state = backend.read()
