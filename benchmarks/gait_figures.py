@@ -17,8 +17,8 @@ from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.evaluate.figures import gait, mean_velocity
-from trainer.evaluate.rollout import roll_out
 from trainer.evaluate.setting import Setting
+from trainer.simulate.recording import roll_out
 
 MASS_TIMES_GRAVITY_N = 31.6 * 9.81
 

@@ -19,7 +19,7 @@ from spot_model.effects.registry import BUILT_IN, make_effect
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
-from trainer.sysid.simulation.rollout import StartState
+from trainer.simulate.rollout import StartState
 
 JOINT = facts.JOINT_NAMES.index("fl_kn")
 SECONDS, SHOWN_S = 1.8, 0.6

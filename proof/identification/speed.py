@@ -23,11 +23,11 @@ from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.collect.plan import USER_SEQUENCE
 from trainer.shared.engine import Place
+from trainer.simulate.rollout import RolloutCase, RolloutOptions, roll_out
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
 from trainer.sysid.search.problem import Problem, build_problem
 from trainer.sysid.search.search import candidates_engine, evaluate
-from trainer.sysid.simulation.rollout import RolloutCase, RolloutOptions, roll_out
 
 Array = NDArray[np.float64]
 BASELINE_S: Final = 10.0

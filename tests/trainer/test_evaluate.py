@@ -16,9 +16,9 @@ from trainer.evaluate.command import _evaluated
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import _an_hour, evaluation_page
 from trainer.evaluate.report import evaluate
-from trainer.evaluate.rollout import Recording, roll_out
 from trainer.evaluate.setting import FOOT_GEOMS, Setting
 from trainer.evaluate.trials import _grid
+from trainer.simulate.recording import Recording, roll_out
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 

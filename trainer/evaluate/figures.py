@@ -8,7 +8,7 @@ import numpy as np
 
 from spot_model.robot import facts
 from spot_model.robot.gait import measure_gait
-from trainer.evaluate.rollout import Array, Recording
+from trainer.simulate.recording import Array, Recording
 
 
 def tracking_error(recording: Recording, span: slice) -> Array:

@@ -13,7 +13,7 @@ from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.config.task_config import FREE_HEIGHT_M, NoiseConfig, RandomisationConfig
-from trainer.evaluate.rollout import Array
+from trainer.simulate.recording import Array
 from trainer.task.observation_noise import noise_sigmas
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)

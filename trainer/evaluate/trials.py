@@ -9,8 +9,8 @@ import numpy as np
 from spot_model.plant.plant import Plant
 from trainer.config.task_config import CommandConfig
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
-from trainer.evaluate.rollout import Array, Recording, roll_out
 from trainer.evaluate.setting import Setting, set_friction
+from trainer.simulate.recording import Array, Recording, roll_out
 
 RAMP_M_S2 = 0.5
 """Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""

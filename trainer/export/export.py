@@ -11,10 +11,10 @@ from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.contract import StatedGait
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.evaluate.figures import gait
-from trainer.evaluate.rollout import roll_out
 from trainer.evaluate.setting import Setting
 from trainer.ppo.checkpoint import find_checkpoint
 from trainer.ppo.checkpoint_policy import check_agreement, onnx_bytes, read_actor
+from trainer.simulate.recording import roll_out
 
 SPEEDS_M_S = (0.3, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
 RAMP_S, SETTLE_S, WATCH_S = 4.0, 2.0, 4.0

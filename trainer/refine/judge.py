@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from spot_model.policy.policy import Policy
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
-from trainer.evaluate.rollout import roll_out
 from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import random_commands
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig
+from trainer.simulate.recording import roll_out
 
 Array = NDArray[np.float64]
 

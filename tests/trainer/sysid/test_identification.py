@@ -15,6 +15,7 @@ from spot_model.io.model_file import load_model
 from spot_model.plant.delay import read_delay_csv
 from spot_model.policy.policy import load_policy
 from trainer.shared.engine import Place
+from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.identify.identify import prepare
 from trainer.sysid.identify.result import ResultData
 from trainer.sysid.identify.run_identification import run_identification, summary
@@ -25,7 +26,6 @@ from trainer.sysid.logs.read_logs import LogSet
 from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
 from trainer.sysid.search.problem import build_problem
 from trainer.sysid.search.surrogate import score_intervals
-from trainer.sysid.simulation.rollout import RolloutOptions
 
 QUICK = SysidConfig(
     search=SearchConfig(generations=2, population=4),

@@ -7,14 +7,14 @@ from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.plant.start import standing_height_m
 from spot_model.policy.policy import Policy
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.search.config import SysidConfig
-from trainer.sysid.simulation.rollout import (
+from trainer.simulate.rollout import (
     RolloutCase,
     RolloutOptions,
     in_whole_steps,
     roll_out,
 )
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.search.config import SysidConfig
 
 SPACE = SysidConfig().space()
 

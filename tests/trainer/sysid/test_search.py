@@ -9,11 +9,11 @@ import pytest
 from spot_model.errors import BadInputError
 from trainer.shared.engine import Place
 from trainer.shared.ray_cluster import EngineError
+from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SearchConfig, SysidConfig
 from trainer.sysid.search.problem import Problem, build_problem
 from trainer.sysid.search.search import SearchState, candidates_engine, run_search
-from trainer.sysid.simulation.rollout import RolloutOptions
 
 SEARCH = SearchConfig(generations=4, population=4, seed=3)
 

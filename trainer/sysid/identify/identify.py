@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from trainer.shared.generations import Generation
+from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.identify.verdict import CONFIDENCE, ParameterVerdict, judge
 from trainer.sysid.logs.delays import MeasuredDelays, measure_delays
 from trainer.sysid.logs.measured import DirectChange, with_measured
@@ -21,7 +22,6 @@ from trainer.sysid.search.config import CONTACT_CHOICES_S, SysidConfig
 from trainer.sysid.search.problem import CandidateResult, Problem, build_problem
 from trainer.sysid.search.search import Candidates, SearchState, run_search
 from trainer.sysid.search.surrogate import score_intervals
-from trainer.sysid.simulation.rollout import RolloutOptions
 from trainer.sysid.torque.fit import TorqueFit, fit_torque
 from trainer.sysid.torque.model import TorqueModel
 from trainer.sysid.torque.torque_samples import TorqueSamples, torque_samples

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.simulate.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
 from trainer.sysid.distance.features import features_of_observations
 from trainer.sysid.distance.measures import SequenceReference, score_of_distances
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.space import SearchSpace
-from trainer.sysid.simulation.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,10 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.plant.start import StartState, put_at
 from spot_model.policy.observation import N_OBSERVATION, is_fallen, observed
 from spot_model.policy.policy import Policy
-from spot_model.robot import facts
+from spot_model.robot.arrays import like, namespace_of, on_host
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.simulate.recorded_loop import padded
+from spot_model.robot.rotation import AnyArray
+from trainer.simulate.recorded_loop import padded, stacked
 from trainer.sysid.distance.features import features_of_observations
 
 Array = NDArray[np.float64]
@@ -44,6 +45,8 @@ class RolloutOptions:
     contact_time_constant_s: float = 0.02
     """MuJoCo takes at least two time steps."""
     n_threads: int = 1
+    device: str = "cpu"
+    """Where the physics runs: "cpu" or a GPU."""
 
 
 @dataclass(frozen=True)
@@ -80,31 +83,39 @@ def roll_out(
     plant, last_action = _started_plant(effects, n_candidates, cases, options)
     commands = np.stack([padded(c.velocity_command, n_ticks) for c in cases])
     noise = np.stack([_noise(c, n_ticks) for c in cases])
-    loop = ClosedLoop(
-        plant,
-        policy,
-        see=lambda tick, seen: seen.astype(np.float32) + np.tile(noise[:, tick], (n_candidates, 1)),
-        act=lambda seen: np.concatenate([policy.act(block) for block in np.split(seen, n_candidates)]),
-    )
-    features = np.full((n_sims, n_ticks, 3 * facts.N_JOINTS), np.nan, dtype=np.float32)
-    torque = np.full((n_sims, n_ticks, facts.N_JOINTS), np.nan, dtype=np.float32)
-    velocity = np.full((n_sims, n_ticks, 3), np.nan, dtype=np.float32)
-    fallen = np.full(n_sims, n_ticks, dtype=np.intp)
+    told = np.tile(commands, (n_candidates, 1, 1))
+    seen_noise = like(plant.joint_position_rad, np.tile(noise, (n_candidates, 1, 1)))
+    is_on_host = isinstance(seen_noise, np.ndarray)
+
+    def noisy(tick: int, seen: AnyArray) -> AnyArray:
+        xp = namespace_of(seen)
+        return xp.astype(seen, xp.float32) + xp.astype(seen_noise[:, tick], xp.float32)
+
+    def act(seen: AnyArray) -> AnyArray:
+        return np.concatenate([policy.act(block) for block in np.split(seen, n_candidates)])
+
+    loop = ClosedLoop(plant, policy, see=noisy, act=act if is_on_host else None)
+    kept: list[tuple[AnyArray, AnyArray, AnyArray]] = []
     schedule = schedule_by_rate(n_ticks, policy.contract.rate_hz, options.timestep_s)
-    for tick in loop.run(lambda t: np.tile(commands[:, t], (n_candidates, 1)), schedule, last_action):
-        features[:, tick.index] = features_of_observations(tick.observation, tick.action, policy)
-        velocity[:, tick.index] = observed(tick.observation, "linear_vel_of_body_in_body_m_s")
-        fallen = np.where(is_fallen(tick.observation) & (fallen == n_ticks), tick.index, fallen)
-        torque[:, tick.index] = plant.applied_torque_nm
-    features[plant.diverged] = np.nan
+    for tick in loop.run(lambda t: told[:, t], schedule, last_action):
+        kept.append((tick.observation, tick.action, plant.applied_torque_nm))
+    observation, action, torque = (stacked(column).swapaxes(0, 1) for column in zip(*kept, strict=True))
+    features = features_of_observations(
+        observation.reshape(n_sims * n_ticks, -1), action.reshape(n_sims * n_ticks, -1), policy
+    ).reshape(n_sims, n_ticks, -1)
+    has_fallen = is_fallen(observation)
+    fallen = np.where(has_fallen.any(axis=1), has_fallen.argmax(axis=1), n_ticks)
+    features[on_host(plant.diverged)] = np.nan
     for i, case in enumerate(cases):
         features.reshape(n_candidates, n_cases, n_ticks, -1)[:, i, len(case.velocity_command) :] = np.nan
     shape = (n_candidates, n_cases)
     return Rollouts(
         features=features.reshape(*shape, n_ticks, -1),
         fallen_tick=fallen.reshape(shape),
-        torque_nm=torque.reshape(*shape, n_ticks, -1),
-        linear_vel_of_body_in_body_m_s=velocity.reshape(*shape, n_ticks, -1),
+        torque_nm=torque.astype(np.float32).reshape(*shape, n_ticks, -1),
+        linear_vel_of_body_in_body_m_s=observed(observation, "linear_vel_of_body_in_body_m_s")
+        .astype(np.float32)
+        .reshape(*shape, n_ticks, -1),
     )
 
 
@@ -130,7 +141,7 @@ def _started_plant(
     plant = Plant(
         [in_whole_steps(e, options.timestep_s) for e in effects],
         n_candidates * len(cases),
-        PlantOptions(mjcf=mjcf, n_threads=options.n_threads, on_divergence="flag"),
+        PlantOptions(mjcf=mjcf, device=options.device, n_threads=options.n_threads, on_divergence="flag"),
     )
     return plant, put_at(plant, [c.start for c in cases] * n_candidates)
 

@@ -1,9 +1,10 @@
-"""Many robots under one policy on the CPU plant, recorded."""
+"""Many robots under one policy, recorded."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 from spot_model.plant.closed_loop import ClosedLoop, CommandAt
 from spot_model.plant.plant import Plant
 from spot_model.policy.policy import Policy
-from trainer.evaluate.falls import Fall, falls_now
+from spot_model.robot.arrays import like, on_host
+from spot_model.robot.rotation import AnyArray
+from trainer.simulate.falls import Fall, falls_now
+from trainer.simulate.recorded_loop import stacked
 
 Array = NDArray[np.float64]
 
@@ -74,13 +78,15 @@ def roll_out(
     """
     n = plant.n_sims
     substeps = round(1.0 / (policy.contract.rate_hz * plant.timestep_s))
-    contact: list[NDArray[np.bool_]] = []
-    descent: list[Array] = []
+    contact: list[Any] = []
+    descent: list[Any] = []
+    draws = None if rng is None else plant.draws(rng)
+    sigma = None if noise_sigma is None else like(plant.joint_position_rad, noise_sigma)
 
-    def noisy(_: int, observation: Array) -> Array:
-        if noise_sigma is None or rng is None:
+    def noisy(_: int, observation: AnyArray) -> AnyArray:
+        if sigma is None or draws is None:
             return observation
-        return np.asarray(observation + noise_sigma * rng.standard_normal(observation.shape))
+        return observation + sigma * draws.standard_normal(tuple(observation.shape))
 
     def watch() -> None:
         contact.append(plant.foot_contact)
@@ -105,16 +111,18 @@ def roll_out(
             np.array(tick.velocity_command),
             np.where(changed, tick.index / policy.contract.rate_hz, since_s),
         )
-        fell = alive & plant.body_contact
+        fell = alive & (on_host(plant.body_contact) | on_host(plant.diverged))
         alive &= ~fell
-        power = np.maximum(plant.applied_torque_nm * plant.joint_velocity_rad_s, 0.0).sum(axis=-1)
-        peak = np.maximum(peak, np.abs(plant.applied_torque_nm).max(axis=-1))
-        velocity = np.concatenate(
-            [plant.linear_vel_of_body_in_body_m_s[:, :2], plant.angular_vel_of_body_in_body_rad_s[:, 2:]], axis=-1
+        torque, joint_velocity = on_host(plant.applied_torque_nm), on_host(plant.joint_velocity_rad_s)
+        power = np.maximum(torque * joint_velocity, 0.0).sum(axis=-1)
+        peak = np.maximum(peak, np.abs(torque).max(axis=-1))
+        linear, angular = (
+            on_host(v) for v in (plant.linear_vel_of_body_in_body_m_s, plant.angular_vel_of_body_in_body_rad_s)
         )
+        velocity = np.concatenate([linear[:, :2], angular[:, 2:]], axis=-1)
         falls += falls_now(plant, fell, time_s, asked, since_s, velocity)
         rows.append(
-            (np.array(tick.velocity_command), velocity, np.stack(contact), np.stack(descent), power, alive.copy())
+            (np.array(tick.velocity_command), velocity, stacked(contact), stacked(descent), power, alive.copy())
         )
         contact.clear()
         descent.clear()

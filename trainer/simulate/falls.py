@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spot_model.plant.plant import Plant
 from spot_model.robot import facts
+from spot_model.robot.arrays import on_host
 from spot_model.robot.facts import Array
 from spot_model.robot.rotation import tilt_rad
 
@@ -80,7 +81,9 @@ def falls_now(
     """
     if not rows.any():
         return []
-    tilt, position, qpos = tilt_rad(plant.world_from_body_wxyz), plant.joint_position_rad, plant.batch.bind("qpos")
+    tilt, position, qpos = (
+        on_host(array) for array in (tilt_rad(plant.world_from_body_wxyz), plant.joint_position_rad, plant.physics.qpos)
+    )
     at_stop = (position < facts.POSITION_LOW_RAD + AT_STOP_RAD) | (position > facts.POSITION_HIGH_RAD - AT_STOP_RAD)
     return [
         Fall(
@@ -90,7 +93,7 @@ def falls_now(
             command_age_s=time_s - float(command_since_s[i]),
             velocity=_three(velocity[i]),
             tilt_rad=float(tilt[i]),
-            touched=touching_ground(plant.model, np.array(qpos[i])),
+            touched=touching_ground(plant.model, np.array(qpos[i], dtype=np.float64)),
             at_stop=tuple(facts.JOINT_NAMES[j] for j in np.flatnonzero(at_stop[i])),
         )
         for i in np.flatnonzero(rows)

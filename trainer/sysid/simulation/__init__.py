@@ -1,1 +1,0 @@
-"""Simulated runs to compare with the logs."""
