@@ -169,4 +169,4 @@ def script_of(run: Run, period_s: float | None = None) -> Script | None:
 def features(run: Run, policy: Policy, at_least: int = 0) -> NDArray[np.float32]:
     """The measures' 36 features of :func:`policy_ticks`, shape (n, 36)."""
     rows = policy_ticks(run, at_least)
-    return features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy)
+    return np.asarray(features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy))

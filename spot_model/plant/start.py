@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
+
+SETTLED_M: Final = 1e-6
+"""The lowest foot starts so far in the ground: exactly on it, a GPU's rounding would decide whether it touches."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ def put_at(plant: Plant, starts: Sequence[StartState]) -> NDArray[np.float32]:
     def each(name: str) -> Array:
         return np.stack([getattr(start, name) for start in starts])
 
-    height = np.array([standing_height_m(start) for start in starts])
+    height = np.array([standing_height_m(start) - SETTLED_M for start in starts])
     attitude = each("world_from_body_wxyz")
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     plant.reset(

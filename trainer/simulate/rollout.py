@@ -18,7 +18,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot.arrays import like, namespace_of, on_host
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import AnyArray
-from trainer.simulate.recorded_loop import padded, stacked
+from trainer.simulate.recorded_loop import padded
 from trainer.sysid.distance.features import features_of_observations
 
 Array = NDArray[np.float64]
@@ -53,13 +53,13 @@ class RolloutOptions:
 class Rollouts:
     """What came out, for each candidate and case; ticks beyond a case's own length are NaN."""
 
-    features: NDArray[np.float32]
-    """Shape (n_candidates, n_cases, n_ticks, 36), N·m."""
+    features: AnyArray
+    """Shape (n_candidates, n_cases, n_ticks, 36), float32, N·m; a tensor if the physics ran on a GPU, as the others."""
     fallen_tick: NDArray[np.intp]
     """First tick after a fall, n_ticks where there is none. Shape (n_candidates, n_cases)."""
-    torque_nm: NDArray[np.float32]
+    torque_nm: AnyArray
     """Applied torque at each tick, canonical order, shape (n_candidates, n_cases, n_ticks, 12)."""
-    linear_vel_of_body_in_body_m_s: NDArray[np.float32]
+    linear_vel_of_body_in_body_m_s: AnyArray
     """Shape (n_candidates, n_cases, n_ticks, 3)."""
 
 
@@ -79,7 +79,6 @@ def roll_out(
         options: How to simulate.
     """
     n_cases, n_ticks = len(cases), max(len(c.velocity_command) for c in cases)
-    n_sims = n_candidates * n_cases
     plant, last_action = _started_plant(effects, n_candidates, cases, options)
     commands = np.stack([padded(c.velocity_command, n_ticks) for c in cases])
     noise = np.stack([_noise(c, n_ticks) for c in cases])
@@ -95,27 +94,28 @@ def roll_out(
         return np.concatenate([policy.act(block) for block in np.split(seen, n_candidates)])
 
     loop = ClosedLoop(plant, policy, see=noisy, act=act if is_on_host else None)
-    kept: list[tuple[AnyArray, AnyArray, AnyArray]] = []
     schedule = schedule_by_rate(n_ticks, policy.contract.rate_hz, options.timestep_s)
-    for tick in loop.run(lambda t: told[:, t], schedule, last_action):
-        kept.append((tick.observation, tick.action, plant.applied_torque_nm))
-    observation, action, torque = (stacked(column).swapaxes(0, 1) for column in zip(*kept, strict=True))
-    features = features_of_observations(
-        observation.reshape(n_sims * n_ticks, -1), action.reshape(n_sims * n_ticks, -1), policy
-    ).reshape(n_sims, n_ticks, -1)
-    has_fallen = is_fallen(observation)
+    kept = [
+        (tick.observation, tick.action, plant.applied_torque_nm)
+        for tick in loop.run(lambda t: told[:, t], schedule, last_action)
+    ]
+    xp = namespace_of(kept[0][0])
+    observation, action, torque = (xp.stack(list(column), axis=1) for column in zip(*kept, strict=True))
+    features = features_of_observations(observation, action, policy)
+    has_fallen = on_host(is_fallen(observation))
     fallen = np.where(has_fallen.any(axis=1), has_fallen.argmax(axis=1), n_ticks)
-    features[on_host(plant.diverged)] = np.nan
+    features[plant.diverged] = np.nan
+    by_case = features.reshape(n_candidates, n_cases, n_ticks, -1)
     for i, case in enumerate(cases):
-        features.reshape(n_candidates, n_cases, n_ticks, -1)[:, i, len(case.velocity_command) :] = np.nan
-    shape = (n_candidates, n_cases)
+        by_case[:, i, len(case.velocity_command) :] = np.nan
+    shape = (n_candidates, n_cases, n_ticks, -1)
     return Rollouts(
-        features=features.reshape(*shape, n_ticks, -1),
-        fallen_tick=fallen.reshape(shape),
-        torque_nm=torque.astype(np.float32).reshape(*shape, n_ticks, -1),
-        linear_vel_of_body_in_body_m_s=observed(observation, "linear_vel_of_body_in_body_m_s")
-        .astype(np.float32)
-        .reshape(*shape, n_ticks, -1),
+        features=by_case,
+        fallen_tick=fallen.reshape(shape[:2]),
+        torque_nm=xp.astype(torque, xp.float32).reshape(shape),
+        linear_vel_of_body_in_body_m_s=xp.astype(
+            observed(observation, "linear_vel_of_body_in_body_m_s"), xp.float32
+        ).reshape(shape),
     )
 
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
 
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.arrays import like, namespace_of
+from spot_model.robot.rotation import AnyArray
 
 
 def control_law_features(
     *,
-    position_rad: NDArray[np.float64],
-    velocity_rad_s: NDArray[np.float64],
-    action: NDArray[np.floating],
+    position_rad: AnyArray,
+    velocity_rad_s: AnyArray,
+    action: AnyArray,
     contract: PolicyContract,
-) -> NDArray[np.float32]:
+) -> Any:
     """Scale position by kp, velocity by kd, and action by σ_a·kp.
 
     Args:
@@ -27,38 +30,37 @@ def control_law_features(
         contract: The policy's contract: gains, action scale, joint order.
 
     Returns:
-        Shape (..., 36), canonical order, N·m.
+        Shape (..., 36), canonical order, float32, N·m; of the array library of ``position_rad``.
 
     Source: the paper, footnote on the feature space of the evaluation metrics.
     """
     index = {name: i for i, name in enumerate(contract.joint_names)}
-    order = np.array([index[name] for name in facts.JOINT_NAMES], dtype=np.intp)
-    kp = np.array(contract.kp_nm_per_rad)[order]
-    kd = np.array(contract.kd_nm_s_per_rad)[order]
+    order = [index[name] for name in facts.JOINT_NAMES]
+    kp = like(position_rad, np.array(contract.kp_nm_per_rad)[order])
+    kd = like(position_rad, np.array(contract.kd_nm_s_per_rad)[order])
     scaled = (kp * position_rad, kd * velocity_rad_s, contract.action_scale_rad * kp * action[..., order])
-    return np.concatenate(scaled, axis=-1).astype(np.float32)
+    xp = namespace_of(position_rad)
+    return xp.astype(xp.concat(scaled, axis=-1), xp.float32)
 
 
-def features_of_observations(
-    observation: NDArray[np.floating], action: NDArray[np.floating], policy: Policy
-) -> NDArray[np.float32]:
+def features_of_observations(observation: AnyArray, action: AnyArray, policy: Policy) -> Any:
     """The same features from logged ticks.
 
     Args:
-        observation: Shape (n, 48), as :mod:`spot_model.policy.observation` lays it out, policy order.
-        action: Shape (n, 12), policy order.
+        observation: Shape (..., 48), as :mod:`spot_model.policy.observation` lays it out, policy order.
+        action: Shape (..., 12), policy order.
         policy: The policy that ran.
 
     Returns:
-        Shape (n, 36), canonical order, N·m.
+        Shape (..., 36), canonical order, N·m.
     """
-    order = policy.canonical_from_policy
-    velocity = observed(observation, "joint_velocity_rad_s")
-    offset = observed(observation, "joint_position_offset_rad")
-    position = np.asarray(offset, dtype=np.float64) + policy.default_position_rad
+    order = policy.canonical_from_policy.tolist()
+    exact = np.asarray(observation, dtype=np.float64) if isinstance(observation, np.ndarray) else observation
+    offset = observed(exact, "joint_position_offset_rad")
+    position = offset + like(exact, policy.default_position_rad)
     return control_law_features(
-        position_rad=position[:, order],
-        velocity_rad_s=np.asarray(velocity, dtype=np.float64)[:, order],
+        position_rad=position[..., order],
+        velocity_rad_s=observed(exact, "joint_velocity_rad_s")[..., order],
         action=action,
         contract=policy.contract,
     )

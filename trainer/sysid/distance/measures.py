@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.robot.arrays import like, namespace_of, on_host
 from trainer.sysid.distance.mmd import FourierFeatures, embedding_distance, median_bandwidth
 
 Array = NDArray[np.float64]
@@ -99,6 +100,35 @@ class SequenceReference:
             return np.full((len(self.real), len(MEASURES)), np.nan)
         simulated = digest(features, self.fourier)
         return np.array([distance(simulated, real) for real in self.real])
+
+    def distances_of_many(self, features: Any) -> Array:
+        """From many simulated runs, a tensor of shape (k, n, 36), to each real run, shape (k, n_real, 2).
+
+        As :meth:`distances` of each, up to a GPU's rounding.
+        """
+        xp = namespace_of(features)
+        is_finite = on_host(xp.all(xp.isfinite(features), axis=(1, 2)))
+        samples = xp.where(xp.isfinite(features), features, xp.zeros_like(features))
+        ordered = xp.sort(xp.permute_dims(samples, (0, 2, 1)), axis=-1)
+        phase = samples @ like(samples, self.fourier.frequencies)
+        means = xp.concat([xp.mean(xp.cos(phase), axis=1), xp.mean(xp.sin(phase), axis=1)], axis=-1)
+        embedding = on_host(means) / np.sqrt(self.fourier.frequencies.shape[1])
+        pairs = np.empty((len(samples), len(self.real), len(MEASURES)))
+        for column, real in enumerate(self.real):
+            pairs[:, column, 0] = _mean_w1(ordered, real.sorted_features)
+            pairs[:, column, 1] = embedding_distance(embedding, real.embedding)
+        pairs[~is_finite] = np.nan
+        return pairs
+
+
+def _mean_w1(ordered: Any, real: NDArray[np.float32]) -> Array:
+    """Mean over features of the Wasserstein distance, shape (k,), of sorted samples (k, 36, n) to (36, m)."""
+    xp, n, m = namespace_of(ordered), ordered.shape[-1], real.shape[-1]
+    edges = np.union1d(np.arange(1, n + 1) * m, np.arange(1, m + 1) * n)
+    weights = like(ordered, np.diff(edges, prepend=0) / (n * m))
+    mine, theirs = (np.ceil(edges / size).astype(np.intp) - 1 for size in (m, n))
+    gaps = xp.abs(ordered[..., mine.tolist()] - like(ordered, real[:, theirs]))
+    return on_host(xp.mean(gaps @ weights, axis=-1)).astype(np.float64)
 
 
 def digest(features: NDArray[Any], fourier: FourierFeatures) -> RunDigest:

@@ -70,6 +70,7 @@ class Problem:
         h.update(repr((self.space.model.to_data(), self.space.parameters, self.sequence_weights)).encode())
         o = self.options
         h.update(repr((o.timestep_s, o.foot_friction, o.contact_time_constant_s)).encode())
+        h.update(b"" if o.device == "cpu" else b"on a GPU")
         for cases, reference in zip(self.cases, self.references, strict=True):
             for case in cases:
                 start = case.start
@@ -89,7 +90,9 @@ class Problem:
     def evaluate(self, values: Array) -> list[CandidateResult]:
         """Simulate and measure candidates, shape (k, n_parameters), physical values."""
         rollouts = self.simulate(values)
-        return [self._result(rollouts, k) for k in range(len(values))]
+        if isinstance(rollouts.features, np.ndarray):
+            return [self._result(rollouts, k) for k in range(len(values))]
+        return self._results_of_many(rollouts)
 
     def score(self, result: CandidateResult, real_weights: Sequence[Array] | None = None) -> float:
         """One number: 1 at the real-versus-real floor; infinite where a simulation diverged.
@@ -105,6 +108,19 @@ class Problem:
             runs = None if real_weights is None else real_weights[i]
             total += weight * float(score_of_distances(distances, reference.scale, runs))
         return total if np.isfinite(total) else float("inf")
+
+    def _results_of_many(self, rollouts: Rollouts) -> list[CandidateResult]:
+        """The same, on the GPU that simulated them."""
+        by_sequence, first = [], 0
+        for cases, reference in zip(self.cases, self.references, strict=True):
+            runs = [
+                reference.distances_of_many(rollouts.features[:, first + i, : len(case.velocity_command)])
+                for i, case in enumerate(cases)
+            ]
+            by_sequence.append(np.stack(runs, axis=1))
+            first += len(cases)
+        fallen = (rollouts.fallen_tick < rollouts.features.shape[2]).mean(axis=1)
+        return [CandidateResult(tuple(d[k] for d in by_sequence), float(share)) for k, share in enumerate(fallen)]
 
     def _result(self, rollouts: Rollouts, candidate: int) -> CandidateResult:
         distances, first = [], 0

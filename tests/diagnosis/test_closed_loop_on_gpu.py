@@ -1,0 +1,30 @@
+"""A closed loop of the diagnosis on mujoco_warp, which computes on the cores here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from spot_model.io.model_file import load_model
+from spot_model.policy.policy import load_policy
+
+from .standing_starts import POLICY, scripts
+
+pytest.importorskip("mujoco_warp")
+
+SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_run_is_the_same_on_both() -> None:
+    model, policy = load_model("paper_identified"), load_policy(POLICY)
+    runs = {
+        device: simulate(model, policy, scripts(10), np.random.default_rng(0), SILENT, device=device)
+        for device in ("cpu", "warp-cpu")
+    }
+    for cores, warp in zip(runs["cpu"], runs["warp-cpu"], strict=True):
+        np.testing.assert_allclose(warp.states.position_rad, cores.states.position_rad, atol=1e-5)
+        np.testing.assert_array_equal(warp.states.last_command_key, cores.states.last_command_key)
+        stamps = [s.last_command_robot_stamp_ns for s in (warp.states, cores.states)]
+        np.testing.assert_array_equal(*stamps)
+        assert [run.header.run_id for run in (warp, cores)] == [cores.header.run_id] * 2

@@ -1,0 +1,113 @@
+"""The plant on mujoco_warp, which computes on the cores here, against the plant on MuJoCo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spot_model.effects.base import Effect
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.command.command_drop import CommandDrop
+from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.effects.sensing.leg_odometry import LegOdometry
+from spot_model.effects.sensing.sensor_noise import SensorNoise
+from spot_model.io.model_file import load_model
+from spot_model.plant.closed_loop import ClosedLoop
+from spot_model.plant.plant import DEFAULT_BODY_POSITION_M, Plant, PlantOptions
+from spot_model.policy.policy import load_policy
+from spot_model.robot import facts
+from spot_model.robot.arrays import on_host
+from spot_model.robot.mjcf import MjcfOptions
+
+from .test_effects import ACTIVE
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("mujoco_warp")
+
+MJCF = MjcfOptions(timestep_s=0.0015, cone="elliptic", link_torque_sensors=True, visuals=False)
+PERIODS, STEPS = 10, 13
+SAME_RAD = 1e-5
+RANDOM = (CommandJitter, CommandDrop, SensorNoise)
+POLICY = Path(__file__).parents[2] / "policies" / "baseline.onnx"
+
+
+def plants(effects: tuple[Effect, ...], n: int = 2) -> tuple[Plant, Plant]:
+    """On MuJoCo and on mujoco_warp, the feet 4 mm above the ground: at 0 mm, rounding decides who touches it."""
+    x, y, z = DEFAULT_BODY_POSITION_M
+    made = [
+        Plant(effects, n, PlantOptions(mjcf=MJCF, device=device, on_divergence="flag", n_threads=1))
+        for device in ("cpu", "warp-cpu")
+    ]
+    for plant in made:
+        plant.reset(position_of_body_in_world_m=(x, y, z + 0.004))
+    return made[0], made[1]
+
+
+def walk(plant: Plant, seed: int = 0) -> np.ndarray:
+    """Joint positions after ten periods of drawn set-points."""
+    rng = np.random.default_rng(seed)
+    for _ in range(PERIODS):
+        plant.step(facts.DEFAULT_POSITION_RAD + 0.15 * rng.standard_normal((plant.n_sims, 12)), STEPS)
+    return on_host(plant.joint_position_rad)
+
+
+@pytest.mark.parametrize("effect", [e for e in ACTIVE if not isinstance(e, RANDOM)], ids=lambda e: e.name)
+def test_every_effect_acts_alike(effect: Effect) -> None:
+    cores, warp = plants((effect,))
+    np.testing.assert_allclose(walk(warp), walk(cores), atol=SAME_RAD)
+    for reported in ("position_rad", "velocity_rad_s", "load_nm"):
+        np.testing.assert_allclose(
+            on_host(getattr(warp.reading, reported)), getattr(cores.reading, reported), atol=2e-2, err_msg=reported
+        )
+    for reported in vars(cores.estimate):
+        np.testing.assert_allclose(
+            on_host(getattr(warp.estimate, reported)), getattr(cores.estimate, reported), atol=1e-4, err_msg=reported
+        )
+
+
+def test_a_value_for_each_simulation() -> None:
+    delays_s = np.array([[0.0], [0.004], [0.021], [0.0405]])
+    cores, warp = plants((CommandDelay(delay_s=delays_s), *load_model("paper_identified").effects), 4)
+    here, there = walk(cores), walk(warp)
+    np.testing.assert_allclose(there, here, atol=SAME_RAD)
+    assert np.ptp(here, axis=0).max() > 1e-2
+
+
+@pytest.mark.parametrize("effect", [e for e in ACTIVE if isinstance(e, RANDOM)], ids=lambda e: e.name)
+def test_a_random_effect_acts_and_its_seed_repeats_it(effect: Effect) -> None:
+    first, again, without = (walk(plants(effects)[1]) for effects in ((effect,), (effect,), ()))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - without).max() > 1e-4
+
+
+def test_a_snapshot_continues_where_it_was_taken() -> None:
+    effects = (CommandDelay(delay_s=0.03), LegOdometry(time_s=0.1), *load_model("paper_identified").effects)
+    _, plant = plants(effects)
+    walk(plant)
+    kept = plant.snapshot()
+    first = walk(plant, seed=1)
+    plant.restore(kept)
+    np.testing.assert_allclose(walk(plant, seed=1), first, atol=1e-6)
+
+
+def test_some_robots_are_put_back_alone() -> None:
+    _, plant = plants((CommandDelay(delay_s=0.03),))
+    walk(plant)
+    before = on_host(plant.joint_position_rad)
+    plant.reset(torch.tensor([True, False]))
+    after = on_host(plant.joint_position_rad)
+    np.testing.assert_allclose(after[0], facts.DEFAULT_POSITION_RAD, atol=1e-6)
+    np.testing.assert_array_equal(after[1], before[1])
+
+
+def test_a_policy_walks_alike() -> None:
+    policy = load_policy(POLICY)
+    seen = []
+    for plant in plants(load_model("paper_identified").effects):
+        loop = ClosedLoop(plant, policy)
+        ticks = list(loop.run(lambda _: np.array([[0.8, 0.0, 0.0]]), [(STEPS,)] * PERIODS))
+        seen.append((on_host(ticks[-1].action), on_host(plant.joint_position_rad)))
+    np.testing.assert_allclose(seen[1][0], seen[0][0], atol=1e-4)
+    np.testing.assert_allclose(seen[1][1], seen[0][1], atol=SAME_RAD)
