@@ -109,10 +109,12 @@ class ClosedLoop:
                     window = policy.window(observation, window)
                     action = act(window)
                     path.send(index + 1, policy.setpoint_rad(action))
+                if self.after_step is None:
+                    path.advance(n_steps)
+                    continue
                 for _ in range(n_steps):
-                    path.step()
-                    if self.after_step is not None:
-                        self.after_step()
+                    path.advance(1)
+                    self.after_step()
             yield Tick(index, command, observation, action)
 
 

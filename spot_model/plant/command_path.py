@@ -24,8 +24,8 @@ class CommandPath(Protocol):
         """Issue command ``number``, counted from 1: position set-points, shape (n_sims, 12), canonical order."""
         ...
 
-    def step(self) -> None:
-        """Move the plant by one physics step."""
+    def advance(self, n_steps: int) -> None:
+        """Move the plant by physics steps."""
         ...
 
 
@@ -39,9 +39,9 @@ class PlantPath:
         """Issue a command; :class:`CommandPath`."""
         self._plant.command(servo_command(setpoint_rad, self._gains))
 
-    def step(self) -> None:
-        """Move the plant by one physics step."""
-        self._plant.advance()
+    def advance(self, n_steps: int) -> None:
+        """Move the plant by physics steps."""
+        self._plant.advance(n_steps)
 
 
 class ReceiptPath:
@@ -90,14 +90,15 @@ class ReceiptPath:
         self._latest_s = np.where(np.isfinite(arrival), arrival, self._latest_s)
         self._waiting.append((number, arrival, setpoint_rad))
 
-    def step(self) -> None:
-        """Move the plant by one physics step."""
-        setpoint = self._mean_setpoint()
-        if setpoint is not self._followed:
-            self._followed = setpoint
-            self._plant.command(servo_command(setpoint, self._gains))
-        self._plant.advance()
-        self.now_ns += self._step_ns
+    def advance(self, n_steps: int) -> None:
+        """Move the plant by physics steps."""
+        for _ in range(n_steps):
+            setpoint = self._mean_setpoint()
+            if setpoint is not self._followed:
+                self._followed = setpoint
+                self._plant.command(servo_command(setpoint, self._gains))
+            self._plant.advance()
+            self.now_ns += self._step_ns
 
     def _mean_setpoint(self) -> Array:
         """Mean set-point over the coming physics step, shape (n, 12)."""

@@ -63,6 +63,10 @@ class Physics(Protocol):
         """Feet on the ground, shape (n_sims, 4), by the cheapest means that there are."""
         ...
 
+    def is_recording(self) -> bool:
+        """Whether a GPU's work is being recorded now, as part of something larger."""
+        ...
+
     def diverged(self) -> AnyArray:
         """Simulations whose numbers mean nothing any more, bool, shape (n_sims,)."""
         ...
@@ -111,6 +115,10 @@ class CorePhysics:
     def standing(self) -> NDArray[np.bool_]:
         """Whether each foot touches the ground, shape (n_sims, 4)."""
         return self.foot_contact()
+
+    def is_recording(self) -> bool:
+        """Never, on the cores."""
+        return False
 
     def warning_counts(self) -> NDArray[Any]:
         """MuJoCo's warnings from a full contact list on, shape (n_sims, k)."""

@@ -94,6 +94,7 @@ class Plant(PlantState):
         super().__init__(_physics(model, n_sims, options), has_link_torque=options.mjcf.link_torque_sensors)
         self._is_on_host = options.device == "cpu"
         self._senses = False
+        self._records: dict[int, Any] = {}
         self.fields = self.physics.fields
         """Per-simulation fields of the MuJoCo model, for randomisation; call ``fields.commit()`` after writing."""
         for effect in [e for e in acting if isinstance(e, ModelEffect)]:
@@ -196,6 +197,14 @@ class Plant(PlantState):
         Raises:
             PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :attr:`diverged`).
         """
+        if self._is_on_host or self.physics.is_recording():
+            self._advance(n_substeps)
+        else:
+            self._recorded(n_substeps)()
+        if self.options.on_divergence == "raise" and self._is_on_host and self.diverged.any():
+            self._raise_divergence()
+
+    def _advance(self, n_substeps: int) -> None:
         for _ in range(n_substeps):
             # Fresh arrays: an effect may keep what it is shown until the next step.
             motion = Motion(copy_of(self._joint_pos), copy_of(self._joint_vel), self.timestep_s)
@@ -205,8 +214,21 @@ class Plant(PlantState):
             self._pass_step()
             if self._has_sensing:
                 self._sense(self.timestep_s)
-        if self.options.on_divergence == "raise" and self._is_on_host and self.diverged.any():
-            self._raise_divergence()
+
+    def generators(self) -> list[Any]:
+        """On a GPU, what its effects draw from."""
+        return [self._rng.generator]
+
+    def _recorded(self, n_substeps: int) -> Any:
+        """So many steps on a GPU as one piece of work."""
+        if n_substeps not in self._records:
+            from spot_model.plant.captured import Captured
+
+            is_gpu = self._qpos.is_cuda
+            self._records[n_substeps] = Captured(
+                lambda: self._advance(n_substeps), self.generators(), is_recorded=is_gpu
+            )
+        return self._records[n_substeps]
 
     def push(
         self,

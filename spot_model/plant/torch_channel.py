@@ -13,6 +13,7 @@ import torch
 
 from spot_model.effects.base import CommandEffect, Draws
 from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.plant.captured import Captured
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.command_path import arrival_of, servo_command
 from spot_model.robot.state import Gains
@@ -104,17 +105,19 @@ class TorchReceiptPath:
         self._plant, self._gains, self._rng, self._start_ns = plant, gains, rng, start_ns
         self._effects = [effect.arrays_like(held) for effect in effects]
         self._step_ns = round(plant.timestep_s * 1e9)
+        self._now_s = torch.zeros(1, dtype=torch.float64, device=held.device)
         self._setpoint = held.clone()
-        self._waiting = [
-            (0, torch.full((n, 1), math.inf, dtype=torch.float64, device=held.device), held) for _ in range(slots)
-        ]
-        """Number, arrival and set-point of the newest commands, the oldest first."""
         self._latest_s = torch.full((n, 1), -math.inf, dtype=torch.float64, device=held.device)
         self._received_s = torch.zeros_like(self._latest_s)
+        self._numbers = [torch.zeros(1, dtype=torch.int64, device=held.device) for _ in range(slots)]
+        self._arrivals_s = [torch.full_like(self._latest_s, math.inf) for _ in range(slots)]
+        self._setpoints = [held.clone() for _ in range(slots)]
+        """Of the newest commands, the oldest first."""
         self.now_ns = start_ns
         """Robot time of the next physics step."""
         self.key = torch.zeros(n, dtype=torch.int64, device=held.device)
         """Newest command received, shape (n,); 0 before the first."""
+        self._records: dict[int, Captured] = {}
 
     @property
     def received_ns(self) -> Tensor:
@@ -124,28 +127,42 @@ class TorchReceiptPath:
 
     def send(self, number: int, setpoint_rad: Tensor) -> None:
         """Issue command ``number``; position set-points, shape (n_sims, 12)."""
-        issued_s = torch.full_like(self._latest_s[:, 0], 1e-9 * (self.now_ns - self._start_ns))
+        issued_s = self._now_s.expand(len(self.key))
         arrival = torch.maximum(arrival_of(issued_s, self._effects, self._rng)[:, None].double(), self._latest_s)
-        self._latest_s = torch.where(torch.isfinite(arrival), arrival, self._latest_s)
-        self._waiting = [*self._waiting[1:], (number, arrival, setpoint_rad)]
+        self._latest_s.copy_(torch.where(torch.isfinite(arrival), arrival, self._latest_s))
+        for kept in (self._numbers, self._arrivals_s, self._setpoints):
+            for older, newer in itertools.pairwise(kept):
+                older.copy_(newer)
+        self._numbers[-1].fill_(number)
+        self._arrivals_s[-1].copy_(arrival)
+        self._setpoints[-1].copy_(setpoint_rad)
 
-    def step(self) -> None:
-        """Move the plant by one physics step."""
-        self._plant.command(servo_command(self._mean_setpoint(), self._gains))
-        self._plant.advance()
-        self.now_ns += self._step_ns
+    def advance(self, n_steps: int) -> None:
+        """Move the plant by physics steps, on a GPU as one recorded piece of work."""
+        if n_steps not in self._records:
+            self._records[n_steps] = Captured(
+                lambda: self._advance(n_steps), self._plant.generators(), is_recorded=self.key.is_cuda
+            )
+        self._records[n_steps]()
+        self.now_ns += n_steps * self._step_ns
+
+    def _advance(self, n_steps: int) -> None:
+        for _ in range(n_steps):
+            self._plant.command(servo_command(cast("Any", self._mean_setpoint()), self._gains))
+            self._plant.advance()
+            self._now_s += 1e-9 * self._step_ns
 
     def _mean_setpoint(self) -> Tensor:
         """Mean set-point over the coming physics step, shape (n, 12)."""
-        end_s = 1e-9 * (self.now_ns + self._step_ns - self._start_ns)
-        mean = self._setpoint
-        for number, arrival_s, setpoint in self._waiting:
+        end_s = self._now_s + 1e-9 * self._step_ns
+        mean = self._setpoint.clone()
+        for number, arrival_s, setpoint in zip(self._numbers, self._arrivals_s, self._setpoints, strict=True):
             due = (arrival_s < end_s - 1e-9) & (self.key[:, None] < number)
             share = ((end_s - arrival_s) / (1e-9 * self._step_ns)).clamp(0.0, 1.0).to(mean.dtype)
             mean = torch.where(due, mean + share * (setpoint - mean), mean)
-            self._setpoint = torch.where(due, setpoint, self._setpoint)
-            self._received_s = torch.where(due, arrival_s, self._received_s)
-            self.key = torch.where(due[:, 0], number, self.key)
+            self._setpoint.copy_(torch.where(due, setpoint, self._setpoint))
+            self._received_s.copy_(torch.where(due, arrival_s, self._received_s))
+            self.key.copy_(torch.where(due[:, 0], number, self.key))
         return mean
 
 

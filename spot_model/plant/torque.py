@@ -20,12 +20,12 @@ class TorqueChain:
 
     def __init__(self, effects: Sequence[TorqueEffect], like: AnyArray) -> None:
         xp = namespace_of(like)
-        self._still = xp.zeros_like(like)
         self._where = xp.where
         self._is_numpy = xp is np
         self._effects = tuple(effect.arrays_like(like) for effect in effects)
         self._masks = tuple(None if effect.mask.all() else effect.mask_like(like) for effect in self._effects)
-        self._memory: list[Memory] = [own_tensors(effect.start(self._still)) for effect in self._effects]
+        self._fresh: list[Memory] = [effect.start(xp.zeros_like(like)) for effect in self._effects]
+        self._memory: list[Memory] = [own_tensors(fresh) for fresh in self._fresh]
 
     def torque_nm(self, command: ServoCommand, motion: Motion, reading: JointReading | Motion) -> AnyArray:
         """Motor torque at this physics step; moves the effects' memories on by one step.
@@ -56,8 +56,8 @@ class TorqueChain:
 
     def reset(self, rows: AnyArray) -> None:
         """Start the memories afresh in the simulations of ``rows``, shape (n_sims,)."""
-        for i, effect in enumerate(self._effects):
-            self._memory[i] = held(self._memory[i], restarted(rows, effect.start(self._still), self._memory[i]))
+        for i, fresh in enumerate(self._fresh):
+            self._memory[i] = held(self._memory[i], restarted(rows, fresh, self._memory[i]))
 
     def snapshot(self) -> list[list[Any]]:
         """The memories as plain arrays and numbers, one list an effect."""

@@ -73,10 +73,14 @@ class WarpPhysics:
         if self._model is None:
             self._build()
         with wp.ScopedDevice(self._wp_device):
-            if self._graph is not None and not torch.cuda.is_current_stream_capturing():
-                wp.capture_launch(self._graph)
-            else:
+            if self._graph is None:
                 mjw.step(self._model, self._data)
+            elif torch.cuda.is_current_stream_capturing():
+                # The step becomes part of the graph that torch records.
+                with wp.ScopedCapture(external=True):
+                    mjw.step(self._model, self._data)
+            else:
+                wp.capture_launch(self._graph)
 
     def restart(self, mask: Tensor) -> None:
         """Forget velocities, torques and the solver's last solution."""
@@ -110,6 +114,10 @@ class WarpPhysics:
         """Feet on the ground, shape (n_sims, 4): where it is level by their height, which takes few operations."""
         standing = self._contacts.standing()
         return self._contacts.read()[0] if standing is None else standing
+
+    def is_recording(self) -> bool:
+        """Whether torch records a graph now."""
+        return self._wp_device.is_cuda and torch.cuda.is_current_stream_capturing()
 
     def diverged(self) -> Tensor:
         """Simulations with a number that is not finite, shape (n_sims,)."""

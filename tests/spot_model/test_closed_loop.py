@@ -113,7 +113,7 @@ def receipts(delay_s: float, n_steps: int) -> tuple[list[float], ReceiptPath]:
     path = ReceiptPath(plant, policy_gains(), np.zeros((1, 12)), channel, rng, start_ns=1_000)
     path.send(1, np.ones((1, 12)))
     for _ in range(n_steps):
-        path.step()
+        path.advance(1)
     return told, path
 
 
@@ -156,6 +156,8 @@ def test_each_robot_starts_in_its_own_state_on_the_ground():
     np.testing.assert_allclose(plant.joint_position_rad[1], facts.DEFAULT_POSITION_RAD + 0.1)
     np.testing.assert_allclose(plant.world_from_body_wxyz, np.tile(tilt, (2, 1)))
     np.testing.assert_allclose(plant.angular_vel_of_body_in_world_rad_s, [[0.0, 0.0, 0.4]] * 2, atol=1e-12)
-    np.testing.assert_allclose(plant.position_of_body_in_world_m[:, 2], [standing_height_m(s) for s in starts], atol=2e-6)
+    np.testing.assert_allclose(
+        plant.position_of_body_in_world_m[:, 2], [standing_height_m(s) for s in starts], atol=2e-6
+    )
     lowest = plant.foot_position_in_world_m[..., 2].min(axis=1)
     np.testing.assert_allclose(lowest, facts.FOOT_RADIUS_M - 1e-6, atol=1e-9)

@@ -116,9 +116,9 @@ class RecordedLoop:
         _append(self._ticks, {"stamp": self._path.now_ns, "requested": setpoint_rad, "sent": sent})
         self._path.send(number, sent)
 
-    def step(self) -> None:
-        """Move the plant by one physics step."""
-        self._path.step()
+    def advance(self, n_steps: int) -> None:
+        """Move the plant by physics steps."""
+        self._path.advance(n_steps)
 
     def _sense(self, message: int) -> Sensed | None:
         if message and self.only_ticks:

@@ -52,3 +52,13 @@ def test_weights_choose_real_runs() -> None:
     assert only_first == pytest.approx(1.0)
     assert score_of_distances(distances, np.ones(2)) == pytest.approx(2.0)
     assert len(reference.real) == 2
+
+
+def test_many_runs_at_once_are_as_far_as_one_by_one() -> None:
+    torch = pytest.importorskip("torch")
+    rng = np.random.default_rng(3)
+    reference = SequenceReference.build("walk", [rng.normal(0.0, 9.0, (n, 36)).astype(np.float32) for n in (90, 80)])
+    runs = rng.normal(1.0, 8.0, (3, 80, 36)).astype(np.float32)
+    runs[2, 40] = np.nan
+    many = reference.distances_of_many(torch.from_numpy(runs))
+    np.testing.assert_allclose(many, [reference.distances(run) for run in runs], rtol=1e-4)
