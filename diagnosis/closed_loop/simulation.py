@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.io.model_file import RobotModel
@@ -19,6 +18,7 @@ from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.shared.threads import available_threads
+from trainer.signals.policy_ticks import Script
 from trainer.sysid.simulation import recorded_loop
 from trainer.sysid.simulation.recorded_loop import RecordedLoop, Told
 

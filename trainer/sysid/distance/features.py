@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log.read.run import Run
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from trainer.signals.policy_ticks import policy_ticks
 
 
 def control_law_features(
@@ -42,7 +44,7 @@ def control_law_features(
 def features_of_observations(
     observation: NDArray[np.floating], action: NDArray[np.floating], policy: Policy
 ) -> NDArray[np.float32]:
-    """The same features from logged ticks.
+    """The same features from ticks.
 
     Args:
         observation: Shape (n, 48), as :mod:`spot_model.policy.observation` lays it out, policy order.
@@ -62,3 +64,9 @@ def features_of_observations(
         action=action,
         contract=policy.contract,
     )
+
+
+def features_of_run(run: Run, policy: Policy, at_least: int = 0) -> NDArray[np.float32]:
+    """Those of a log's :func:`~trainer.signals.policy_ticks.policy_ticks`, shape (n, 36)."""
+    rows = policy_ticks(run, at_least)
+    return features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy)
