@@ -51,7 +51,7 @@ def measure_delays(runs: Sequence[Run]) -> MeasuredDelays:
         received = receipts_ns(run)
         for sent, out in ((run.commands.state_robot_stamp_ns, path), (run.commands.robot_stamp_ns, transit)):
             known = (received < NEVER_NS) & (sent > 0)
-            out.append((received[known] - sent[known]) * 1e-9)
+            out.append(np.asarray((received[known] - sent[known]) * 1e-9, np.float64))
     return MeasuredDelays(np.concatenate(path), np.concatenate(transit))
 
 
