@@ -9,10 +9,10 @@ import numpy as np
 from compare.errors import CompareError
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.read.log_files import find_policy
-from diagnosis.read.policy_ticks import script_of
 from spot_log import Run, read_run
 from spot_model.io.model_file import BUILT_IN, RobotModel, load_model
 from spot_model.policy.policy import Policy
+from trainer.signals.policy_ticks import script_of
 
 
 def is_model(name: str) -> bool:

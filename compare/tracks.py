@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compare.errors import DifferentJointsError, TooShortError
-from diagnosis.read.policy_ticks import policy_ticks
 from spot_log.read.run import Run
 from spot_model.policy.observation import is_fallen
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz
+from trainer.signals.policy_ticks import policy_ticks
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -12,13 +12,13 @@ import numpy as np
 from reference.effects import PICTURES
 
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
-from diagnosis.read.policy_ticks import Script
 from spot_log.page.svg import line, nice_ticks, svg, text
 from spot_log.read.run import Run
 from spot_model.effects.registry import BUILT_IN, make_effect
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
+from trainer.signals.policy_ticks import Script
 from trainer.simulate.rollout import StartState
 
 JOINT = facts.JOINT_NAMES.index("fl_kn")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log import Run
+from spot_log.format.names import FOLLOWING_MODE
 from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array
@@ -16,7 +17,6 @@ from trainer.sysid.distance.features import features_of_observations
 
 Features = NDArray[np.float32]
 """Shape (n_ticks, 36), N·m."""
-ACTIVE: Final = "active"
 Gap = Literal["torque", "joint motion", "body motion"]
 GAPS: Final[tuple[Gap, ...]] = ("torque", "joint motion", "body motion")
 
@@ -70,4 +70,4 @@ def walk_of_run(run: Run, policy: Policy) -> Walk:
     t = run.ticks
     at = np.clip(np.searchsorted(run.states.robot_stamp_ns, t.robot_stamp_ns), 0, len(run.states) - 1)
     name = run.header.command_sequence or "unnamed"
-    return walk_of(name, t.observation, t.action, np.asarray(t.mode) == ACTIVE, run.states.load_nm[at], policy)
+    return walk_of(name, t.observation, t.action, np.asarray(t.mode) == FOLLOWING_MODE, run.states.load_nm[at], policy)

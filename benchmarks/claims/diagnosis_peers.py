@@ -41,9 +41,9 @@ from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.environment import run_all
 from diagnosis.closed_loop.trials import Bench
-from diagnosis.read.recording import record
 from diagnosis.verdict.diagnose import diagnose
 from spot_model.policy.policy import load_policy
+from trainer.signals.recording import record
 from withheld.cases.draw import draw, kind_of
 from withheld.cases.source import source_of
 from withheld.scoring.sizes import LARGE

@@ -16,9 +16,9 @@ from pydantic import ValidationError
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.stack import Stack
-from diagnosis.read.recording import Recording
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
+from trainer.signals.recording import Recording
 
 FLOOR_RAD: Final = 1e-3
 """Rounding of a 32-bit action, many times over."""

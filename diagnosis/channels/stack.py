@@ -12,10 +12,10 @@ from scipy.signal import lfilter
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints
-from diagnosis.read.recording import Recording
 from diagnosis.read.segments import Segmentation, cut
-from diagnosis.read.smoothing import NOISE_GAIN, REACH, Rows, eroded, rate, smooth, too_coarse
 from spot_model.errors import BadInputError
+from trainer.signals.recording import Recording
+from trainer.signals.smoothing import NOISE_GAIN, REACH, Rows, eroded, rate, smooth, too_coarse
 
 MIN_NOISE: Final = 1e-6
 """No channel's noise counts as less than this, in its own unit: simulated logs may have none."""

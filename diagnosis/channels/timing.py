@@ -16,7 +16,7 @@ from scipy.stats import norm as normal
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Ints
 from diagnosis.channels.stack import Stack
-from diagnosis.read.recording import NEVER_NS
+from spot_log.tools.measures import NEVER_NS
 from spot_model.effects.base import Effect
 from spot_model.effects.command.command_delay import CommandDelay
 

@@ -38,9 +38,9 @@ from diagnosis.closed_loop.shrink import (
 )
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
 from diagnosis.document import Consequences, GapChange, GapLeft, GapName, QuantityChange
-from diagnosis.read.policy_ticks import MIN_TICKS, policy_ticks
 from spot_log.read.run import Run
 from spot_model.robot.rotation import rotate_inverse_wxyz
+from trainer.signals.policy_ticks import MIN_TICKS, policy_ticks
 
 QUANTILES: Final = (np.arange(100) + 0.5) / 100
 """Of which a signal's digest is made; their mean difference is the Wasserstein distance."""

@@ -10,12 +10,12 @@ import numpy as np
 from typing_extensions import Self
 
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
-from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.shared.ray_cluster import RayCluster
+from trainer.signals.policy_ticks import Script
 
 Tell = Callable[[float], None]
 """Called now and then with the share that is done."""

@@ -20,10 +20,10 @@ from diagnosis.closed_loop.engine import Engine, Rollout, Tell
 from diagnosis.closed_loop.merged_models import merged
 from diagnosis.closed_loop.shrink import Features, compare, simulated_features
 from diagnosis.closed_loop.surroundings import HARDEST_S, Surroundings
-from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
+from trainer.signals.policy_ticks import Script
 
 OWN: Final = Surroundings()
 """The simulator's."""

@@ -13,7 +13,7 @@ from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints
 from diagnosis.channels.stack import Stack
 from diagnosis.closed_loop.run_numbers import given_power_w, known_mean
 from diagnosis.document import GapCell
-from diagnosis.read.recording import ACTIVE
+from spot_log.format.names import FOLLOWING_MODE
 
 QUANTILES: Final = (np.arange(25) + 0.5) / 25
 """Of which a run's digest in a cell is made; their mean difference is the Wasserstein distance."""
@@ -260,7 +260,7 @@ def _under_policy(stack: Stack) -> tuple[Flags, Array]:
     for number, recording in enumerate(stack.recordings):
         mine = np.flatnonzero(stack.run == number)
         ticks = recording.ticks
-        rows = np.flatnonzero(ticks.mode == ACTIVE) if len(ticks) else np.zeros(0, dtype=np.intp)
+        rows = np.flatnonzero(ticks.mode == FOLLOWING_MODE) if len(ticks) else np.zeros(0, dtype=np.intp)
         stamps = ticks.robot_stamp_ns[rows] if len(rows) else ticks.robot_stamp_ns
         first = int(stamps[0]) if len(stamps) else recording.start_ns
         last = int(stamps[-1]) if len(rows) else int(recording.stamp_ns[-1])

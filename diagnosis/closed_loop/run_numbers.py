@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from diagnosis.read.policy_ticks import fall_stamp_ns, policy_ticks
 from spot_log.read.run import Run
 from spot_model.robot.facts import Array
 from spot_model.robot.rotation import rotate_inverse_wxyz, tilt_rad
+from trainer.signals.policy_ticks import fall_stamp_ns, policy_ticks
 
 HELD_S: Final = 1.0
 """A top speed was held for so long."""

@@ -13,9 +13,10 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from diagnosis.channels.channel_view import Array
-from diagnosis.read.policy_ticks import MIN_TICKS, features
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy
+from trainer.signals.policy_ticks import MIN_TICKS
+from trainer.sysid.distance.features import features_of_run
 from trainer.sysid.distance.measures import SequenceReference, digest, distance
 
 N_RESAMPLES: Final = 1000
@@ -94,7 +95,7 @@ def features_by_sequence(
     """
     found: dict[str, list[NDArray[np.float32]]] = {}
     for run in runs:
-        own = features(run, policy, at_least)
+        own = features_of_run(run, policy, at_least)
         if len(own) >= MIN_TICKS or at_least:
             found.setdefault(sequence_of(run), []).append(own)
     return found

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.io.model_file import RobotModel
@@ -18,6 +17,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.shared.threads import available_threads
+from trainer.signals.policy_ticks import Script
 from trainer.simulate import recorded_loop
 from trainer.simulate.recorded_loop import RecordedLoop, Told
 

@@ -21,7 +21,6 @@ from diagnosis.closed_loop.shrink import (
     simulated_features,
 )
 from diagnosis.document import Shrink
-from diagnosis.read.policy_ticks import Script, scripts_of
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Scored
@@ -30,6 +29,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.text import counted
+from trainer.signals.policy_ticks import Script, scripts_of
 from trainer.sysid.distance.measures import SequenceReference
 
 

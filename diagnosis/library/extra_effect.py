@@ -10,13 +10,13 @@ from typing import ClassVar, Final
 import numpy as np
 
 from diagnosis.channels.channel_view import Array, Shape
-from diagnosis.channels.drive.nominal_torque import torque_after_nm
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from spot_model.effects.base import Effect, Parameter, TorqueEffect
 from spot_model.errors import BadInputError
 from spot_model.plant.joint_losses import has_joint_loss
 from spot_model.user_code import users_code
+from trainer.signals.motor_torque import torque_after_nm
 
 COARSE: Final = 5
 """Values of a shape parameter that are tried first, evenly over its bounds."""

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from diagnosis.read.policy_ticks import policy_ticks
 from diagnosis.read.prepare import prepared
-from diagnosis.read.recording import record
 from diagnosis.read.robot_file import SPOT, RobotFile
 from diagnosis.read.signal_checks import plausible
-from spot_log import Run, read_run
+from spot_log import Run
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.whole import finished
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.policy import Policy, load_policy
-
-
-def _ignore(_: float) -> None:
-    """Progress that nobody watches."""
+from trainer.signals.log_files import Tell, read_each
+from trainer.signals.policy_ticks import policy_ticks
+from trainer.signals.recording import record
 
 
 def read_logs(
-    paths: Sequence[Path], robot: RobotFile = SPOT, tell: Callable[[float], None] = _ignore
+    paths: Sequence[Path], robot: RobotFile = SPOT, tell: Tell = lambda _: None
 ) -> tuple[tuple[Run, ...], tuple[str, ...]]:
     """Read logs, set aside what cannot be right, complete the rest; and what was done, a sentence each.
 
@@ -45,56 +39,19 @@ def read_logs(
     return runs, (*warnings, *set_aside, *notes)
 
 
-def read_all(paths: Sequence[Path], tell: Callable[[float], None] = _ignore) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+def read_all(paths: Sequence[Path], tell: Tell = lambda _: None) -> tuple[tuple[Run, ...], tuple[str, ...]]:
     """Read all logs; what cannot be read or says too little is left out, and said.
 
     Raises:
         BadInputError: None is left.
     """
-    runs: list[Run] = []
-    warnings = [f"folder {p} has no .mcap file" for p in paths if p.is_dir() and not finished(p, "*.mcap")]
-    files = [f for p in paths for f in (finished(p, "*.mcap") if p.is_dir() else [p])]
-    for i, file in enumerate(files):
-        tell(i / len(files))
-        try:
-            run = read_run(file)
-            record(run)
-        except (SpotRlError, OSError) as error:
-            warnings.append(f"{file.name}: left out: {error}")
-            continue
-        warnings += [f"{file.name}: {text}" for text in run.damage]
-        runs.append(run)
-    runs = _each_once(runs, warnings)
-    if not runs:
-        told = "\n".join(f"  {w}" for w in warnings)
-        raise BadInputError(f"no log can be diagnosed:\n{told}\ngive logs of 'spot-rl collect' or 'spot-rl run'")
+    runs, warnings = read_each(paths, tell, record)
     commanded = [run for run in runs if len(run.commands) or len(policy_ticks(run))]
     if commanded:
         # One log that lacks a signal switches its channels off for all.
         idle = [run.path.name for run in runs if not any(run is one for one in commanded)]
         warnings += [f"{name}: left out: the robot got no command in it" for name in idle]
     return tuple(commanded or runs), tuple(warnings)
-
-
-def _each_once(runs: Sequence[Run], warnings: list[str]) -> list[Run]:
-    """Of several files of one run, such as its log and the record of its last seconds, the longest."""
-    kept: list[Run] = []
-    for run in sorted(runs, key=lambda run: -len(run.states)):
-        whole = next((other for other in kept if _holds(other, run)), None)
-        if whole is None:
-            kept.append(run)
-        else:
-            warnings.append(f"{run.path}: left out: its states are in {whole.path}, which is longer")
-    return [run for run in runs if any(run is one for one in kept)]
-
-
-def _holds(whole: Run, part: Run) -> bool:
-    """Whether a log has the first state of a shorter one, by name of the run, stamp and joints."""
-    a, b = whole.states, part.states
-    if whole.header.run_id != part.header.run_id or len(b) == len(a):
-        return False
-    at = a.position_rad[a.robot_stamp_ns == b.robot_stamp_ns[0]]
-    return len(at) > 0 and np.array_equal(at[0], b.position_rad[0], equal_nan=True)
 
 
 def find_policy_file(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Path | None:

@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.read.recording import Array
-from diagnosis.read.smoothing import smooth
 from spot_log.read.run import Run
+from trainer.signals.recording import Array
+from trainer.signals.smoothing import smooth
 
 MAX_ROWS_APART: Final = 12
 """A recording may pair a command with a load that comes this many rows earlier or later."""

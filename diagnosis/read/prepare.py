@@ -11,9 +11,9 @@ import numpy as np
 
 from diagnosis.read.pairing import moved, rows_apart, servo_law
 from diagnosis.read.robot_file import RobotFile
-from diagnosis.read.smoothing import rate, smooth, too_coarse
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from trainer.signals.smoothing import rate, smooth, too_coarse
 
 MIN_AGREEMENT: Final = 0.6
 """Correlation of computed loads with the servo law's torque, at least."""

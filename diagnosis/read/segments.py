@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, find_objects, label, uniform_filter1d
 
-from diagnosis.read.policy_ticks import fall_row
-from diagnosis.read.recording import ACTIVE, NEVER_NS, Array, Flags, Recording
+from spot_log.format.names import FOLLOWING_MODE
+from spot_log.tools.measures import NEVER_NS
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import projected_gravity
+from trainer.signals.policy_ticks import fall_row
+from trainer.signals.recording import Array, Flags, Recording
 
 START_S: Final = 0.2
 """After the first command servos and body settle."""
@@ -129,7 +131,7 @@ def _fallen(recording: Recording) -> Flags:
     flags = np.zeros(len(recording), dtype=np.bool_)
     if recording.has("odom_from_body_wxyz"):
         r, ticks = recording, recording.ticks
-        ticks_ns = ticks.robot_stamp_ns[ticks.mode == ACTIVE]
+        ticks_ns = ticks.robot_stamp_ns[ticks.mode == FOLLOWING_MODE]
         row = fall_row(r.joint_names, r, r.stamp_ns, ticks_ns)
         leans = np.flatnonzero(projected_gravity(r.odom_from_body_wxyz)[:, 2] > FALLEN_GRAVITY_Z)
         row = min([row, *leans[:1]])

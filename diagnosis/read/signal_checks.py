@@ -10,11 +10,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.ndimage import find_objects, label, maximum_filter1d
 
-from diagnosis.read.policy_ticks import fall_row, fall_stamp_ns
-from diagnosis.read.recording import MIN_STATES, Array, Flags
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from trainer.signals.policy_ticks import fall_row, fall_stamp_ns
+from trainer.signals.recording import MIN_STATES, Array, Flags
 
 BEYOND_STOP_RAD: Final = 0.3
 """Encoder offsets and stops that give way stay below this."""

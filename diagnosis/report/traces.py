@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels.channel_view import Array
-from diagnosis.read.policy_ticks import policy_ticks
 from diagnosis.report.bars import axes
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.frame import HALF, Frame
 from spot_log.page.svg import line, svg, thinned
 from spot_log.read.run import Run
+from trainer.signals.policy_ticks import policy_ticks
 
 SPAN_S: Final = 2.0
 MAX_POINTS: Final = 700

@@ -17,12 +17,12 @@ import numpy as np
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, Flags, Ints, Shape
 from diagnosis.channels.drive.actuator import ActuatorSignals
-from diagnosis.channels.drive.nominal_torque import direction, nominal_torque_nm, presliding
 from diagnosis.decision_constants import ErrorScale
 from diagnosis.library.base import LibraryEffect, Location
 from diagnosis.selection.places import Robot
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from trainer.signals.motor_torque import direction, nominal_torque_nm, presliding
 
 BUILDS_UP_RAD: Final = 0.003
 """Over which the nominal model's dry friction usually builds up after a reversal."""

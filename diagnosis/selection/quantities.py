@@ -12,8 +12,8 @@ from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Ints
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
-from diagnosis.read.recording import Recording
 from spot_model.robot.rotation import projected_gravity
+from trainer.signals.recording import Recording
 
 HEAT_S: Final = 30.0
 LATEST_S: Final = 0.1

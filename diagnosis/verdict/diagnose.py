@@ -19,7 +19,6 @@ from diagnosis.document import Shrink, Verdict
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.progress import Progress
-from diagnosis.read.recording import record
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.normal_equations import one_thread
@@ -40,6 +39,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.text import counted
+from trainer.signals.recording import record
 
 WITHOUT_RUNS = (
     "without the policy that ran on Spot nothing can be simulated: the map is that of open-loop prediction, and there "

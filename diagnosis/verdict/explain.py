@@ -13,7 +13,6 @@ from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.learned_scales import learn_scales
 from diagnosis.selection.normal_equations import one_thread
@@ -25,6 +24,7 @@ from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
+from trainer.signals.recording import record
 
 Say = Callable[[str], None]
 

@@ -10,11 +10,11 @@ import numpy as np
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.document import Verdict
 from diagnosis.library.base import LibraryEffect
-from diagnosis.read.policy_ticks import scripts_of
 from diagnosis.verdict.explain import explain
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
+from trainer.signals.policy_ticks import scripts_of
 
 
 def synthesis_check(

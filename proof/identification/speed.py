@@ -58,8 +58,8 @@ def bench_sysid(
         evaluate(engine, candidates[0])
         first_s = time.perf_counter() - began_s
         began_s = time.perf_counter()
-        for population in candidates[1:]:
-            evaluate(engine, population)
+        for generation in candidates[1:]:
+            evaluate(engine, generation)
         wall_s = time.perf_counter() - began_s
     began_cpu_s = time.process_time()
     problem.evaluate(candidates[0])

@@ -15,6 +15,10 @@ from spot_model.robot.state import Array
 NS: Final = 1e-9
 GAP_PERIODS: Final = 1.5
 """A gap is a step of stamps longer than this many median periods."""
+CLOCK_ERROR_NS: Final = 10_000_000
+"""By which a stamp of the host's may lie after the robot's own for the same instant; a tick is twice as long."""
+NEVER_NS: Final = np.iinfo(np.int64).max // 2
+"""Receipt of a command that no state has shown."""
 FALL_TILT_RAD: Final = np.deg2rad(60.0)
 FALL_TILT_S: Final = 0.05
 FALL_FLIGHT_S: Final = 0.3
@@ -88,22 +92,34 @@ def steps(stamps_ns: Ints) -> Steps:
     return Steps(rate, Spread.of(delta_ns, 1e-6), gaps, int(np.sum(delta_ns <= 0)))
 
 
+def receipts_ns(run: Run) -> Ints:
+    """When the robot received each command, by its own clock; :data:`NEVER_NS` where no state shows it. Shape (n,).
+
+    A command that was followed by another before the next state is not seen. The first states of a run still echo the
+    key of the last run's newest command, and keys count anew: a receipt from before the state that the command answers,
+    or from before it was sent where it answers none, is another command's.
+    """
+    commands, states = run.commands, run.states
+    out = np.full(len(commands), NEVER_NS, dtype=np.int64)
+    row, found = _rows_of(commands.key, states.last_command_key)
+    if found.any():
+        answered, received = commands.state_robot_stamp_ns[row], states.last_command_robot_stamp_ns
+        earliest = np.where(answered > 0, answered, commands.robot_stamp_ns[row] - CLOCK_ERROR_NS)
+        own = found & (states.last_command_key > 0) & (received >= earliest)
+        rows, first = np.unique(row[own], return_index=True)
+        out[rows] = received[own][first]
+    return out
+
+
 def command_delay_s(run: Run) -> tuple[Array, Array]:
     """From the sending of each command to its arrival at the robot, both by the robot's clock.
-
-    Only a command that a state has echoed counts; one that was followed by another before the next state is not seen.
 
     Returns:
         When each was sent (robot time, s from the first state) and its delay (s), both of shape (m,).
     """
-    states, commands = run.states, run.commands
-    key, first = np.unique(states.last_command_key, return_index=True)
-    arrival_ns = states.last_command_robot_stamp_ns[first]
-    row, found = _rows_of(commands.key, key)
-    sent_ns = commands.robot_stamp_ns[row[found]]
-    arrival_ns = arrival_ns[found]
-    stamped = (sent_ns != 0) & (arrival_ns != 0)
-    return seconds(run, sent_ns[stamped]), _seconds_of(arrival_ns[stamped] - sent_ns[stamped])
+    sent_ns, arrival_ns = run.commands.robot_stamp_ns, receipts_ns(run)
+    known = (sent_ns != 0) & (arrival_ns < NEVER_NS)
+    return seconds(run, sent_ns[known]), _seconds_of(arrival_ns[known] - sent_ns[known])
 
 
 def acknowledge_lag_s(run: Run) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -219,15 +219,24 @@ class Plant(PlantState):
         """On a GPU, what its effects draw from."""
         return [self._rng.generator]
 
+    def recorded(self, work: Callable[[], Any], draws: Any) -> Callable[[], Any]:
+        """Work on this plant's arrays; on a GPU it is recorded once and then replayed.
+
+        Args:
+            work: It changes arrays in place and returns the same ones each time; no value decides what it does.
+            draws: What it draws from, of :meth:`draws`.
+        """
+        if self._is_on_host:
+            return work
+        from spot_model.plant.captured import Captured
+
+        generators = list(dict.fromkeys([*self.generators(), draws.generator]))
+        return Captured(work, generators, is_recorded=self._qpos.is_cuda)
+
     def _recorded(self, n_substeps: int) -> Any:
         """So many steps on a GPU as one piece of work."""
         if n_substeps not in self._records:
-            from spot_model.plant.captured import Captured
-
-            is_gpu = self._qpos.is_cuda
-            self._records[n_substeps] = Captured(
-                lambda: self._advance(n_substeps), self.generators(), is_recorded=is_gpu
-            )
+            self._records[n_substeps] = self.recorded(lambda: self._advance(n_substeps), self._rng)
         return self._records[n_substeps]
 
     def push(

@@ -13,7 +13,6 @@ import torch
 
 from spot_model.effects.base import CommandEffect, Draws
 from spot_model.effects.command.command_jitter import CommandJitter
-from spot_model.plant.captured import Captured
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.command_path import arrival_of, servo_command
 from spot_model.robot.state import Gains
@@ -117,7 +116,7 @@ class TorchReceiptPath:
         """Robot time of the next physics step."""
         self.key = torch.zeros(n, dtype=torch.int64, device=held.device)
         """Newest command received, shape (n,); 0 before the first."""
-        self._records: dict[int, Captured] = {}
+        self._records: dict[int, Any] = {}
 
     @property
     def received_ns(self) -> Tensor:
@@ -140,9 +139,7 @@ class TorchReceiptPath:
     def advance(self, n_steps: int) -> None:
         """Move the plant by physics steps, on a GPU as one recorded piece of work."""
         if n_steps not in self._records:
-            self._records[n_steps] = Captured(
-                lambda: self._advance(n_steps), self._plant.generators(), is_recorded=self.key.is_cuda
-            )
+            self._records[n_steps] = self._plant.recorded(lambda: self._advance(n_steps), self._rng)
         self._records[n_steps]()
         self.now_ns += n_steps * self._step_ns
 

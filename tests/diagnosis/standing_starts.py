@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.read.policy_ticks import Script
 from spot_model.plant.start import StartState
 from spot_model.robot import facts
+from trainer.signals.policy_ticks import Script
 
 POLICY = Path(__file__).parents[2] / "policies" / "baseline.onnx"
 

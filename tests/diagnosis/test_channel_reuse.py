@@ -10,7 +10,7 @@ from diagnosis.channels.body.stance import StanceSignals, feet
 from diagnosis.channels.build import build_views
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
-from diagnosis.read.recording import record
+from trainer.signals.recording import record
 
 from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence

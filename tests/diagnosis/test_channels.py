@@ -10,7 +10,6 @@ from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.library.effects.friction import ViscousEntry
 from diagnosis.library.effects.rigid_body import LegMassEntry
-from diagnosis.read.recording import record
 from spot_log.read.run import CommandTable, StateTable
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
@@ -20,6 +19,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.plant.delay import ConstantDelay
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
+from trainer.signals.recording import record
 
 from .cases import NOMINAL
 from .planted import Noise, Truth, planted_runs, walk_sequence

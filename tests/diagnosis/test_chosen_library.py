@@ -15,13 +15,13 @@ from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.extra_effect import chosen_library
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.errors import BadInputError
+from trainer.signals.recording import record
 
 from .planted import Truth, planted_runs
 

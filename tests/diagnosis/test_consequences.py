@@ -14,9 +14,7 @@ from diagnosis.closed_loop.run_numbers import Lasted, restricted_mean_s, run_num
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, compared_by_sequence
 from diagnosis.document import Consequences, GapChange, QuantityChange
-from diagnosis.read.policy_ticks import policy_ticks, scripts_of
 from diagnosis.read.prepare import prepared
-from diagnosis.read.recording import record
 from diagnosis.read.robot_file import SPOT
 from diagnosis.read.segments import cut
 from diagnosis.read.signal_checks import plausible
@@ -25,6 +23,8 @@ from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
+from trainer.signals.policy_ticks import policy_ticks, scripts_of
+from trainer.signals.recording import record
 
 from .standing_starts import POLICY, scripts
 

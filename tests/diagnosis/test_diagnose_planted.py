@@ -8,7 +8,6 @@ from diagnosis.channels.drive.actuator import actuator_view
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.learned_scales import learn_scales
 from diagnosis.selection.places import Robot
@@ -17,6 +16,7 @@ from diagnosis.selection.search import search
 from diagnosis.selection.unexplained import describe, nats_by_joint, remainder
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.effects.drive.torque_gain import TorqueGain
+from trainer.signals.recording import record
 
 from .planted import Truth, planted_runs
 

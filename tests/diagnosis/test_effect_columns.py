@@ -16,13 +16,13 @@ from diagnosis.channels.stack import stack
 from diagnosis.library.base import acts_last, effect_columns
 from diagnosis.library.extra_effect import entry_of
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter
 from spot_model.effects.friction import smooth_sign
 from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
 from spot_model.io.model_file import RobotModel, paper_model
 from spot_model.robot.facts import PAPER_IDENTIFIED
 from spot_model.robot.joints import select_joints
+from trainer.signals.recording import record
 
 from .cases import CASES
 from .planted import Truth, planted_runs, walk_sequence

@@ -14,7 +14,6 @@ from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import Formula, UnknownEffect
 from diagnosis.library.extra_effect import chosen_library
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from diagnosis.report.effect_file import effect_source, formula_text
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.formula import find_formula
@@ -23,6 +22,7 @@ from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.robot import facts
+from trainer.signals.recording import record
 
 from .planted import Truth, planted_runs
 

@@ -8,9 +8,9 @@ import pytest
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Views
-from diagnosis.channels.drive.nominal_torque import presliding
 from diagnosis.library.effects.command_link import waits
 from diagnosis.verdict.explain import _legs
+from trainer.signals.motor_torque import presliding
 
 
 def test_dry_friction_builds_up_over_its_distance_and_turns_with_the_motion() -> None:

@@ -7,7 +7,6 @@ from diagnosis.channels.stack import stack
 from diagnosis.library.base import Location
 from diagnosis.library.effects.order_spectrum import strongest_orders
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.effects.registry import BUILT_IN
@@ -15,6 +14,7 @@ from spot_model.effects.sensing.leg_odometry import LegOdometry
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot.joints import select_joints
+from trainer.signals.recording import record
 
 from .cases import ABSOLUTE, CASES, NOMINAL
 from .planted import Truth, contract_json, planted_runs, walk_sequence

@@ -14,8 +14,8 @@ from diagnosis.next.predict.check import check_log, check_prediction
 from diagnosis.next.predict.prediction import MOTION, Forecast, Prediction, _forecast, load_prediction
 from diagnosis.next.session import Session
 from diagnosis.next.story import Found
-from diagnosis.read.recording import ACTIVE
 from diagnosis.verdict.posterior_file import Posterior
+from spot_log.format.names import FOLLOWING_MODE
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.errors import BadInputError
@@ -88,7 +88,7 @@ def run_of(told: VelocitySequence, **header: Any) -> Run:
         commands={"key": np.zeros(0, dtype=np.int64)},
         ticks={
             "robot_stamp_ns": stamps,
-            "mode": np.full(n + 1, ACTIVE),
+            "mode": np.full(n + 1, FOLLOWING_MODE),
             "observation": np.tile(LEVEL, (n + 1, 1)),
             "action": np.zeros((n + 1, 12)),
             "velocity_command": np.array([told.at(i / 50) for i in range(n + 1)]),

@@ -12,7 +12,6 @@ import pytest
 from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.session import Session
 from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all, read_logs
-from diagnosis.read.recording import record
 from diagnosis.read.segments import cut
 from spot_log import read_run
 from spot_log.importing import Mapping, import_log
@@ -20,6 +19,7 @@ from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import DEFAULT_POSITION_RAD, JOINT_NAMES
+from trainer.signals.recording import record
 
 POLICIES = Path(__file__).parents[2] / "policies"
 
@@ -75,7 +75,7 @@ def test_one_log_of_another_robot_and_policy_is_set_aside_in_what_follows_too(
     def read(file: Path) -> Run:
         return _by(read_run(file), "1" * 64 if file == other else walk.sha256, "walk")
 
-    monkeypatch.setattr("diagnosis.read.log_files.read_run", read)
+    monkeypatch.setattr("trainer.signals.log_files.read_run", read)
     runs, notes = read_logs([*logs, other])
     assert [run.path for run in runs] == logs
     assert any(note.startswith("other.mcap: set aside: it has joints hip; robot spot has") for note in notes)
@@ -106,7 +106,7 @@ def test_a_log_whose_clock_runs_backwards_is_left_out(tmp_path: Path, monkeypatc
         run = read_run(file)
         return replace(run, states=replace(run.states, robot_stamp_ns=stamps)) if file == bad else run
 
-    monkeypatch.setattr("diagnosis.read.log_files.read_run", read)
+    monkeypatch.setattr("trainer.signals.log_files.read_run", read)
     runs, warnings = read_all([sound, bad])
     assert [run.path.name for run in runs] == ["sound.mcap"]
     assert "backwards.mcap: left out: " in warnings[0]
@@ -121,7 +121,7 @@ def test_a_run_that_is_in_two_files_counts_once(tmp_path: Path, monkeypatch: pyt
         run = read_run(file)
         return replace(run, states=run.states.rows(slice(200, None))) if file == last else run
 
-    monkeypatch.setattr("diagnosis.read.log_files.read_run", read)
+    monkeypatch.setattr("trainer.signals.log_files.read_run", read)
     runs, warnings = read_all([last, whole])
     assert [run.path.name for run in runs] == ["whole.mcap"]
     assert warnings == (f"{last}: left out: its states are in {whole}, which is longer",)
@@ -131,9 +131,7 @@ def test_nothing_left_is_one_error_with_every_reason(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").write_bytes(b"")
     folder = tmp_path / "none"
     folder.mkdir()
-    with pytest.raises(
-        BadInputError, match=r"no log can be diagnosed:\n.*none has no .mcap file\n.*empty.mcap"
-    ) as told:
+    with pytest.raises(BadInputError, match=r"no log can be used:\n.*none has no .mcap file\n.*empty.mcap") as told:
         read_all([folder, tmp_path / "empty.mcap"])
     assert "Traceback" not in str(told.value)
 

@@ -3,9 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.read.policy_ticks import script_of, scripts_of
-from diagnosis.read.recording import NEVER_NS, RecordingError, record
 from spot_log.read.run import StateTable
+from spot_log.tools.measures import NEVER_NS
+from trainer.signals.policy_ticks import script_of, scripts_of
+from trainer.signals.recording import RecordingError, record
 
 from .coarse import thinned
 from .planted import QUIET, START_NS, Truth, planted_runs, walk_sequence

@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.read.recording import record
 from diagnosis.read.segments import cut
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.velocity_sequence import standing_sequence
+from trainer.signals.recording import record
 
 from .planted import Truth, planted_runs, walk_sequence
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.read.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
+from trainer.signals.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
 
 PERIOD_S = 0.003
 

@@ -11,13 +11,13 @@ from diagnosis.channels.channel_view import ChannelView
 from diagnosis.channels.drive.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from diagnosis.report.output import write_all
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from diagnosis.verdict.posterior_file import load_posterior
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.policy.policy import load_policy
+from trainer.signals.recording import record
 
 from .coarse import thinned, uneven
 from .stranger import SEQUENCES, Errors, Faults, Stranger

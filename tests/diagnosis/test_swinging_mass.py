@@ -12,7 +12,6 @@ from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.search import ranked
@@ -20,6 +19,7 @@ from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
+from trainer.signals.recording import record
 
 from .cases import NOMINAL
 from .planted import Truth, _Recorder, walk_sequence

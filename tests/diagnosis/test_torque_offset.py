@@ -10,7 +10,6 @@ from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES, GROUP_ODDS
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.recording import record
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.search import Rival, ranked
@@ -21,6 +20,7 @@ from spot_model.effects.drive.torque_offset import TorqueOffset
 from spot_model.effects.drive.torque_ripple import TorqueRipple
 from spot_model.effects.sensing.encoder_offset import EncoderOffset
 from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
+from trainer.signals.recording import record
 
 from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence

@@ -14,11 +14,11 @@ from diagnosis.channels.channel_view import Views
 from diagnosis.channels.stack import stack
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.through_motion import with_stand_in
-from diagnosis.read.recording import record
 from diagnosis.verdict.explain import Explained, explain
 from spot_log.read.run import Run
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.drive.viscous_friction import ViscousFriction
+from trainer.signals.recording import record
 
 from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence

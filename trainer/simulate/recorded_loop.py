@@ -90,6 +90,7 @@ class RecordedLoop:
         start = like(position, self.start_setpoint_rad)
         self._draws = self.plant.draws(self.rng)
         self._software = [effect.arrays_like(position) for effect in self.software]
+        self._look = self.plant.recorded(self._look_now, self._draws)
         self._path = receipt_path(self.plant, self.policy.gains(), start, self.channel, self._draws, START_NS)
 
     def runs(self, tell: Callable[[float], None] = lambda _: None) -> list[Run]:
@@ -99,6 +100,8 @@ class RecordedLoop:
         steps = round(facts.STATE_PERIOD_NS * 1e-9 / self.plant.timestep_s)
         loop = ClosedLoop(self.plant, self.policy, path=self, sense=self._sense, see=lambda _, o: _as_seen(o))
         schedule = schedule_by_messages(n_ticks, steps, self.tick_period_s)
+        if self.only_ticks:
+            schedule = [(sum(messages),) for messages in schedule]
         for tick in loop.run(lambda i: commands[:, i], schedule, self.last_action):
             self._keep(tick)
             tell(tick.index / n_ticks)
@@ -120,9 +123,14 @@ class RecordedLoop:
         """Move the plant by physics steps."""
         self._path.advance(n_steps)
 
-    def _sense(self, message: int) -> Sensed | None:
-        if message and self.only_ticks:
-            return None
+    def _sense(self, _: int) -> Sensed:
+        sensed: Sensed
+        sensed, columns = self._look()
+        _append(self._states, {"robot_stamp_ns": self._path.now_ns, **columns})
+        return sensed
+
+    def _look_now(self) -> tuple[Sensed, dict[str, AnyArray]]:
+        """What the policy may see, and the columns of a state."""
         reading, estimate, noise = self.plant.reading, self.plant.estimate, self.noise
         attitude = copy_of(estimate.world_from_body_wxyz)
         linear = rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s)
@@ -133,7 +141,6 @@ class RecordedLoop:
         linear = self._noisy(linear, noise.linear_vel_m_s)
         angular = self._noisy(angular, noise.angular_vel_rad_s)
         columns = {
-            "robot_stamp_ns": self._path.now_ns,
             "position_rad": position,
             "velocity_rad_s": velocity,
             "load_nm": load,
@@ -145,8 +152,7 @@ class RecordedLoop:
             "last_command_key": self._path.key,
             "last_command_robot_stamp_ns": self._path.received_ns,
         }
-        _append(self._states, columns)
-        return Sensed(position, velocity, attitude, linear, angular)
+        return Sensed(position, velocity, attitude, linear, angular), columns
 
     def _noisy(self, value: AnyArray, sigma: float) -> AnyArray:
         return value + sigma * self._draws.standard_normal(tuple(value.shape))

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from spot_log import Run
+from spot_log.format.names import FOLLOWING_MODE
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions
@@ -16,7 +17,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.simulate.recorded_loop import RecordedLoop, Told
 from trainer.sysid.logs.logged_run import LoggedRun
-from withheld.features import ACTIVE, Walk, walk_of_run
+from withheld.features import Walk, walk_of_run
 
 STEP_S: Final = 1e-3
 
@@ -60,7 +61,7 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
 
 def _followed(run: Run) -> LoggedRun:
     """The run with the ticks alone at which the policy followed its command."""
-    rows = np.flatnonzero(np.asarray(run.ticks.mode) == ACTIVE)
+    rows = np.flatnonzero(run.ticks.mode == FOLLOWING_MODE)
     return LoggedRun.of(run, ticks=run.ticks.rows(rows))
 
 

@@ -21,12 +21,12 @@ from diagnosis.channels.body.body_model import GRAVITY_M_S2, BodyModel, Inputs, 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags
 from diagnosis.channels.stack import Stack
-from diagnosis.read.smoothing import REACH
 from spot_model.effects.base import Effect
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
+from trainer.signals.smoothing import REACH
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""

@@ -17,8 +17,8 @@ from diagnosis.channels.body.dynamics import STRIDE, kept_rows
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.stack import Stack, white_noise
-from diagnosis.read.smoothing import REACH
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
+from trainer.signals.smoothing import REACH
 
 NEEDED: Final = {
     "imu.acceleration_m_s2": "inertial unit",

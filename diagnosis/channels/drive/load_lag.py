@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import Stack
 from diagnosis.read.pairing import LOAD_LAG_ROWS
-from diagnosis.read.recording import Recording
-from diagnosis.read.smoothing import eroded
+from trainer.signals.recording import Recording
+from trainer.signals.smoothing import eroded
 
 STEP_S: Final = 0.1e-3
 MIN_EVENTS: Final = 40

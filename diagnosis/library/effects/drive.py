@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
-from diagnosis.channels.drive.nominal_torque import side_by_side
 from diagnosis.library.base import ALL_OF_IT, STEPS, Coefficient, Grid, LibraryEffect, constant_columns, on_joints
 from diagnosis.library.effects.order_spectrum import slow_orders, strongest_orders
 from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, STAND
@@ -24,6 +23,7 @@ from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.drive.torque_offset import TorqueOffset
 from spot_model.effects.drive.torque_ripple import TorqueRipple
 from spot_model.effects.limits.thermal_derating import ThermalDerating
+from trainer.signals.motor_torque import side_by_side
 
 GRID_RAD: Final = tuple(round(0.0008 * 1.2**i, 7) for i in range(24))
 """Widths that are tried, up to 0.053 rad; computed together, they cost little more than one."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.channels.drive.actuator import ActuatorSignals
-from diagnosis.channels.drive.nominal_torque import presliding
 from diagnosis.library.base import WIDE_STEPS, Coefficient, Grid, LibraryEffect, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
@@ -16,6 +15,7 @@ from spot_model.effects.drive.load_friction import LoadFriction
 from spot_model.effects.drive.stribeck_friction import StribeckFriction
 from spot_model.effects.drive.viscous_friction import ViscousFriction
 from spot_model.effects.friction import smooth_sign
+from trainer.signals.motor_torque import presliding
 
 BUILDS_UP_RAD: Final = "builds_up_rad"
 FASTEST_RAD_S: Final = 1.2

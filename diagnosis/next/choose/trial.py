@@ -11,7 +11,6 @@ from diagnosis.closed_loop.merged_models import merged
 from diagnosis.closed_loop.run_numbers import given_power_w
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.next.choose.candidates import Motion
-from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
@@ -22,6 +21,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import rotate_wxyz, tilt_rad
+from trainer.signals.policy_ticks import Script
 
 STATE_S: Final = facts.STATE_PERIOD_NS * 1e-9
 STAND_S: Final = 1.0

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 
 from diagnosis.next.predict.prediction import Prediction, recorded
-from diagnosis.read.policy_ticks import policy_ticks
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from trainer.signals.policy_ticks import policy_ticks
 
 SLACK_S: Final = 5.0 / facts.POLICY_RATE_HZ
 """A run begins and ends with a tick, and may skip some: five of them."""

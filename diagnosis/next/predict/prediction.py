@@ -28,7 +28,6 @@ from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.library.base import LibraryEffect
 from diagnosis.next.choose.robots import compact
 from diagnosis.next.choose.trial import STATE_S, try_on
-from diagnosis.read.policy_ticks import policy_ticks, script_of, tick_period_s
 from diagnosis.verdict.posterior_file import Posterior
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
@@ -40,6 +39,7 @@ from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
+from trainer.signals.policy_ticks import policy_ticks, script_of, tick_period_s
 
 DRAWS: Final = 12
 LEVEL: Final = 0.90

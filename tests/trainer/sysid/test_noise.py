@@ -10,13 +10,19 @@ from spot_model.errors import BadInputError
 from spot_model.policy.observation import OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot.facts import PAPER_IDENTIFIED
+from trainer.signals.recording import record
 from trainer.simulate.recorded_loop import SensorNoise
 from trainer.sysid.logs import noise as estimate
+from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.logs.noise import observation_noise, write_noise
 
 from .conftest import MakeLogs, oscillator_bytes
 
 PLANTED = SensorNoise(position_rad=0.001, velocity_rad_s=0.1, load_nm=0.5, linear_vel_m_s=0.02, angular_vel_rad_s=0.05)
+
+
+def noise_of(runs: list[LoggedRun]) -> estimate.ObservationNoise:
+    return observation_noise([record(run) for run in runs])
 
 
 def noise_sigma(signal: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -48,15 +54,15 @@ def test_stretches_in_which_the_set_points_move_do_not_count(make_logs: MakeLogs
     calm = policy_from_bytes(oscillator_bytes(swing=0.1, lift=0.2, rate_hz=1.0), source="calm")
     moving = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=250, n_repeats=2, noise=PLANTED)
     still = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=100, n_repeats=2, noise=PLANTED, with_policy=calm)
-    found = observation_noise([*moving, *still]).block("joint_velocity_rad_s")
+    found = noise_of([*moving, *still]).block("joint_velocity_rad_s")
     assert found == pytest.approx(np.full(12, 0.1), rel=0.25)
-    assert observation_noise(moving).block("joint_velocity_rad_s").max() > 0.15
+    assert noise_of(moving).block("joint_velocity_rad_s").max() > 0.15
 
 
 def test_planted_noise_of_every_feature_is_found_while_the_robot_moves(make_logs: MakeLogs) -> None:
     calm = policy_from_bytes(oscillator_bytes(swing=0.1, lift=0.2, rate_hz=1.0), source="calm")
     runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=250, n_repeats=2, noise=PLANTED, with_policy=calm)
-    found = observation_noise(runs)
+    found = noise_of(runs)
     planted = (0.02, 0.05, None, 0.001, 0.1)
     for block, sigma in zip([field.name for field in OBSERVATION if field.noise], planted, strict=True):
         if sigma is not None:
@@ -68,7 +74,7 @@ def test_planted_noise_of_every_feature_is_found_while_the_robot_moves(make_logs
 
 def test_the_file_holds_what_trainer_and_fake_robot_take(make_logs: MakeLogs, tmp_path: Path) -> None:
     runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=50, n_repeats=1, noise=PLANTED)
-    write_noise(observation_noise(runs), tmp_path / "noise.yaml")
+    write_noise(noise_of(runs), tmp_path / "noise.yaml")
     data = yaml.safe_load((tmp_path / "noise.yaml").read_text())
     from trainer.config.task_config import TaskConfig
 
@@ -83,7 +89,7 @@ def test_the_file_holds_what_trainer_and_fake_robot_take(make_logs: MakeLogs, tm
         "attitude_rad",
     }
     with pytest.raises(BadInputError, match="exists; nothing is overwritten"):
-        write_noise(observation_noise(runs), tmp_path / "noise.yaml")
+        write_noise(noise_of(runs), tmp_path / "noise.yaml")
 
 
 def test_a_signal_without_a_whole_stretch_is_refused() -> None:

@@ -50,6 +50,13 @@ def of_policy(run: LoggedRun, sha256: str) -> LoggedRun:
     return replace(run, header=replace(run.header, policy_sha256=sha256))
 
 
+def fallen_at(run: LoggedRun, tick: int) -> LoggedRun:
+    """The run of a robot that lies on its side from one tick on."""
+    attitude = run.states.odom_from_body_wxyz.copy()
+    attitude[run.states.robot_stamp_ns >= run.ticks.robot_stamp_ns[tick]] = np.sqrt([0.5, 0.5, 0.0, 0.0])
+    return replace(run, states=replace(run.states, odom_from_body_wxyz=attitude))
+
+
 @pytest.fixture(scope="module")
 def long_run(make_logs: MakeLogs, strong_truth: object, policy: Policy) -> LoggedRun:
     calm = policy_from_bytes(oscillator_bytes(swing=0.3, lift=0.5, rate_hz=2.0), source="calm")
@@ -83,10 +90,7 @@ def test_the_same_network_at_other_gains_lends_its_torques(long_run: LoggedRun, 
 
 
 def test_a_fall_cuts_the_run_before_it(long_run: LoggedRun, policy: Policy) -> None:
-    observation = long_run.ticks.observation.copy()
-    observation[300:, 8] = 0.2
-    fallen = replace(long_run, ticks=replace(long_run.ticks, observation=observation))
-    found = run_from_log(as_log(fallen, policy, outcome="robot_fell"), policy)
+    found = run_from_log(as_log(fallen_at(long_run, 300), policy, outcome="robot_fell"), policy)
     assert len(found.ticks.action) == 275
     assert found.notes == ("the robot fell after 6.0 s of the sequence; used up to 0.5 s before",)
 
@@ -101,19 +105,15 @@ def test_a_run_that_was_stopped_while_it_tilted_loses_its_end(long_run: LoggedRu
 
 
 def test_an_early_fall_leaves_too_little(long_run: LoggedRun, policy: Policy) -> None:
-    observation = long_run.ticks.observation.copy()
-    observation[100:, 8] = 0.2
-    fallen = replace(long_run, ticks=replace(long_run.ticks, observation=observation))
     with pytest.raises(
         BadInputError, match=r"has 75 ticks of the policy \(1\.5 s\); at least 250 are needed \(the robot fell"
     ):
-        run_from_log(as_log(fallen, policy), policy)
+        run_from_log(as_log(fallen_at(long_run, 100), policy), policy)
 
 
 def test_a_log_that_was_cut_short_says_so(long_run: LoggedRun, policy: Policy) -> None:
     found = run_from_log(as_log(long_run, policy, outcome="", damage=("the end is missing",)), policy)
-    assert found.notes[0] == "the end is missing"
-    assert "did not end as planned" in found.notes[1]
+    assert "did not end as planned" in found.notes[0]
 
 
 def test_short_runs_and_other_commands_are_not_compared(long_run: LoggedRun) -> None:
@@ -133,11 +133,19 @@ def test_one_run_of_a_sequence_has_no_floor_and_that_is_said(long_run: LoggedRun
     assert warnings[0].endswith("record at least two, better five repeats")
 
 
-def test_recordings_of_incidents_are_no_logs_of_their_own(tmp_path: Path, policy: Policy) -> None:
+def test_the_recording_of_an_incident_is_part_of_its_log(
+    tmp_path: Path, long_run: LoggedRun, policy: Policy, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "incidents").mkdir()
-    (tmp_path / "incidents" / "a.mcap").write_bytes(b"not a log")
-    with pytest.raises(BadInputError, match=r"has no \.mcap file"):
-        read_logs([tmp_path], policy)
+    whole, end = tmp_path / "a.mcap", tmp_path / "incidents" / "a.mcap"
+    log = as_log(long_run, policy)
+    for file in (whole, end):
+        file.touch()
+    last = replace(log, states=log.states.rows(slice(100, None)))
+    monkeypatch.setattr("trainer.signals.log_files.read_run", lambda f: replace(last if f == end else log, path=f))
+    found = read_logs([tmp_path], policy)
+    assert [run.path for run in found.runs] == [whole]
+    assert found.warnings[0] == f"{end}: left out: its states are in {whole}, which is longer"
 
 
 def test_nothing_usable_is_an_error_with_all_reasons(tmp_path: Path, policy: Policy) -> None:

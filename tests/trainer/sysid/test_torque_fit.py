@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spot_model.robot.facts import PAPER_IDENTIFIED, PaperActuator
+from trainer.signals.recording import record
 from trainer.sysid.identify.verdict import Estimate, ParameterVerdict, is_narrow, judge
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SysidConfig
@@ -20,7 +21,7 @@ NAMES = [p.parameter for p in MODEL.space.parameters]
 
 
 def fitted(runs: list[LoggedRun]) -> tuple[TorqueSamples, TorqueFit]:
-    samples = torque_samples(runs)
+    samples = torque_samples([record(run) for run in runs])
     return samples, fit_torque(MODEL, samples, [MODEL.space.initial], np.random.default_rng(0))
 
 
@@ -115,7 +116,7 @@ def test_the_predicted_load_worked_out_by_hand() -> None:
 
 
 def test_states_at_which_a_new_setpoint_has_just_arrived_are_left_out(logs: list[LoggedRun]) -> None:
-    samples = torque_samples(logs[:1])
+    samples = torque_samples([record(logs[0])])
     n_states, n_ticks = len(logs[0].states.robot_stamp_ns), len(logs[0].ticks.action)
     assert len(samples) == pytest.approx(n_states - n_ticks, abs=12)
     assert np.all(samples.acceleration_rad_s2[10:-10].std(axis=0) > 0.0)

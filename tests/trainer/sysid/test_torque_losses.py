@@ -7,6 +7,7 @@ import pytest
 
 from spot_model.robot import facts
 from spot_model.robot.facts import PAPER_IDENTIFIED
+from trainer.signals.recording import record
 from trainer.sysid.search.config import SysidConfig
 from trainer.sysid.torque.fit import fit_torque
 from trainer.sysid.torque.losses import SIMPSON, fit_losses, window_starts
@@ -113,6 +114,8 @@ def test_the_weights_integrate_cubics_exactly() -> None:
 def test_inertia_does_not_leak_into_friction(make_logs: MakeLogs) -> None:
     armature = replace(OTHER_PHYSICS, armature_kg_m2=(0.04, 0.04, 0.07) * 4)
     runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=200, n_repeats=3, mjcf=armature)
-    fit = fit_torque(MODEL, torque_samples(runs), [MODEL.space.initial], np.random.default_rng(0))
+    fit = fit_torque(
+        MODEL, torque_samples([record(run) for run in runs]), [MODEL.space.initial], np.random.default_rng(0)
+    )
     assert fit.values[:2] == pytest.approx([0.008, 0.18], abs=0.03)
     assert fit.nuisance[3:5] == pytest.approx([0.04, 0.07], rel=0.05)

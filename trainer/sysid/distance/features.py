@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from spot_log.read.run import Run
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import like, namespace_of
 from spot_model.robot.rotation import AnyArray
+from trainer.signals.policy_ticks import policy_ticks
 
 
 def control_law_features(
@@ -44,7 +46,7 @@ def control_law_features(
 
 
 def features_of_observations(observation: AnyArray, action: AnyArray, policy: Policy) -> Any:
-    """The same features from logged ticks.
+    """The same features from ticks.
 
     Args:
         observation: Shape (..., 48), as :mod:`spot_model.policy.observation` lays it out, policy order.
@@ -64,3 +66,9 @@ def features_of_observations(observation: AnyArray, action: AnyArray, policy: Po
         action=action,
         contract=policy.contract,
     )
+
+
+def features_of_run(run: Run, policy: Policy, at_least: int = 0) -> Any:
+    """Those of a log's :func:`~trainer.signals.policy_ticks.policy_ticks`, shape (n, 36)."""
+    rows = policy_ticks(run, at_least)
+    return features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy)

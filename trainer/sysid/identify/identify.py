@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from trainer.shared.generations import Generation
+from trainer.signals.recording import record
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.identify.verdict import CONFIDENCE, ParameterVerdict, judge
 from trainer.sysid.logs.delays import MeasuredDelays, measure_delays
@@ -60,9 +61,9 @@ class Identification:
 def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig) -> Preparation:
     """Read off what needs no search, and set up the search."""
     space, simulation = config.space(), config.simulation
-    noise = observation_noise(logs.runs)
-    delays = measure_delays(logs.runs)
-    with_load = [run for run in logs.runs if np.isfinite(run.states.load_nm).any()]
+    recordings = [record(run) for run in logs.runs]
+    noise, delays = observation_noise(recordings), measure_delays(logs.runs)
+    with_load = [log for log in recordings if np.isfinite(log.load_nm).any()]
     samples = torque_samples(with_load) if with_load else None
     if samples is not None and not len(samples):
         samples = None

@@ -11,10 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log.read.run import Run
+from spot_log.tools.measures import NEVER_NS, receipts_ns
 from spot_model.errors import BadInputError
 from spot_model.io.whole import whole_file
 from spot_model.plant.delay import EmpiricalDelay
-from trainer.sysid.logs.logged_run import LoggedRun
 
 Array = NDArray[np.float64]
 
@@ -42,25 +43,16 @@ class MeasuredDelays:
         return float(np.median(self.transit_s)) if len(self.transit_s) else float("nan")
 
 
-def measure_delays(runs: Sequence[LoggedRun]) -> MeasuredDelays:
+def measure_delays(runs: Sequence[Run]) -> MeasuredDelays:
     """Collect the delays of runs; each command counts once, at the first state that shows its receipt."""
-    path: list[Array] = []
-    transit: list[Array] = []
+    path: list[Array] = [np.zeros(0)]
+    transit: list[Array] = [np.zeros(0)]
     for run in runs:
-        keys, first = np.unique(run.states.last_command_key, return_index=True)
-        received = run.states.last_command_robot_stamp_ns[first]
-        if not len(run.commands.key):
-            continue
-        index = np.minimum(np.searchsorted(run.commands.key, keys), len(run.commands.key) - 1)
-        known = (keys > 0) & (run.commands.key[index] == keys) & (received > 0)
-        # The first state of the stretch may show a command that was received long before.
-        known &= first > 0
-        for stamps, out in ((run.commands.state_robot_stamp_ns, path), (run.commands.robot_stamp_ns, transit)):
-            sent = stamps[index]
-            has_stamp = known & (sent > 0)
-            out.append((received[has_stamp] - sent[has_stamp]) * 1e-9)
-    empty = np.zeros(0)
-    return MeasuredDelays(np.concatenate([*path, empty]), np.concatenate([*transit, empty]))
+        received = receipts_ns(run)
+        for sent, out in ((run.commands.state_robot_stamp_ns, path), (run.commands.robot_stamp_ns, transit)):
+            known = (received < NEVER_NS) & (sent > 0)
+            out.append(np.asarray((received[known] - sent[known]) * 1e-9, np.float64))
+    return MeasuredDelays(np.concatenate(path), np.concatenate(transit))
 
 
 def delay_histogram(delays_s: Array) -> EmpiricalDelay:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-
 from spot_log.read.run import Run
 from spot_model.plant.start import StartState
-from spot_model.policy.observation import observed
+from trainer.signals.policy_ticks import start_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +52,4 @@ class LoggedRun(Run):
 
     def start(self) -> StartState:
         """The robot at the first policy tick."""
-        s, stamps = self.states, self.states.robot_stamp_ns
-        index = min(int(np.searchsorted(stamps, self.ticks.robot_stamp_ns[0])), len(stamps) - 1)
-        return StartState(
-            position_rad=s.position_rad[index],
-            velocity_rad_s=s.velocity_rad_s[index],
-            world_from_body_wxyz=s.odom_from_body_wxyz[index],
-            linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[index],
-            angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[index],
-            last_action=np.asarray(observed(self.ticks.observation[0], "last_action")),
-        )
+        return start_of(self)

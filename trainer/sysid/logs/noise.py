@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,12 +21,13 @@ import numpy as np
 import scipy.signal
 import yaml
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects, label
 
 from spot_model.errors import BadInputError
 from spot_model.io.whole import write_new
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, ObservationField, observations_at_rest, observed
 from spot_model.robot import facts
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.signals.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -84,18 +84,21 @@ class ObservationNoise:
         }
 
 
-def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
-    """Estimate the noise of every observation feature from all runs together.
+def observation_noise(logs: Sequence[Recording]) -> ObservationNoise:
+    """Estimate the noise of every observation feature from all logs together.
 
     Raises:
-        BadInputError: No run has an unbroken stretch that is long enough.
+        BadInputError: No log has an unbroken stretch that is long enough.
     """
     powers, movements = [], []
-    for run in runs:
-        setpoint = _setpoint(run)
-        for piece in _unbroken(run):
-            powers.append(_stretch_power(_signals(run, piece), SEGMENT))
-            movements.append(_stretch_power(setpoint[piece], SEGMENT).sum(axis=(1, 2)))
+    for log in logs:
+        row, setpoint = log.command_row(), log.position_rad
+        if len(log.commands):
+            setpoint = np.where((row >= 0)[:, None], log.commands.position_rad[row], setpoint)
+        for (piece,) in find_objects(label(log.present)[0]):
+            if piece.stop - piece.start >= SEGMENT:
+                powers.append(_stretch_power(_signals(log, piece), SEGMENT))
+                movements.append(_stretch_power(setpoint[piece], SEGMENT).sum(axis=(1, 2)))
     if not powers:
         raise BadInputError(
             f"noise: no log has {SEGMENT} states in a row, {facts.STATE_PERIOD_NS * 1e-6:g} ms apart; give a whole log"
@@ -104,7 +107,7 @@ def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
     n_quiet = min(len(power), max(MIN_QUIET, round(QUIET_SHARE * len(power))))
     quiet = np.argsort(movement, kind="stable")[:n_quiet]
     sigma = _sigma_of_power(power[quiet], STATE_RATE_HZ, SEGMENT)
-    sigma[~np.logical_and.reduce([_is_measured(run) for run in runs])] = np.nan
+    sigma[~np.logical_and.reduce([_is_measured(log) for log in logs])] = np.nan
     return ObservationNoise(sigma=sigma[:N_OBSERVATION], load_nm=sigma[N_OBSERVATION:])
 
 
@@ -118,21 +121,14 @@ def write_noise(noise: ObservationNoise, path: Path) -> None:
     write_new(path, yaml.safe_dump(data, sort_keys=False))
 
 
-def _signals(run: LoggedRun, piece: slice) -> Array:
-    observation = observations_at_rest(run.states, piece)
-    return np.concatenate([observation, np.nan_to_num(run.states.load_nm[piece])], axis=1)
+def _signals(log: Recording, piece: slice) -> Array:
+    return np.concatenate([observations_at_rest(log, piece), np.nan_to_num(log.load_nm[piece])], axis=1)
 
 
-def _is_measured(run: LoggedRun) -> NDArray[np.bool_]:
-    """Whether a run has values of each signal, shape (60,); only the load may be missing."""
-    return np.concatenate([np.ones(N_OBSERVATION, dtype=np.bool_), np.isfinite(run.states.load_nm).all(axis=0)])
-
-
-def _unbroken(run: LoggedRun) -> list[slice]:
-    stamps = run.states.robot_stamp_ns
-    breaks = np.flatnonzero(np.diff(stamps) != facts.STATE_PERIOD_NS) + 1
-    edges = [0, *breaks.tolist(), len(stamps)]
-    return [slice(a, b) for a, b in pairwise(edges) if b - a >= SEGMENT]
+def _is_measured(log: Recording) -> NDArray[np.bool_]:
+    """Whether a log has values of each signal, shape (60,); only the load may be missing."""
+    loads = np.isfinite(log.load_nm[log.present]).all(axis=0)
+    return np.concatenate([np.ones(N_OBSERVATION, dtype=np.bool_), loads])
 
 
 def _stretch_power(signal: Array, segment: int) -> Array:
@@ -155,13 +151,3 @@ def _sigma_of_power(power: Array, rate_hz: float, segment: int) -> Array:
     typical = np.median(power[:, upper], axis=0) / math.log(2.0)
     weight = frequency[upper] ** 2
     return np.asarray(np.sqrt(np.tensordot(weight, typical, axes=(0, 0)) / weight.sum()))
-
-
-def _setpoint(run: LoggedRun) -> Array:
-    """Set-points at each state, shape (m, 12); where the log lacks the command, the measured position."""
-    keys = run.commands.key
-    if not len(keys):
-        return run.states.position_rad
-    index = np.minimum(np.searchsorted(keys, run.states.last_command_key), len(keys) - 1)
-    known = keys[index] == run.states.last_command_key
-    return np.where(known[:, None], run.commands.position_rad[index], run.states.position_rad)

@@ -9,19 +9,16 @@ from typing import Final
 
 import numpy as np
 
-from spot_log import Run, read_run
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log import Run
 from spot_log.format.tables import StateTable
-from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.whole import finished
-from spot_model.policy.observation import is_fallen
+from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_runtime.stops import Reaction, StopReason
+from trainer.signals.log_files import read_each
+from trainer.signals.policy_ticks import fall_stamp_ns, followed
 from trainer.sysid.logs.logged_run import LoggedRun
 
-INCIDENTS: Final = "incidents"
-"""Folder of recordings that runs leave beside their logs when something goes wrong."""
 MIN_TICKS: Final = 250
 """A run shorter than 5 s says too little."""
 FALL_MARGIN_S: Final = 0.5
@@ -52,19 +49,9 @@ def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
     Raises:
         BadInputError: Nothing usable is left; the message says why for each file.
     """
-    files = _files(paths)
-    runs: list[LoggedRun] = []
-    warnings: list[str] = []
-    for path in files:
-        try:
-            run = run_from_log(read_run(path), policy)
-        except (SpotRlError, OSError) as error:
-            warnings.append(f"{path}: left out: {error}")
-            continue
-        runs.append(run)
-        warnings.extend(f"{path}: {note}" for note in run.notes)
-    if not runs:
-        raise BadInputError("no log can be used:\n" + "\n".join(f"  {w}" for w in warnings))
+    read, warnings = read_each(paths, check=lambda run: run_from_log(run, policy))
+    runs = [run_from_log(run, policy) for run in read]
+    warnings += [f"{run.path.name}: {note}" for run in runs for note in run.notes]
     compared, more = choose_compared(runs)
     if not compared:
         raise BadInputError("no log was made at the policy's own gains:\n" + "\n".join(f"  {w}" for w in warnings))
@@ -87,31 +74,28 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
             f"it was made with policy {theirs}, not with {policy.contract.name} ({policy.sha256[:12]}…); give that "
             "policy's file or leave the log out"
         )
-    ticks, notes = run.ticks, list(run.damage)
+    ticks, notes = run.ticks, list[str]()
     if not has_policy_gains:
         notes.append(
             f"made at other gains ({header.policy_name}); its torques are used, but it is not compared as a run"
         )
-    rows = run.policy_rows
-    rows = rows[ticks.mode[rows] == FOLLOWING_MODE]
-    fallen = np.flatnonzero(is_fallen(ticks.observation[rows]))
-    if len(fallen):
-        margin = round(FALL_MARGIN_S * policy.contract.rate_hz)
-        end = max(0, int(fallen[0]) - margin)
+    rows, fall_ns = followed(ticks), fall_stamp_ns(run)
+    rate_hz = policy.contract.rate_hz
+    if fall_ns is not None:
+        upright = int(np.searchsorted(ticks.robot_stamp_ns[rows], fall_ns))
         notes.append(
-            f"the robot fell after {fallen[0] / policy.contract.rate_hz:.1f} s of the sequence; used up to "
-            f"{FALL_MARGIN_S:g} s before"
+            f"the robot fell after {upright / rate_hz:.1f} s of the sequence; used up to {FALL_MARGIN_S:g} s before"
         )
-        rows = rows[:end]
+        rows = rows[: max(0, upright - round(FALL_MARGIN_S * rate_hz))]
     elif run.outcome in SUDDEN_ENDS:
         notes.append(f"the run ended with {run.outcome}; used up to {FALL_MARGIN_S:g} s before")
-        rows = rows[: max(0, len(rows) - round(FALL_MARGIN_S * policy.contract.rate_hz))]
+        rows = rows[: max(0, len(rows) - round(FALL_MARGIN_S * rate_hz))]
     if len(rows) < MIN_TICKS:
         raise BadInputError(
-            f"it has {len(rows)} ticks of the policy ({len(rows) / policy.contract.rate_hz:.1f} s); at least "
+            f"it has {len(rows)} ticks of the policy ({len(rows) / rate_hz:.1f} s); at least "
             f"{MIN_TICKS} are needed" + (f" ({'; '.join(notes)})" if notes else "")
         )
-    if run.outcome not in {"completed", *SUDDEN_ENDS} and not len(fallen):
+    if run.outcome not in {"completed", *SUDDEN_ENDS} and fall_ns is None:
         notes.append(f"the run did not end as planned ({run.outcome}); used {len(rows)} ticks")
     lost = int(ticks.skipped[rows].sum())
     if lost:
@@ -158,18 +142,6 @@ def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], l
             )
         chosen.extend(replace(run, ticks=run.ticks.rows(slice(length))) for run in same)
     return tuple(chosen), warnings
-
-
-def _files(paths: Sequence[Path]) -> list[Path]:
-    files: list[Path] = []
-    for path in paths:
-        # An incident's recording repeats the end of the log beside it.
-        inside = [p for p in finished(path, "*.mcap") if INCIDENTS not in p.relative_to(path).parts[:-1]]
-        found = inside if path.is_dir() else [path]
-        if not found:
-            raise BadInputError(f"folder {path} has no .mcap file; give logs of 'spot-rl collect' or 'spot-rl run'")
-        files.extend(f for f in found if f not in files)
-    return files
 
 
 def _states_between(states: StateTable, begin_ns: int, end_ns: int) -> StateTable:

@@ -143,10 +143,7 @@ def window_starts(samples: TorqueSamples) -> NDArray[np.intp]:
 def _windows(model: TorqueModel, samples: TorqueSamples, values: Array, offset_s: float) -> _Windows:
     starts = window_starts(samples)
     at_samples = shifted_motion(samples, offset_s)
-    request = (
-        samples.kp_nm_per_rad * (samples.setpoint_rad - at_samples.position_rad)
-        - samples.kd_nm_s_per_rad * at_samples.velocity_rad_s
-    )
+    request = samples.asked_nm(at_samples.position_rad, at_samples.velocity_rad_s)
     touched = np.abs(model.motor_torque_nm(samples, values, at_samples) - request) > UNTOUCHED_NM
 
     def gathered(x: NDArray[np.float64]) -> Array:
@@ -161,10 +158,7 @@ def _windows(model: TorqueModel, samples: TorqueSamples, values: Array, offset_s
     jerk = np.tensordot(BEND_WEIGHTS, velocity, axes=1) / PERIOD_S**2
     mean_velocity = np.tensordot(SIMPSON, velocity, axes=1) - offset_s * acceleration + 0.5 * offset_s**2 * jerk
     mean_position = mean(samples.position_rad - offset_s * samples.velocity_rad_s) + 0.5 * offset_s**2 * acceleration
-    torque = (
-        samples.kp_nm_per_rad[starts] * (samples.setpoint_rad[starts] - mean_position)
-        - samples.kd_nm_s_per_rad[starts] * mean_velocity
-    )
+    torque = samples.rows(starts).asked_nm(mean_position, mean_velocity)
     bad = gathered((touched | ~samples.is_off_the_stops).astype(np.float64)).any(axis=0)
     way = np.abs(np.sign(velocity).sum(axis=0)) == WIDTH
     fast = np.abs(velocity).min(axis=0) > MIN_SPEED_RAD_S

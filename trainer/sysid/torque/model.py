@@ -13,6 +13,7 @@ from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
+from trainer.signals.motor_torque import nominal_torque_nm
 from trainer.sysid.search.space import SearchSpace
 from trainer.sysid.torque.torque_samples import TorqueSamples
 
@@ -89,15 +90,10 @@ class TorqueModel:
 
     def motor_torque_nm(self, samples: TorqueSamples, values: Array, motion: Motion) -> Array:
         """Request after the model's torque effects, shape (n, 12), N·m."""
-        torque = (
-            samples.kp_nm_per_rad * (samples.setpoint_rad - motion.position_rad)
-            - samples.kd_nm_s_per_rad * motion.velocity_rad_s
-        )
-        for i, effect in enumerate(self.space.effects(values[None, :])):
-            if i in self.torque_effects and isinstance(effect, TorqueEffect) and not effect.is_null:
-                ready = effect.arrays_like(torque)
-                torque, _ = ready.apply(torque, motion, ready.start(torque), effect.mask)
-        return np.asarray(torque)
+        effects = self.space.effects(values[None, :])
+        acting = [effect for i, effect in enumerate(effects) if i in self.torque_effects]
+        request, period_s = samples.asked_nm(motion.position_rad, motion.velocity_rad_s), motion.dt_s
+        return nominal_torque_nm(acting, request, motion.position_rad, motion.velocity_rad_s, samples.run, period_s)
 
     def jacobian(self, samples: TorqueSamples, unit: Array, nuisance: Array) -> Array:
         """Slopes of the predicted load.

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.signals.recording import Recording
+from trainer.signals.smoothing import eroded
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,11 @@ class TorqueSamples:
     @property
     def request_nm(self) -> Array:
         """Torque that the servo's law asks for, before any limit."""
-        return self.kp_nm_per_rad * (self.setpoint_rad - self.position_rad) - self.kd_nm_s_per_rad * self.velocity_rad_s
+        return self.asked_nm(self.position_rad, self.velocity_rad_s)
+
+    def asked_nm(self, position_rad: Array, velocity_rad_s: Array) -> Array:
+        """The same of joints elsewhere, shape (n, 12)."""
+        return self.kp_nm_per_rad * (self.setpoint_rad - position_rad) - self.kd_nm_s_per_rad * velocity_rad_s
 
     @property
     def is_off_the_stops(self) -> NDArray[np.bool_]:
@@ -69,51 +74,43 @@ class TorqueSamples:
         return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
 
-def torque_samples(runs: Sequence[LoggedRun]) -> TorqueSamples:
-    """Collect the samples of runs, numbered in their order.
+def torque_samples(logs: Sequence[Recording]) -> TorqueSamples:
+    """Collect the samples of logs, numbered in their order.
 
     Left out are the states before the first command, those by which a new set-point has just arrived (their load may
     still belong to the one before), those whose command is not in the log, and those without five neighbours at the
-    stream's own period.
+    stream's own period; and logs that do not say when commands were received.
     """
-    parts = [_of_run(number, run) for number, run in enumerate(runs)]
+    parts = [_of_log(number, log) for number, log in enumerate(logs)]
     return TorqueSamples(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(TorqueSamples)})
 
 
-def _of_run(number: int, run: LoggedRun) -> TorqueSamples:
-    states, commands = run.states, run.commands
-    n = len(states.robot_stamp_ns)
-    index = np.searchsorted(commands.key, states.last_command_key)
-    index = np.minimum(index, max(len(commands.key) - 1, 0))
-    known = (commands.key[index] == states.last_command_key) if len(commands.key) else np.zeros(n, dtype=np.bool_)
+def _of_log(number: int, log: Recording) -> TorqueSamples:
+    n, commands, row = len(log), log.commands, log.command_row()
+    known = (row >= 0) & log.has_receipts
     settled = np.zeros(n, dtype=np.bool_)
-    if len(commands.key):
-        setpoints = commands.position_rad[index]
-        settled[1:] = known[:-1] & np.all(setpoints[1:] == setpoints[:-1], axis=1)
-    regular = np.zeros(n, dtype=np.bool_)
     acceleration, jerk, doubt = (np.zeros((n, facts.N_JOINTS)) for _ in range(3))
+    if len(commands):
+        setpoints = commands.position_rad[row]
+        settled[1:] = known[:-1] & np.all(setpoints[1:] == setpoints[:-1], axis=1)
     if n >= len(SLOPE_WEIGHTS):
-        span = states.robot_stamp_ns[4:] - states.robot_stamp_ns[:-4]
-        regular[2:-2] = span == 4 * facts.STATE_PERIOD_NS
-        windows = np.lib.stride_tricks.sliding_window_view(states.velocity_rad_s, len(SLOPE_WEIGHTS), axis=0)
-        period_s = facts.STATE_PERIOD_NS * 1e-9
-        acceleration[2:-2] = windows @ SLOPE_WEIGHTS / period_s
-        jerk[2:-2] = windows @ BEND_WEIGHTS / period_s**2
-        bend = np.abs(np.diff(states.velocity_rad_s, n=2, axis=0)) / 2.0
+        windows = np.lib.stride_tricks.sliding_window_view(log.velocity_rad_s, len(SLOPE_WEIGHTS), axis=0)
+        acceleration[2:-2] = windows @ SLOPE_WEIGHTS / log.period_s
+        jerk[2:-2] = windows @ BEND_WEIGHTS / log.period_s**2
+        bend = np.abs(np.diff(log.velocity_rad_s, n=2, axis=0)) / 2.0
         doubt[2:-2] = np.maximum.reduce([bend[:-2], bend[1:-1], bend[2:]])
-    finite = np.isfinite(states.load_nm).all(axis=1)
-    keep = known & settled & regular & finite & (states.last_command_key > 0)
-    chosen = index[keep]
+    keep = known & settled & eroded(log.present, 2, 2) & np.isfinite(log.load_nm).all(axis=1)
+    chosen = row[keep]
     return TorqueSamples(
-        run=np.full(int(keep.sum()), number, dtype=np.intp),
+        run=np.full(len(chosen), number, dtype=np.intp),
         state=np.flatnonzero(keep),
         setpoint_rad=commands.position_rad[chosen],
-        position_rad=states.position_rad[keep],
-        velocity_rad_s=states.velocity_rad_s[keep],
+        position_rad=log.position_rad[keep],
+        velocity_rad_s=log.velocity_rad_s[keep],
         acceleration_rad_s2=acceleration[keep],
         jerk_rad_s3=jerk[keep],
         velocity_doubt_rad_s=doubt[keep],
         kp_nm_per_rad=commands.kp_nm_per_rad[chosen],
         kd_nm_s_per_rad=commands.kd_nm_s_per_rad[chosen],
-        load_nm=states.load_nm[keep],
+        load_nm=log.load_nm[keep],
     )

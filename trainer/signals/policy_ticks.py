@@ -9,17 +9,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.read.recording import ACTIVE, Array, Ints
+from spot_log.format.names import FOLLOWING_MODE
 from spot_log.read.run import Run, StateTable, TickTable
 from spot_model.plant.start import StartState
 from spot_model.policy.observation import observed
-from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import projected_gravity
 from spot_model.robot.state import Measured
 from spot_runtime.safety_limits import SafetyLimits
-from trainer.sysid.distance.features import features_of_observations
+from trainer.signals.recording import Array, Ints
 
 MIN_TICKS: Final = 50
 """A run of less than a second is no sample of a gait."""
@@ -52,7 +51,7 @@ def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
 
     ``at_least`` so many are kept even of a robot that falls sooner.
     """
-    rows, fall_ns = _followed(run.ticks), fall_stamp_ns(run)
+    rows, fall_ns = followed(run.ticks), fall_stamp_ns(run)
     if fall_ns is None:
         return rows
     return rows[: max(at_least, int(np.searchsorted(run.ticks.robot_stamp_ns[rows], fall_ns)))]
@@ -60,7 +59,7 @@ def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
 
 def fall_stamp_ns(run: Run) -> int | None:
     """Robot stamp of the first state in which the robot has fallen under the policy; None where it never did."""
-    s, ticks_ns = run.states, run.ticks.robot_stamp_ns[_followed(run.ticks)]
+    s, ticks_ns = run.states, run.ticks.robot_stamp_ns[followed(run.ticks)]
     row = fall_row(run.header.joint_names, s, s.robot_stamp_ns, ticks_ns)
     return int(s.robot_stamp_ns[row]) if row < len(s) else None
 
@@ -96,11 +95,12 @@ def _height_m(position_rad: Array, gravity_in_body: Array) -> Array:
     return np.asarray((feet @ gravity_in_body[:, :, None])[..., 0].max(axis=1) + facts.FOOT_RADIUS_M)
 
 
-def _followed(t: TickTable) -> NDArray[np.intp]:
+def followed(t: TickTable) -> NDArray[np.intp]:
+    """Ticks in which the policy followed the command, a fall or none; of a log without modes all that ran a policy."""
     if len(t) == 0:
         return np.zeros(0, dtype=np.intp)
     sound = np.isfinite(t.observation).all(axis=1) & np.isfinite(t.action).all(axis=1)
-    is_active = sound & (t.mode == ACTIVE)
+    is_active = sound & (t.mode == FOLLOWING_MODE)
     return np.flatnonzero(is_active if is_active.any() else sound)
 
 
@@ -147,16 +147,7 @@ def script_of(run: Run, period_s: float | None = None) -> Script | None:
     rows = policy_ticks(run)
     if len(rows) < MIN_TICKS:
         return None
-    t, s = run.ticks, run.states
-    at = min(int(np.searchsorted(s.robot_stamp_ns, t.robot_stamp_ns[rows[0]])), len(s) - 1)
-    start = StartState(
-        position_rad=s.position_rad[at],
-        velocity_rad_s=s.velocity_rad_s[at],
-        world_from_body_wxyz=s.odom_from_body_wxyz[at],
-        linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[at],
-        angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
-        last_action=observed(t.observation[rows[0]], "last_action"),
-    )
+    t, start = run.ticks, start_of(run, int(rows[0]))
     period_s = period_s or tick_period_s([run])
     period_ns, logged = round(1e9 * period_s), t.robot_stamp_ns[rows] - t.robot_stamp_ns[rows[0]]
     even = np.arange(round(logged[-1] / period_ns) + 1) * period_ns
@@ -166,7 +157,15 @@ def script_of(run: Run, period_s: float | None = None) -> Script | None:
     return Script(name, run.header.repeat, start, told, period_s)
 
 
-def features(run: Run, policy: Policy, at_least: int = 0) -> NDArray[np.float32]:
-    """The measures' 36 features of :func:`policy_ticks`, shape (n, 36)."""
-    rows = policy_ticks(run, at_least)
-    return np.asarray(features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy))
+def start_of(run: Run, tick: int = 0) -> StartState:
+    """The robot as one of the run's ticks saw it."""
+    s, t = run.states, run.ticks
+    at = min(int(np.searchsorted(s.robot_stamp_ns, t.robot_stamp_ns[tick])), len(s) - 1)
+    return StartState(
+        position_rad=s.position_rad[at],
+        velocity_rad_s=s.velocity_rad_s[at],
+        world_from_body_wxyz=s.odom_from_body_wxyz[at],
+        linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[at],
+        angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
+        last_action=np.asarray(observed(t.observation[tick], "last_action")),
+    )

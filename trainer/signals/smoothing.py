@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, minimum_filter1d
 
-from diagnosis.read.recording import Array, Flags
+from trainer.signals.recording import Array, Flags
 
 Rows = slice | NDArray[np.intp]
 """Some rows of a signal, in order."""

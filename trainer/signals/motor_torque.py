@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from diagnosis.channels.channel_view import Array, Ints
 from spot_model.effects.base import Effect, Motion, TorqueEffect
 from spot_model.effects.friction import smooth_sign
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
+from trainer.signals.recording import Array
+
+Ints = NDArray[np.intp]
 
 FRICTION_SPEED_RAD_S: Final = 0.05
 """Over about this speed the direction of motion counts as known; dry friction is smoothed within."""

@@ -13,7 +13,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log.format.names import FOLLOWING_MODE
 from spot_log.read.run import CommandTable, Run, SlowTable, TickTable
+from spot_log.tools.measures import NEVER_NS, receipts_ns
 from spot_model.errors import SpotRlError
 from spot_model.robot.state import Measured
 
@@ -28,10 +30,6 @@ GRID_TOLERANCE: Final = 0.1
 MAX_GAP_PERIODS: Final = 1.5
 """A wider gap is a loss of messages."""
 MAX_GRID: Final = 10_000_000
-ACTIVE: Final = "active"
-CLOCK_ERROR_NS: Final = 10_000_000
-"""By which a stamp of the host's may lie after the robot's own for the same instant; a tick is twice as long."""
-NEVER_NS: Final = np.iinfo(np.int64).max // 2
 
 
 class RecordingError(SpotRlError):
@@ -114,7 +112,7 @@ class Recording(Measured):
 
     def in_control(self) -> Flags:
         """Ticks whose set-points are the policy's own, not blended with a stand; all where a log has no modes."""
-        active = np.asarray(self.ticks.mode == ACTIVE)
+        active = np.asarray(self.ticks.mode == FOLLOWING_MODE)
         return active if active.any() else np.ones(len(self.ticks), dtype=np.bool_)
 
     def rows_at(self, robot_stamp_ns: Ints) -> NDArray[np.intp]:
@@ -175,7 +173,8 @@ def record(run: Run) -> Recording:
     told = np.full((len(present), 3), np.nan)
     newest = np.searchsorted(run.ticks.robot_stamp_ns, row_ns, side="right") - 1
     told[newest >= 0] = run.ticks.velocity_command[newest[newest >= 0]]
-    command_ns, has_receipts = _receipts(run)
+    command_ns = receipts_ns(run)
+    has_receipts = bool((command_ns < NEVER_NS).any())
     return Recording(
         run_id=run.header.run_id,
         sequence=run.header.command_sequence,
@@ -195,33 +194,12 @@ def record(run: Run) -> Recording:
         foot_contact=contact,
         imu=_imu(run, laid),
         commands=run.commands,
-        command_ns=command_ns,
+        command_ns=command_ns if has_receipts else run.commands.robot_stamp_ns.astype(np.int64),
         has_receipts=has_receipts,
         ticks=run.ticks,
         slow_states=run.slow_states,
         velocity_command=told,
     )
-
-
-def _receipts(run: Run) -> tuple[Ints, bool]:
-    """When each command took effect; from the state stream where it says so, else when it was sent.
-
-    The first states of a run still echo the key of the last run's newest command, and keys count anew: a receipt that
-    is older than the command with that key is another command's.
-    """
-    commands, states = run.commands, run.states
-    out = np.full(len(commands), NEVER_NS, dtype=np.int64)
-    if len(commands) and (states.last_command_key > 0).any():
-        order = np.argsort(commands.key, kind="stable")
-        keys, seen_ns = commands.key[order], states.last_command_robot_stamp_ns
-        place = np.clip(np.searchsorted(keys, states.last_command_key), 0, len(keys) - 1)
-        sent_ns = commands.robot_stamp_ns[order][place]
-        own = (keys[place] == states.last_command_key) & (seen_ns >= sent_ns - CLOCK_ERROR_NS)
-        row, first = np.unique(order[place[own]], return_index=True)
-        out[row] = seen_ns[own][first]
-    if (out < NEVER_NS).any():
-        return out, True
-    return commands.robot_stamp_ns.astype(np.int64), False
 
 
 def _imu(run: Run, laid: Callable[[Array], Array]) -> Imu:
