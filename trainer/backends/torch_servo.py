@@ -10,7 +10,7 @@ import torch
 
 from spot_model.effects.base import CommandEffect, Effect, ModelEffect, Motion, TorqueEffect
 from spot_model.errors import BadInputError
-from spot_model.plant.memory import restarted
+from spot_model.plant.memory import map_leaves, restarted
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
 
@@ -64,10 +64,11 @@ class TorchTorqueChain:
 
     def __init__(self, effects: tuple[Effect, ...], like: Tensor) -> None:
         chosen = [e for e in effects if isinstance(e, TorqueEffect) and not e.is_null]
-        self._still = torch.zeros_like(like)
         self._effects = [e.arrays_like(like) for e in chosen]
         self._masks = [None if e.mask.all() else torch.as_tensor(e.mask, device=like.device) for e in chosen]
-        self.memory: list[Any] = [e.start(self._still) for e in self._effects]
+        self._fresh = [e.start(torch.zeros_like(like)) for e in self._effects]
+        self.memory: list[Any] = [map_leaves(_own, fresh) for fresh in self._fresh]
+        """Updated in place, so that a recorded step finds it where it was."""
 
     def torque_nm(self, setpoint_rad: Tensor, position_rad: Tensor, velocity_rad_s: Tensor, dt_s: float) -> Tensor:
         """Motor torque at this physics step, shape (n, 12)."""
@@ -82,13 +83,23 @@ class TorchTorqueChain:
         )
         motion = Motion(position_rad, velocity_rad_s, dt_s)
         for i, (effect, mask) in enumerate(zip(self._effects, self._masks, strict=True)):
-            torque, self.memory[i] = effect.apply(torque, motion, self.memory[i], mask)
+            torque, memory = effect.apply(torque, motion, self.memory[i], mask)
+            map_leaves(_overwrite, self.memory[i], memory)
         return torque
 
     def reset(self, mask: Tensor) -> None:
         """Start the memories afresh in the simulations of ``mask``."""
-        for i, effect in enumerate(self._effects):
-            self.memory[i] = restarted(mask, effect.start(self._still), self.memory[i])
+        for fresh, memory in zip(self._fresh, self.memory, strict=True):
+            map_leaves(_overwrite, memory, restarted(mask, fresh, memory))
+
+
+def _own(leaf: Any) -> Any:
+    return leaf.clone() if isinstance(leaf, Tensor) else leaf
+
+
+def _overwrite(kept: Any, new: Any) -> None:
+    if isinstance(kept, Tensor) and new is not kept:
+        kept.copy_(new)
 
 
 def refuse_other_effects(effects: tuple[Effect, ...]) -> None:

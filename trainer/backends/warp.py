@@ -173,6 +173,10 @@ class WarpBackend:
         with wp.ScopedDevice(self._wp_device):
             if self._graph is None:
                 mjw.step(self._model, self._data)
+            elif torch.cuda.is_current_stream_capturing():
+                # The step becomes part of the graph that torch records.
+                with wp.ScopedCapture(external=True):
+                    mjw.step(self._model, self._data)
             else:
                 wp.capture_launch(self._graph)
 

@@ -1,0 +1,65 @@
+"""Work that is done again and again: on a GPU recorded once as a CUDA graph, and then repeated without the host."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+
+from spot_model.errors import SpotRlError
+
+
+class RecordingError(SpotRlError):
+    """Work cannot be recorded, because it looks at values that are on the GPU."""
+
+
+class Captured:
+    """A function without arguments that changes tensors in place and returns the same ones each time.
+
+    The first call runs it, so that kernels are loaded and constants are in place; the second records it as a CUDA
+    graph. This and every later call replay the graph: the device works through it without waiting for Python, whose
+    lines then no longer run.
+
+    Args:
+        work: What to repeat. Shapes and addresses of what it reads and writes never change.
+        generators: What it draws from, besides the device's default generator.
+        is_recorded: Whether to record; otherwise every call runs ``work``.
+    """
+
+    def __init__(self, work: Callable[[], Any], generators: Sequence[torch.Generator], *, is_recorded: bool) -> None:
+        self._work = work
+        self._generators = generators
+        self._is_recorded = is_recorded
+        self._is_warm = False
+        self._graph: torch.cuda.CUDAGraph | None = None
+        self._result: Any = None
+
+    def __call__(self) -> Any:
+        """Do the work; returns what it returns.
+
+        Raises:
+            RecordingError: The work waits for the device.
+        """
+        if not self._is_recorded or not self._is_warm:
+            self._is_warm = True
+            return self._work()
+        if self._graph is None:
+            self._graph = self._record()
+        self._graph.replay()
+        return self._result
+
+    def _record(self) -> torch.cuda.CUDAGraph:
+        graph = torch.cuda.CUDAGraph()
+        for generator in self._generators:
+            graph.register_generator_state(generator)
+        try:
+            # Physics is recorded from the same stream, and its library calls what other modes forbid.
+            with torch.cuda.graph(graph, stream=torch.cuda.current_stream(), capture_error_mode="thread_local"):
+                self._result = self._work()
+        except RuntimeError as error:
+            raise RecordingError(
+                f"training cannot be recorded as a CUDA graph: {error}. A reward of your own must not look at values "
+                "(.item(), if, a mask as index); write it with torch.where, or set ppo.cuda_graphs=false"
+            ) from error
+        return graph
