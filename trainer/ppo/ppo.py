@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
+from rsl_rl.modules.distribution import GaussianDistribution
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
@@ -23,6 +24,15 @@ LEARNING_RATES = (1.0e-5, 1.0e-2)
 LEARNING_RATE_FACTOR = 1.5
 
 LOSSES = ("value", "surrogate", "entropy", "symmetry")
+
+
+class DeviceGaussian(GaussianDistribution):  # type: ignore[misc]  # rsl_rl has no types
+    """rsl-rl's Gaussian, drawn without looking at its deviation on the host, as ``torch.normal`` does."""
+
+    def sample(self) -> Tensor:
+        """One draw for each robot, shape (n, 12)."""
+        mean, std = self.params
+        return torch.randn_like(mean) * std + mean
 
 
 class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types

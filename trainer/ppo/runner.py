@@ -14,7 +14,7 @@ from rsl_rl.runners import OnPolicyRunner
 
 from trainer.config.train_config import PpoConfig, TrainConfig
 from trainer.ppo.captured import Captured
-from trainer.ppo.ppo import DevicePpo
+from trainer.ppo.ppo import DeviceGaussian, DevicePpo
 from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.shared.threads import available_threads
@@ -125,7 +125,7 @@ def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
     """rsl-rl's config dictionary; a fresh one each time, because rsl-rl writes into it."""
     network: dict[str, Any] = {"class_name": "MLPModel", "hidden_dims": list(ppo.hidden), "activation": "elu"}
     network["obs_normalization"] = ppo.normalise_observations
-    gaussian = {"class_name": "GaussianDistribution", "init_std": ppo.initial_std, "std_type": "scalar"}
+    gaussian = {"class_name": DeviceGaussian, "init_std": ppo.initial_std, "std_type": "scalar"}
     config = {
         "num_steps_per_env": ppo.steps_per_iteration,
         "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
