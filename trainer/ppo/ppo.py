@@ -32,7 +32,8 @@ class DeviceGaussian(GaussianDistribution):  # type: ignore[misc]  # rsl_rl has 
     def sample(self) -> Tensor:
         """One draw for each robot, shape (n, 12)."""
         mean, std = self.params
-        return torch.randn_like(mean) * std + mean
+        drawn: Tensor = torch.randn_like(mean) * std + mean
+        return drawn
 
 
 class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
@@ -51,10 +52,11 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
     uses_graphs: bool = False
     entropy_coef: float
     desired_kl: float
+    learning_rate: Tensor
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.learning_rate = torch.tensor(float(self.learning_rate), device=self.device)
+        self.learning_rate = torch.as_tensor(self.learning_rate, dtype=torch.float32, device=self.device)
         self.optimizer = torch.optim.Adam(
             itertools.chain(self.actor.parameters(), self.critic.parameters()),
             lr=self.learning_rate,
@@ -140,7 +142,8 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         sums = torch.zeros(len(LOSSES), device=self.device)
         for batch in batches * self.num_learning_epochs:
             sums += self._learn_from(*batch, mirrors=mirrors)
-        return sums / (len(batches) * self.num_learning_epochs)
+        mean: Tensor = sums / (len(batches) * self.num_learning_epochs)
+        return mean
 
     def _learn_from(
         self,
