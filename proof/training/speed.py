@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import platform
 import resource
 import tempfile
 import time
@@ -12,12 +13,14 @@ from typing import Any
 
 import torch
 
+from spot_model.plant.captured import Captured
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
-from trainer.ppo.ppo import PpoRunner
+from trainer.ppo.runner import PpoRunner
 from trainer.ppo.train import make_runner
 
 WARM_UP_ITERATIONS = 2
+"""On a GPU, the first loads kernels and the second records graphs."""
 
 
 def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dict[str, Any]:
@@ -29,7 +32,8 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         iterations: How many to time, after two for warming up.
 
     Returns:
-        ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``n_envs`` of each,
+        ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``host`` (processors),
+        ``n_envs`` of each,
         ``network``, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``, ``collect_core_us`` (CPU time of a
         robot's step while collecting, µs, which other work on the computer hardly changes), ``physics_steps_per_s``,
         the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
@@ -51,6 +55,7 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
     return {
         "processes": runner.gpu_world_size,
         "device": device if device == "cpu" else torch.cuda.get_device_name(device),
+        "host": _processor(),
         "n_envs": config.n_envs,
         "network": list(config.ppo.hidden),
         "policy_steps_per_s": round(runner.gpu_world_size * config.n_envs * steps / total_s),
@@ -66,15 +71,10 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
 
 def _iterate(runner: PpoRunner, device: str) -> tuple[float, float, float]:
     """One iteration; seconds of collecting and of learning, and CPU time of collecting."""
-    observations = runner.env.get_observations()
     start, core_start = _now(device), time.process_time()
-    with torch.inference_mode():
-        for _ in range(runner.cfg["num_steps_per_env"]):
-            actions = runner.alg.act(observations)
-            observations, rewards, dones, extras = runner.env.step(actions)
-            runner.alg.process_env_step(observations, rewards, dones, extras)
-        collected, core_s = _now(device), time.process_time() - core_start
-        runner.alg.compute_returns(observations)
+    runner.collect()
+    runner.check_finite()
+    collected, core_s = _now(device), time.process_time() - core_start
     runner.alg.update()
     return collected - start, _now(device) - collected, core_s
 
@@ -84,10 +84,17 @@ def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
     parts = runner.env.task
     pose = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
     setpoints = [pose.repeat(size, 1) for size in parts.sizes]
+
+    def advance() -> None:
+        parts.side_by_side(lambda i: parts.parts[i].backend.step(setpoints[i]))
+
+    period = Captured(advance, parts.generators, is_recorded=device != "cpu")
     with torch.inference_mode():
+        for _ in range(WARM_UP_ITERATIONS):
+            period()
         start = _now(device)
         for _ in range(n):
-            parts.side_by_side(lambda i: parts.parts[i].backend.step(setpoints[i]))
+            period()
         return (_now(device) - start) / n
 
 
@@ -102,3 +109,13 @@ def _peak_memory_mb(device: str) -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     free, total = torch.cuda.mem_get_info(device)
     return (total - free) / 2**20
+
+
+def _processor() -> str:
+    """Name of the host's processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{len(names)} × {names[0]}" if names else platform.machine()

@@ -60,6 +60,7 @@ class Captured:
         except RuntimeError as error:
             raise RecordingError(
                 f"work cannot be recorded as a CUDA graph: {error}. An effect or a reward of your own must not look at "
-                "values (.item(), if, a mask as index); write it with torch.where"
+                "values (.item(), if, a mask as index); write it with torch.where; training goes without graphs with "
+                "ppo.cuda_graphs=false"
             ) from error
         return graph

@@ -142,6 +142,11 @@ NOT_RUN = {
     "sudo usermod -aG spot-rl NAME": "changes the accounts of the computer",
     "ssh -L 8765:localhost:8765 ROBOT-COMPUTER": "needs a second computer",
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
+    "spot-rl bench train --json --iterations 2 --set n_envs=2048": CORES,
+    (
+        "spot-rl train --config policies/fast.yaml --device cuda --set task.commands.curriculum_iterations=250 "
+        "--set iterations=220"
+    ): GPU,
     "torchrun --nproc-per-node 2": GPU,
     "spot-rl bench ordinary": CORES,
     "spot-rl bench ordinary --runs 10 --policy policies/NAME.onnx --out NAME.jsonl": CORES,

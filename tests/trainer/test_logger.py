@@ -8,13 +8,18 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import torch
 from rsl_rl.utils import wandb_log_writer
 
 from spot_model.errors import BadInputError
 from trainer.ppo.training_log import TrainingLog
 
-RATES = {"learning_rate": 1e-3, "action_std": torch.ones(12)}
+METRICS: dict[str, Any] = {
+    "collect_time": 1.0,
+    "learn_time": 1.0,
+    "loss_dict": {"value": 0.5},
+    "learning_rate": 1e-3,
+    "action_std": 1.0,
+}
 
 
 class HandMadeWandb:
@@ -52,7 +57,7 @@ def test_weights_and_biases_get_every_metric_once(
     monkeypatch.setattr(wandb_log_writer, "wandb", wandb)
     log = make_log("wandb")
     log.init_logging_writer()
-    log.log(3, 1.0, 1.0, {"value": 0.5}, **RATES)
+    log.log(3, **METRICS)
     log.stop_logging_writer()
     assert [b["name"] for b in wandb.begun] == [tmp_path.name]
     assert wandb.finished == 1
@@ -73,6 +78,6 @@ def test_without_the_package_the_next_step_is_said(
 def test_tensorboard_asks_nobody(make_log: Callable[[str], TrainingLog], tmp_path: Path) -> None:
     log = make_log("tensorboard")
     log.init_logging_writer()
-    log.log(0, 1.0, 1.0, {}, **RATES)
+    log.log(0, **METRICS)
     log.stop_logging_writer()
     assert list((tmp_path / "tensorboard").iterdir())

@@ -1,10 +1,9 @@
 import torch
-from tensordict import TensorDict
 
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from trainer.ppo.symmetry import mirror_action, mirror_observation, with_mirror_images
+from trainer.ppo.symmetry import mirror_action, mirror_observation
 
 
 def test_mirroring_twice_gives_the_same_back() -> None:
@@ -27,12 +26,3 @@ def test_velocities_and_commands_change_their_lateral_and_yaw_signs() -> None:
     x[0, :12] = torch.arange(1.0, 13.0)
     expected = [1, -2, 3, -4, 5, -6, 7, -8, 9, 10, -11, -12]
     assert mirror_observation(x)[0, :12].tolist() == expected
-
-
-def test_images_follow_the_originals() -> None:
-    obs = TensorDict({"policy": torch.ones(2, N_OBSERVATION)}, batch_size=[2])
-    both, actions = with_mirror_images(None, obs, torch.ones(2, 12))
-    assert both is not None
-    assert actions is not None
-    assert both["policy"].shape == (4, N_OBSERVATION)
-    torch.testing.assert_close(actions[2:], mirror_action(torch.ones(2, 12)))

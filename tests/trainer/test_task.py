@@ -213,17 +213,20 @@ def test_a_seed_fixes_everything() -> None:
 
 
 def test_a_number_that_is_not_finite_is_named_with_environment_and_step() -> None:
-    backend = StillBackend()
-    env = TaskVecEnv([task(backend)], steps_per_iteration=24)
-    for _ in range(3):
-        env.step(torch.zeros(N, 12))
-    env.check_finite()
-    backend.velocity_rad_s = backend.velocity_rad_s.clone()
-    backend.velocity_rad_s[2, 5] = torch.nan
-    env.step(torch.zeros(N, 12))
-    env.step(torch.zeros(N, 12))
-    with pytest.raises(TrainingDivergedError, match=r"environment 2 of 4 .* in joint_velocity_rad_s at policy step 4"):
-        env.check_finite()
+    env = TaskVecEnv([task(StillBackend())], steps_per_iteration=3)
+    env.steps = 6
+    seen, rewards = torch.zeros(3, N, 48), torch.zeros(3, N, 1)
+    env.check_finite(seen, rewards)
+    seen[2, 1, 3] = torch.inf
+    seen[1, 2, 24 + 5] = torch.nan
+    with pytest.raises(TrainingDivergedError, match=r"environment 2 of 4 .* in joint_velocity_rad_s at policy step 4 "):
+        env.check_finite(seen, rewards)
+    rewards[0, 0] = torch.nan
+    with pytest.raises(TrainingDivergedError, match=r"environment 0 of 4 .* in the reward at policy step 4 \(3 env"):
+        env.check_finite(seen, rewards)
+    env.get_observations()["policy"][0, 0] = torch.nan
+    with pytest.raises(TrainingDivergedError, match=r"environment 0 of 4 .* at policy step 6 \(1 env"):
+        env.check_finite(torch.zeros(3, N, 48), torch.zeros(3, N, 1))
 
 
 class ForbidWaiting(TorchDispatchMode):

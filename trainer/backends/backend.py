@@ -70,6 +70,8 @@ class Backend(Protocol):
 
     n_envs: int
     device: torch.device
+    generators: list[torch.Generator]
+    """On a GPU, what its effects draw from."""
 
     def step(self, setpoint_position_rad: Tensor) -> None:
         """Advance one policy period. Set-points of shape (n, 12) reach the servo after the model's command delay."""

@@ -57,6 +57,7 @@ class PlantBackend:
         options = PlantOptions(mjcf=mjcf_options(config), device=device, n_threads=n_threads, seed=seed)
         self._is_falsified = any(isinstance(e, (SensorEffect, EstimateEffect)) and not e.is_null for e in effects)
         self.plant = Plant(effects, n, options)
+        self.generators: list[torch.Generator] = [] if self._is_on_cores else self.plant.generators()
         if self._is_on_cores:
             self.plant.fields["opt.disableflags"][...] |= DISABLE_FLAGS
         randomise(self.plant, draws)

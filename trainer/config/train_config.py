@@ -63,7 +63,10 @@ class PpoConfig(Settings):
     """Last iterations, over which the entropy weight falls to 0 and ``desired_kl`` to a fifth, because the exported
     policy acts without exploration noise."""
     mixed_precision: bool = False
-    """Whether the networks compute in 16 bits on a GPU."""
+    """Whether the networks learn in 16 bits (bfloat16); quicker on a GPU and on CPUs with AVX-512 BF16."""
+    cuda_graphs: bool = True
+    """Whether a GPU repeats rollouts and updates as recorded graphs, without the host; rewards must not look at values
+    then."""
 
 
 class TrainConfig(Settings):

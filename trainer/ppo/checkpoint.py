@@ -16,7 +16,7 @@ from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
 
 if TYPE_CHECKING:
-    from trainer.ppo.ppo import PpoRunner
+    from trainer.ppo.runner import PpoRunner
 
 SCHEMA: Final = "spot-rl/checkpoint/1"
 CONTRACT: Final = {

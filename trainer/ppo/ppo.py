@@ -1,68 +1,122 @@
-"""An adapter of rsl-rl's PPO: takes a copy of our config and hides rsl-rl's peculiarities."""
+"""rsl-rl's PPO, with an update that never waits for the device."""
 
 from __future__ import annotations
 
-import contextlib
-import copy
-import io
-import os
+import itertools
 from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
-from rsl_rl.runners import OnPolicyRunner
+from rsl_rl.modules.distribution import GaussianDistribution
+from torch.nn.functional import mse_loss
+from torch.nn.utils import clip_grad_norm_
 
-from trainer.config.train_config import PpoConfig, TrainConfig
-from trainer.ppo.symmetry import with_mirror_images
-from trainer.ppo.training_log import TrainingLog
+from spot_model.plant.captured import Captured
+from trainer.ppo.symmetry import mirror_action, mirror_observation
 from trainer.ppo.vec_env import TaskVecEnv
-from trainer.shared.threads import available_threads
+
+Tensor = torch.Tensor
 
 SETTLED_KL_SHARE = 0.2
 """Of the KL target, at the end of the settling iterations."""
+LEARNING_RATES = (1.0e-5, 1.0e-2)
+"""Bounds of the adaptive learning rate. Source: rsl-rl."""
+LEARNING_RATE_FACTOR = 1.5
+
+LOSSES = ("value", "surrogate", "entropy", "symmetry")
 
 
-class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
-    """PPO that looks for numbers that are not finite before it learns, and uses all cores only to learn."""
+class DeviceGaussian(GaussianDistribution):  # type: ignore[misc]  # rsl_rl has no types
+    """rsl-rl's Gaussian, drawn without looking at its deviation on the host, as ``torch.normal`` does."""
+
+    def sample(self) -> Tensor:
+        """One draw for each robot, shape (n, 12)."""
+        mean, std = self.params
+        drawn: Tensor = torch.randn_like(mean) * std + mean
+        return drawn
+
+
+class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
+    """PPO whose update stays on the device, learning rate included, so that a GPU can repeat it as a graph.
+
+    Rollouts, storage, returns and networks are rsl-rl's. The losses are the same, too; samples are shuffled once an
+    iteration, as there, but also gathered once, and all cores are used to learn alone.
+    """
 
     env: TaskVecEnv
     learning_threads: int = 1
+    mirror_weight: float = 0.0
     mirror_from_iteration: int = 0
     settle_iterations: int = 0
     total_iterations: int = 0
+    uses_graphs: bool = False
     entropy_coef: float
     desired_kl: float
-    symmetry: Any
+    learning_rate: Tensor
 
-    def act(self, obs: Any) -> torch.Tensor:
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.learning_rate = torch.as_tensor(self.learning_rate, dtype=torch.float32, device=self.device)
+        self.optimizer = torch.optim.Adam(
+            itertools.chain(self.actor.parameters(), self.critic.parameters()),
+            lr=self.learning_rate,
+            fused=True,
+            capturable=self._is_on_gpu,
+        )
+        n = self.storage.num_envs * self.storage.num_transitions_per_env
+        self._order = torch.zeros(n - n % self.num_mini_batches, dtype=torch.long, device=self.device)
+        self._entropy_weight = torch.zeros((), device=self.device)
+        self._kl_target = torch.zeros((), device=self.device)
+        self._passes: dict[bool, Captured] = {}
+
+    def act(self, obs: Any) -> Tensor:
         """Sample actions with as many torch threads as learning has: nothing else runs meanwhile."""
         before = torch.get_num_threads()
         torch.set_num_threads(self.learning_threads)
         try:
-            actions: torch.Tensor = super().act(obs)
+            actions: Tensor = super().act(obs)
         finally:
             torch.set_num_threads(before)
         return actions
 
-    def compute_returns(self, obs: Any) -> None:
-        """Check the rollout, then compute returns and advantages."""
-        self.env.check_finite()
-        super().compute_returns(obs)
-
     def update(self) -> dict[str, float]:
-        """Learn, with :attr:`learning_threads` torch threads; while robots move there is one."""
-        before, symmetry, released = torch.get_num_threads(), self.symmetry, (self.entropy_coef, self.desired_kl)
-        self.entropy_coef, self.desired_kl = self._settled(*released)
+        """Learn from the storage, with :attr:`learning_threads` torch threads; returns the mean losses by name."""
+        before = torch.get_num_threads()
         torch.set_num_threads(self.learning_threads)
-        if self.env.iteration < self.mirror_from_iteration:
-            self.symmetry = None
+        entropy, desired_kl = self._settled(self.entropy_coef, self.desired_kl)
+        self._entropy_weight.fill_(entropy)
+        self._kl_target.fill_(desired_kl)
+        self._order.copy_(torch.randperm(len(self._order), device=self.device))
+        mirrors = self.mirror_weight > 0.0 and self.env.iteration >= self.mirror_from_iteration
+        if mirrors not in self._passes:
+            self._passes[mirrors] = Captured(lambda: self._learn(mirrors=mirrors), (), is_recorded=self.uses_graphs)
         try:
-            losses: dict[str, float] = super().update()
+            losses: Tensor = self._passes[mirrors]()
+            seen = self.storage.observations.flatten(0, 1)
+            self.actor.update_normalization(seen)
+            self.critic.update_normalization(seen)
         finally:
             torch.set_num_threads(before)
-            self.symmetry = symmetry
-            self.entropy_coef, self.desired_kl = released
-        return losses
+        self.storage.clear()
+        return dict(zip(LOSSES if mirrors else LOSSES[:-1], losses.tolist(), strict=False))
+
+    def load(self, loaded_dict: dict[str, Any], load_cfg: dict[str, Any] | None, strict: bool) -> bool:
+        """Take over a checkpoint's state; the optimiser's settings stay this one's, the learning rate in its place."""
+        if load_cfg is None:
+            groups = loaded_dict["optimizer_state_dict"]["param_groups"]
+            self.learning_rate.fill_(float(groups[0]["lr"]))
+            for group in groups:
+                group.update(fused=True, foreach=None, capturable=self._is_on_gpu)
+        rate = self.learning_rate
+        has_iteration: bool = super().load(loaded_dict, load_cfg, strict)
+        self.learning_rate = rate
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        return has_iteration
+
+    @property
+    def _is_on_gpu(self) -> bool:
+        return torch.device(self.device).type == "cuda"
 
     def _settled(self, entropy: float, desired_kl: float) -> tuple[float, float]:
         """Entropy weight and KL target of this iteration."""
@@ -72,91 +126,95 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         share = max(0.0, left / self.settle_iterations)
         return entropy * share, desired_kl * (SETTLED_KL_SHARE + (1.0 - SETTLED_KL_SHARE) * share)
 
+    def _learn(self, *, mirrors: bool) -> Tensor:
+        """All passes over the storage; mean losses in the order of :data:`LOSSES`, shape (4,)."""
+        storage, order = self.storage, self._order
+        columns = (
+            storage.observations[self.actor.obs_groups[0]],
+            storage.observations[self.critic.obs_groups[0]],
+            storage.actions,
+            *storage.distribution_params,
+            torch.cat([storage.actions_log_prob, storage.advantages, storage.returns, storage.values], dim=-1),
+        )
+        with torch.no_grad():
+            shuffled = [column.flatten(0, 1)[order] for column in columns]
+        batches = list(zip(*(column.chunk(self.num_mini_batches) for column in shuffled), strict=True))
+        sums = torch.zeros(len(LOSSES), device=self.device)
+        for batch in batches * self.num_learning_epochs:
+            sums += self._learn_from(*batch, mirrors=mirrors)
+        mean: Tensor = sums / (len(batches) * self.num_learning_epochs)
+        return mean
 
-class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
-    """rsl-rl's loop with our log; checkpoints are :mod:`trainer.ppo.checkpoint`'s."""
+    def _learn_from(
+        self,
+        seen: Tensor,
+        known: Tensor,
+        actions: Tensor,
+        old_mean: Tensor,
+        old_std: Tensor,
+        numbers: Tensor,
+        *,
+        mirrors: bool,
+    ) -> Tensor:
+        """One step of the optimiser on a mini-batch; its losses, shape (4,).
 
-    def __init__(self, env: TaskVecEnv, config: TrainConfig, log: TrainingLog, device: str) -> None:
-        with contextlib.redirect_stdout(io.StringIO()):
-            super().__init__(env, rsl_config(config.ppo), log_dir=None, device=device)
-        self.config = config
-        self.logger = log
-        self.alg.env = env
-        self.alg.mirror_from_iteration = config.ppo.mirror_from_iteration
-        self.alg.settle_iterations = config.ppo.settle_iterations
-        self.alg.total_iterations = config.iterations
-        self.alg.learning_threads = available_threads() if device == "cpu" else 1
+        Args:
+            seen: The actor's observations, shape (n, 48).
+            known: The critic's.
+            actions: What was done, shape (n, 12).
+            old_mean: Of the policy that acted, shape (n, 12).
+            old_std: Likewise.
+            numbers: Log probability of the action then, advantage, return, value then; shape (n, 4).
+            mirrors: Whether the mirror loss acts.
+        """
+        old_log_prob, advantage, returns, old_value = numbers.unbind(dim=-1)
+        with torch.autocast(torch.device(self.device).type, torch.bfloat16, enabled=self.use_mixed_precision):
+            mean = self._mean_action(seen)
+            value = self.critic.mlp(self.critic.obs_normalizer(known))[:, 0]
+            mirrored = self._mean_action(mirror_observation(seen)) if mirrors else mean
+        mean, value = mean.float(), value.float()
+        policy = self.actor.distribution
+        policy.update(mean)
+        entropy = policy.entropy.mean()
+        self._adapt_learning_rate(policy.kl_divergence((old_mean, old_std), (mean.detach(), policy.std.detach())))
 
-    def run(self, iterations: int, *, is_fresh: bool) -> None:
-        """Learn for so many iterations; a fresh run spreads the ends of its first episodes."""
-        quietly = contextlib.redirect_stdout(io.StringIO()) if self.is_distributed else contextlib.nullcontext()
-        try:
-            with quietly, self.logger.stop_request.listening():
-                self.learn(iterations, init_at_random_ep_len=is_fresh)
-        finally:
-            self.logger.stop_logging_writer()
+        ratio = torch.exp(policy.log_prob(actions) - old_log_prob)
+        clipped = ratio.clamp(1.0 - self.clip_param, 1.0 + self.clip_param)
+        surrogate = torch.max(-advantage * ratio, -advantage * clipped).mean()
+        value_error = (value - returns).square()
+        if self.use_clipped_value_loss:
+            near = old_value + (value - old_value).clamp(-self.clip_param, self.clip_param)
+            value_error = torch.max(value_error, (near - returns).square())
+        value_loss = value_error.mean()
+        symmetry = mse_loss(mirrored.float(), mirror_action(mean).detach()) if mirrors else torch.zeros_like(entropy)
+        loss = surrogate + self.value_loss_coef * value_loss - self._entropy_weight * entropy
+        if mirrors:
+            loss = loss + self.mirror_weight * symmetry
 
-    def save(self, path: str, infos: dict[str, Any] | None = None) -> None:
-        """Write a checkpoint through the log, which knows the run's folder; rsl-rl's own path is not used."""
-        self.logger.checkpoint(self, self.current_learning_iteration)
+        self.optimizer.zero_grad()
+        loss.backward()
+        if self.is_multi_gpu:
+            self.reduce_parameters()
+        clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
+        clip_grad_norm_(self.critic.parameters(), self.max_grad_norm)
+        self.optimizer.step()
+        return torch.stack([value_loss, surrogate, entropy, symmetry]).detach()
 
-    def _configure_multi_gpu(self) -> None:
-        """rsl-rl's way for several GPUs; on CPUs the same with gloo, so that the path can be tested."""
-        if int(os.getenv("WORLD_SIZE", "1")) == 1 or self.device != "cpu":
-            super()._configure_multi_gpu()
+    def _mean_action(self, observation: Tensor) -> Tensor:
+        mean: Tensor = self.actor.mlp(self.actor.obs_normalizer(observation))
+        return mean
+
+    def _adapt_learning_rate(self, kl: Tensor) -> None:
+        """Lower the rate where the policy changed by more than twice the KL target, raise it below half of it."""
+        if self.schedule != "adaptive":
             return
-        self.gpu_world_size = int(os.environ["WORLD_SIZE"])
-        self.gpu_local_rank = int(os.environ["LOCAL_RANK"])
-        self.gpu_global_rank = int(os.environ["RANK"])
-        self.is_distributed = True
-        self.cfg["multi_gpu"] = {
-            "global_rank": self.gpu_global_rank,
-            "local_rank": self.gpu_local_rank,
-            "world_size": self.gpu_world_size,
-        }
-        torch.distributed.init_process_group(backend="gloo", rank=self.gpu_global_rank, world_size=self.gpu_world_size)
-
-    def close(self) -> None:
-        """Leave the other processes, if there are any: a connection alive at the interpreter's end aborts it."""
-        if self.is_distributed:
-            torch.distributed.destroy_process_group()
-
-
-def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
-    """rsl-rl's config dictionary; a fresh one each time, because rsl-rl writes into it."""
-    network: dict[str, Any] = {"class_name": "MLPModel", "hidden_dims": list(ppo.hidden), "activation": "elu"}
-    network["obs_normalization"] = ppo.normalise_observations
-    gaussian = {"class_name": "GaussianDistribution", "init_std": ppo.initial_std, "std_type": "scalar"}
-    symmetry = {
-        "data_augmentation_func": with_mirror_images,
-        "use_data_augmentation": False,
-        "use_mirror_loss": True,
-        "mirror_loss_coeff": ppo.mirror_loss,
-    }
-    config = {
-        "num_steps_per_env": ppo.steps_per_iteration,
-        # The log decides when to save: it is asked after every iteration.
-        "save_interval": 1,
-        "check_for_nan": False,
-        "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
-        "actor": {**network, "distribution_cfg": gaussian},
-        "critic": network,
-        "algorithm": {
-            "class_name": CheckedPpo,
-            "num_learning_epochs": ppo.epochs,
-            "num_mini_batches": ppo.mini_batches,
-            "clip_param": ppo.clip,
-            "gamma": ppo.gamma,
-            "lam": ppo.lam,
-            "value_loss_coef": ppo.value_loss,
-            "use_clipped_value_loss": ppo.clip_value_loss,
-            "entropy_coef": ppo.entropy,
-            "learning_rate": ppo.learning_rate,
-            "max_grad_norm": ppo.max_grad_norm,
-            "schedule": ppo.schedule,
-            "desired_kl": ppo.desired_kl,
-            "use_mixed_precision": ppo.mixed_precision,
-            "symmetry_cfg": symmetry if ppo.mirror_loss > 0.0 else None,
-        },
-    }
-    return copy.deepcopy(config)
+        mean = kl.mean()
+        if self.is_multi_gpu:
+            torch.distributed.all_reduce(mean)
+            mean /= self.gpu_world_size
+        low, high = LEARNING_RATES
+        rate = self.learning_rate
+        slower = (rate / LEARNING_RATE_FACTOR).clamp(min=low)
+        faster = (rate * LEARNING_RATE_FACTOR).clamp(max=high)
+        is_small = (mean < self._kl_target / 2.0) & (mean > 0.0)
+        rate.copy_(torch.where(mean > self._kl_target * 2.0, slower, torch.where(is_small, faster, rate)))

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import torch
-from tensordict import TensorDict
 
 from spot_model.policy.observation import OBSERVATION
 from spot_model.robot import facts
@@ -28,21 +26,6 @@ def mirror_observation(observation: Tensor) -> Tensor:
     """The mirror image of an observation, shape (..., 48)."""
     source, sign = _observation_mirror(observation.device)
     return observation[..., source] * sign
-
-
-def with_mirror_images(
-    env: Any,  # noqa: ARG001 - rsl-rl's signature
-    obs: TensorDict | None,
-    actions: Tensor | None,
-) -> tuple[TensorDict | None, Tensor | None]:
-    """Originals followed by their mirror images, as rsl-rl's symmetry extension wants them."""
-    both_obs = None
-    if obs is not None:
-        tensors: dict[str, Any] = dict(obs.items())
-        groups = {key: torch.cat([value, mirror_observation(value)]) for key, value in tensors.items()}
-        both_obs = TensorDict(groups, batch_size=[2 * obs.batch_size[0]], device=obs.device)
-    both_actions = None if actions is None else torch.cat([actions, mirror_action(actions)])
-    return both_obs, both_actions
 
 
 @functools.lru_cache(maxsize=8)

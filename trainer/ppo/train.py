@@ -12,7 +12,7 @@ import torch
 from spot_model.errors import BadInputError
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, load_networks, read_checkpoint, restore
-from trainer.ppo.ppo import PpoRunner
+from trainer.ppo.runner import PpoRunner
 from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.shared.run_folder import make_run_folder

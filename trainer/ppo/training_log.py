@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
 from rsl_rl.utils import WandbLogWriter
 from torch.utils.tensorboard import SummaryWriter
 
@@ -20,7 +19,7 @@ from spot_model.io.progress import Progress
 from trainer.ppo.checkpoint import save_checkpoint
 
 if TYPE_CHECKING:
-    from trainer.ppo.ppo import PpoRunner
+    from trainer.ppo.runner import PpoRunner
     from trainer.ppo.vec_env import TaskVecEnv
 
 
@@ -74,8 +73,6 @@ class TrainingLog:
         is_first: bool = True,
         logger: str = "tensorboard",
     ) -> None:
-        self.log_dir = str(folder)
-        self.git_status_repos: list[str] = []
         self.writer: SummaryWriter | None = None
         self._folder = folder
         self._env = env
@@ -85,6 +82,7 @@ class TrainingLog:
         self._is_first = is_first
         self._logger = logger
         self._progress: Progress | None = None
+        self._unwritten: dict[str, float] | None = None
         self.stop_request = StopRequest()
 
     def init_logging_writer(self) -> None:
@@ -106,35 +104,52 @@ class TrainingLog:
                 "logger 'wandb' needs the package wandb, which is not installed: pip install wandb"
             ) from error
 
-    def process_env_step(self, *_: Any) -> None:
-        """Nothing: the task keeps its own statistics on its device."""
-
-    def log(self, it: int, collect_time: float, learn_time: float, loss_dict: dict[str, float], **rest: Any) -> None:
-        """Write one iteration's metrics; the arguments are rsl-rl's."""
+    def log(
+        self,
+        iteration: int,
+        *,
+        collect_time: float,
+        learn_time: float,
+        loss_dict: dict[str, float],
+        learning_rate: float,
+        action_std: float,
+    ) -> None:
+        """Take one iteration's metrics; :meth:`write` writes them, at the latest when the files are closed."""
+        self.write()
         metrics: dict[str, float] = {
-            "iteration": it,
-            "steps": (it + 1) * self._steps_per_iteration,
+            "iteration": iteration,
+            "steps": (iteration + 1) * self._steps_per_iteration,
             "collect_s": collect_time,
             "learn_s": learn_time,
             "steps_per_s": self._steps_per_iteration / (collect_time + learn_time),
-            "learning_rate": float(rest["learning_rate"]),
-            "action_std": float(rest["action_std"].detach().mean()),
+            "learning_rate": learning_rate,
+            "action_std": action_std,
             "command_share": self._env.task.command_share,
             **{f"loss/{key}": float(value) for key, value in loss_dict.items()},
             **self._env.task.drain_stats(),
+            "unix_s": time.time(),
         }
-        if self.writer is None:
+        if self.writer is not None:
+            self._unwritten = metrics
+
+    def write(self) -> None:
+        """Write and show the metrics last taken, if that has not been done."""
+        metrics, self._unwritten = self._unwritten, None
+        if metrics is None or self.writer is None:
             return
+        iteration = int(metrics["iteration"])
         for key, value in metrics.items():
-            self.writer.add_scalar(key, value, it)
+            if key != "unix_s":
+                self.writer.add_scalar(key, value, iteration)
         with (self._folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps({**metrics, "unix_s": time.time()}) + "\n")
+            file.write(json.dumps(metrics) + "\n")
         if self._progress is None:
-            self._progress = Progress("iterations", self._total, done=it, already_s=collect_time + learn_time)
-        self._progress.update(it + 1, _summary(metrics))
+            already_s = metrics["collect_s"] + metrics["learn_s"]
+            self._progress = Progress("iterations", self._total, done=iteration, already_s=already_s)
+        self._progress.update(iteration + 1, _summary(metrics))
 
     def checkpoint(self, runner: PpoRunner, iteration: int) -> None:
-        """Save if it is time, or the end; rsl-rl asks after every iteration and once more at the end.
+        """Save if it is time, or the end.
 
         Raises:
             TrainingInterruptedError: The user asked to stop; the checkpoint is written.
@@ -142,7 +157,7 @@ class TrainingLog:
         done = iteration + 1
         path = self._folder / f"checkpoint_{done:06d}.pt"
         is_time = self.stop_request.is_made or done % self._save_every == 0 or done == self._total
-        if is_time and not path.exists():
+        if is_time and self._is_first and not path.exists():
             save_checkpoint(path, runner, done)
         if self.stop_request.is_made and done < self._total:
             raise TrainingInterruptedError(
@@ -150,11 +165,9 @@ class TrainingLog:
                 f"spot-rl train --resume {self._folder}"
             )
 
-    def save_model(self, *_: Any) -> None:
-        """Nothing to upload."""
-
     def stop_logging_writer(self) -> None:
-        """Close the files."""
+        """Write what is left, and close the files."""
+        self.write()
         if self.writer is not None:
             self.writer.close()
             if isinstance(self.writer, WandbLogWriter):
@@ -162,11 +175,6 @@ class TrainingLog:
             self.writer = None
         if self._progress is not None:
             self._progress.stop()
-
-    def wait_for_device(self) -> None:
-        """Finish what is queued on the GPU."""
-        if torch.cuda.is_available():
-            torch.cuda.synchronize()
 
 
 def _summary(metrics: dict[str, float]) -> str:

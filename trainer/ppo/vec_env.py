@@ -25,7 +25,7 @@ class TrainingDivergedError(SpotRlError):
 
 
 class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
-    """Adapts tasks; notices numbers that are not finite without waiting for the device at every step."""
+    """Adapts tasks to rsl-rl. Observations of an iteration's end stand at one address, where a graph finds them."""
 
     def __init__(self, parts: Sequence[Task], steps_per_iteration: int) -> None:
         self.task = task = TaskParts(parts)
@@ -35,12 +35,10 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         self.device = task.device
         self.cfg = task.config.model_dump(mode="json")
         self.steps = 0
-        """Policy steps since the start of training, the same for every environment."""
+        """Policy steps until the end of the last iteration, the same for every environment."""
         self._steps_per_iteration = steps_per_iteration
-        self._bad_step = torch.full((self.num_envs,), -1, dtype=torch.long, device=task.device)
-        self._bad_column = torch.zeros(self.num_envs, dtype=torch.long, device=task.device)
         task.advance_schedule(0)
-        self._observations = self._groups(task.start())
+        self._kept = self._observations = self._groups(task.start())
 
     @property
     def iteration(self) -> int:
@@ -49,43 +47,63 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
 
     @property
     def episode_length_buf(self) -> Tensor:
-        """Steps of each episode so far; rsl-rl writes it to spread the first episodes' ends."""
+        """Steps of each episode so far, shape (n,)."""
         return self.task.episode_steps
 
-    @episode_length_buf.setter
-    def episode_length_buf(self, steps: Tensor) -> None:
-        self.task.set_episode_steps(steps)
+    def spread_episode_ends(self) -> None:
+        """Start each episode at a time of its own, so that not all end at once."""
+        self.task.set_episode_steps(torch.randint_like(self.episode_length_buf, high=self.max_episode_length))
 
     def get_observations(self) -> TensorDict:
         """The observations last returned."""
         return self._observations
 
+    def begin_iteration(self) -> None:
+        """Set what changes from iteration to iteration: command ranges and reward weights."""
+        self.task.advance_schedule(self.steps // self._steps_per_iteration)
+
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """One policy period; see :class:`rsl_rl.env.VecEnv`."""
-        if self.steps % self._steps_per_iteration == 0:
-            self.task.advance_schedule(self.steps // self._steps_per_iteration)
         result = self.task.step(actions)
-        self.steps += 1
-        self._watch(result)
         self._observations = self._groups(result)
         return self._observations, result.reward, result.done, {"time_outs": result.timed_out}
 
-    def check_finite(self) -> None:
-        """Stop if a number that is not finite came up since the last call.
+    def keep_observations(self) -> None:
+        """Copy the observations to where the next iteration looks for them."""
+        self._kept.copy_(self._observations)
+        self._observations = self._kept
+
+    def end_iteration(self) -> None:
+        """Count the steps of an iteration."""
+        self.steps += self._steps_per_iteration
+
+    def check_finite(self, observations: Tensor, rewards: Tensor) -> None:
+        """Stop if an iteration, or the observations at its end, hold a number that is not finite.
+
+        Args:
+            observations: What the policy saw before each step, shape (steps, n, 48).
+            rewards: Of each step, shape (steps, n, 1).
 
         Raises:
-            TrainingDivergedError: One did; the message names environment, step and quantity.
+            TrainingDivergedError: One does; the message names environment, step and quantity.
         """
-        bad = self._bad_step >= 0
-        if not bool(bad.any()):
+        last = self._observations["policy"][None]
+        # A sum is finite only if every number is.
+        if bool(torch.isfinite(observations.sum() + last.sum() + rewards.sum())):
             return
-        first = int(torch.where(bad, self._bad_step, self._bad_step.max() + 1).argmin())
-        column = int(self._bad_column[first])
+        # A step gives a reward, and the observations before the next step.
+        rows = torch.cat([torch.cat([observations, last])[1:], rewards], dim=-1)
+        first = torch.cat([observations[:1], torch.zeros_like(rewards[:1])], dim=-1)
+        wrong = ~torch.isfinite(torch.cat([first, rows]))
+        where = wrong.nonzero()
+        if len(where) == 0:
+            return
+        step, environment, column = where[0].tolist()
         what = FEATURES[column] if column < len(FEATURES) else "the reward"
         raise TrainingDivergedError(
-            f"environment {first} of {self.num_envs} gave a number that is not finite in {what} at policy step "
-            f"{int(self._bad_step[first])} ({int(bad.sum())} environments did); resume from the last checkpoint with "
-            "a lower learning rate, or look at the model's effects"
+            f"environment {environment} of {self.num_envs} gave a number that is not finite in {what} at policy step "
+            f"{self.steps - len(rewards) + step} ({int(wrong.any(-1).any(0).sum())} environments did); resume from the "
+            "last checkpoint with a lower learning rate, or look at the model's effects"
         )
 
     def snapshot(self) -> dict[str, Any]:
@@ -97,17 +115,11 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         """Continue exactly from a snapshot."""
         self.task.restore(snapshot["task"])
         self.steps = int(snapshot["steps"])
-        on_device = {key: value.to(self.device) for key, value in snapshot["observations"].items()}
-        self._observations = TensorDict(on_device, batch_size=[self.num_envs], device=self.device)
+        for key, value in snapshot["observations"].items():
+            self._kept[key].copy_(value)
+        self._observations = self._kept
 
     def _groups(self, result: StepResult) -> TensorDict:
         critic = result.observation if self.task.config.critic_sees_noise else result.clean_observation
         groups = {"policy": result.observation, "critic": critic}
         return TensorDict(groups, batch_size=[self.num_envs], device=self.device)
-
-    def _watch(self, result: StepResult) -> None:
-        columns = torch.cat([result.observation, result.reward[:, None]], dim=-1)
-        wrong = ~torch.isfinite(columns)
-        fresh = wrong.any(dim=-1) & (self._bad_step < 0)
-        self._bad_step.masked_fill_(fresh, self.steps)
-        self._bad_column.copy_(torch.where(fresh, wrong.long().argmax(dim=-1), self._bad_column))

@@ -10,48 +10,61 @@ from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from trainer.backends.backend import InitialState, SimulationDraws
 from trainer.backends.random_draws import Draws
+from trainer.config.range import Range
 from trainer.config.task_config import FREE_HEIGHT_M, RandomisationConfig, TerrainConfig
 
 
 def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: int, draws: Draws) -> InitialState:
     """Initial states for n robots, one draw each; see :class:`RandomisationConfig` for the ranges."""
     device = draws.device
-    c = config
-    half_yaw = 0.5 * draws.uniform(c.initial_yaw_rad, n)
-    zero = torch.zeros(n, device=device)
-    default, low, high = _joint_constants(device)
-    position = torch.clamp(default + draws.uniform(c.initial_position_rad, n, facts.N_JOINTS), low, high)
-    # The body starts level, so the lowest foot says how high it must be for none to start inside the ground.
-    lowest = foot_position_in_body_m(position)[..., 2].amin(dim=-1)
-    height = facts.FOOT_RADIUS_M + FREE_HEIGHT_M - lowest + (terrain.amplitude_m if terrain.kind == "noise" else 0.0)
-    xy = draws.uniform(c.initial_xy_m, n, 2)
+    c, joints = config, facts.N_JOINTS
+    ranges = [(1, c.initial_yaw_rad), (joints, c.initial_position_rad), (2, c.initial_xy_m)]
     if terrain.kind == "noise":
         # Spread over the ground, so that robots do not all learn the same few square metres.
         reach = max(0.0, terrain.half_size_m - 12.0)
-        xy = xy + draws.uniform((-reach, reach), n, 2)
+        ranges.append((2, (-reach, reach)))
+    velocities = (c.initial_v_x_m_s, c.initial_v_y_m_s, c.initial_v_z_m_s)
+    rates = (c.initial_roll_rate_rad_s, c.initial_pitch_rate_rad_s, c.initial_yaw_rate_rad_s)
+    ranges += [(1, bounds) for bounds in (*velocities, *rates)]
+    ranges.append((joints, c.initial_velocity_rad_s))
+    low, width = _columns(tuple(ranges), device)
+    blocks = torch.split(draws.uniform((0.0, 1.0), len(low), n) * width + low, [rows for rows, _ in ranges])
+    yaw, position, xy = blocks[0][0], blocks[1].view(n, joints), blocks[2].view(n, 2)
+    if terrain.kind == "noise":
+        xy = xy + blocks[3].view(n, 2)
+    motion = torch.cat(blocks[-7:-1]).T
+    half_yaw = 0.5 * yaw
+    zero = torch.zeros(n, device=device)
+    default, stops = _joint_constants(device)
+    position = torch.clamp(default + position, *stops)
+    # The body starts level, so the lowest foot says how high it must be for none to start inside the ground.
+    lowest = foot_position_in_body_m(position)[..., 2].amin(dim=-1)
+    height = facts.FOOT_RADIUS_M + FREE_HEIGHT_M - lowest + (terrain.amplitude_m if terrain.kind == "noise" else 0.0)
     return InitialState(
         body_position_m=torch.cat([xy, height[:, None]], dim=-1),
         world_from_body_wxyz=torch.stack([half_yaw.cos(), zero, zero, half_yaw.sin()], dim=-1),
-        linear_vel_of_body_in_world_m_s=torch.stack(
-            [draws.uniform(r, n) for r in (c.initial_v_x_m_s, c.initial_v_y_m_s, c.initial_v_z_m_s)], dim=-1
-        ),
-        angular_vel_of_body_in_body_rad_s=torch.stack(
-            [
-                draws.uniform(r, n)
-                for r in (c.initial_roll_rate_rad_s, c.initial_pitch_rate_rad_s, c.initial_yaw_rate_rad_s)
-            ],
-            dim=-1,
-        ),
+        linear_vel_of_body_in_world_m_s=motion[:, :3],
+        angular_vel_of_body_in_body_rad_s=motion[:, 3:],
         position_rad=position,
-        velocity_rad_s=draws.uniform(c.initial_velocity_rad_s, n, facts.N_JOINTS),
+        velocity_rad_s=blocks[-1].view(n, joints),
     )
 
 
 @functools.lru_cache(maxsize=8)
-def _joint_constants(device: torch.device) -> tuple[torch.Tensor, ...]:
+def _columns(ranges: tuple[tuple[int, Range], ...], device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+    """Lower bound and width of each row of draws, shape (rows, 1); kept, because a copy would make the device wait."""
+    bounds = [pair for rows, pair in ranges for _ in range(rows)]
+    with torch.inference_mode(mode=False):
+        low = torch.tensor([[low] for low, _ in bounds], device=device)
+        return low, torch.tensor([[high - low] for low, high in bounds], device=device)
+
+
+@functools.lru_cache(maxsize=8)
+def _joint_constants(device: torch.device) -> tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor]]:
     """Default pose and joint stops; kept on the device, because a copy would make it wait."""
     values = (facts.DEFAULT_POSITION_RAD, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
-    return tuple(torch.tensor(v, device=device, dtype=torch.float32) for v in values)
+    default, low, high = (torch.tensor(v, device=device, dtype=torch.float32) for v in values)
+    return default, (low, high)
 
 
 def draw_simulations(config: RandomisationConfig, n: int, draws: Draws) -> SimulationDraws:

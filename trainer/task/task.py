@@ -51,6 +51,7 @@ class Task:
         self.backend = backend
         n, device = backend.n_envs, backend.device
         self.n_envs, self.device = n, device
+        self.generator = generator
         self._draws = Draws(generator)
         self.commands = VelocityCommands(config.commands, n, self._draws)
         first = {**dict.fromkeys(config.late_rewards.weights, 0.0), **config.rewards.by_name()}
@@ -64,7 +65,7 @@ class Task:
             PERIOD_S * torch.tensor([weights[name] for name in self.stats.terms], device=device)
             for weights in (first, {**first, **config.late_rewards.weights})
         )
-        self._weights = self._first_weights
+        self._weights = self._first_weights.clone()
         self.max_steps = round(config.episode_s / PERIOD_S)
         # Which robots have what friction and mass is drawn, so the first ones are as good as any.
         self._last_step = torch.full((n,), self.max_steps, device=device)
@@ -78,7 +79,8 @@ class Task:
     def advance_schedule(self, iteration: int) -> None:
         """Set the command ranges and the reward weights that this iteration uses."""
         self.commands.advance_curriculum(iteration)
-        self._weights = self._first_weights.lerp(self._late_weights, self.config.late_rewards.share(iteration))
+        share = self.config.late_rewards.share(iteration)
+        torch.lerp(self._first_weights, self._late_weights, share, out=self._weights)
 
     def start(self) -> StepResult:
         """Reset every robot and observe."""
@@ -204,7 +206,7 @@ class Task:
             "commands": self.commands.snapshot(),
             "feet": {name: getattr(self.feet, name).clone() for name in FootTimers.NAMES},
             "buffers": {name: buffer.clone() for name, buffer in self._buffers().items()},
-            "generator": self._draws.generator.get_state(),
+            "generator": self.generator.get_state(),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -215,7 +217,7 @@ class Task:
             getattr(self.feet, name).copy_(snapshot["feet"][name])
         for name, buffer in self._buffers().items():
             buffer.copy_(snapshot["buffers"][name])
-        self._draws.generator.set_state(snapshot["generator"].cpu())
+        self.generator.set_state(snapshot["generator"].cpu())
 
     def _buffers(self) -> dict[str, Tensor]:
         return {

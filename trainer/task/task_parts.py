@@ -49,6 +49,11 @@ class TaskParts:
         for part, piece in zip(self.parts, torch.split(steps, self.sizes), strict=True):
             part.episode_steps.copy_(piece)
 
+    @property
+    def generators(self) -> list[torch.Generator]:
+        """What the parts draw from."""
+        return [g for part in self.parts for g in (part.generator, *part.backend.generators)]
+
     def advance_schedule(self, iteration: int) -> None:
         """Set the command ranges and the reward weights that this iteration uses."""
         for part in self.parts:

@@ -25,30 +25,25 @@ class VelocityCommands:
         self.time_left_s = torch.zeros(n, device=draws.device)
         self.share = 1.0
         """Share of the ranges' width in use; the curriculum raises it."""
+        self._low = torch.zeros(3, 1, device=draws.device)
+        self._width = torch.zeros(3, 1, device=draws.device)
+        self._set_ranges(1.0)
 
     def draw(self) -> Tensor:
         """New commands for all robots, shape (n, 3)."""
-        c, n = self.config, len(self.command)
-        command = torch.stack(
-            [
-                self._draws.uniform(_narrowed(bounds, self.share), n)
-                for bounds in (c.v_x_m_s, c.v_y_m_s, c.yaw_rate_rad_s)
-            ],
-            dim=-1,
-        )
+        c = self.config
+        chances = self._draws.uniform((0.0, 1.0), 5 if c.slow_share > 0.0 else 4, len(self.command))
+        command = (chances[:3] * self._width + self._low).T
         if c.slow_share > 0.0:
-            slow = self._draws.uniform((0.0, 1.0), n) < c.slow_share
-            command *= torch.where(slow, SLOW, 1.0)[:, None]
+            command = command * torch.where(chances[3] < c.slow_share, SLOW, 1.0)[:, None]
         acceleration = (command[:, 0] * command[:, 2]).abs()
         scale = (c.lateral_acceleration_limit_m_s2 / acceleration.clamp(min=1e-6)).clamp(max=1.0)
-        chance = self._draws.uniform((0.0, 1.0), n)
-        straight_from = c.standing_share
-        turning_from = straight_from + c.straight_share
-        straight = (chance >= straight_from) & (chance < turning_from)
-        turning = (chance >= turning_from) & (chance < turning_from + c.turning_share)
-        command[:, 1:] *= (scale * ~straight)[:, None]
-        command[:, :2] *= ~turning[:, None]
-        return command * (chance >= c.standing_share)[:, None]
+        chance = chances[-1]
+        straight_until = c.standing_share + c.straight_share
+        bends = chance >= straight_until
+        advances = (chance >= c.standing_share) & ~(bends & (chance < straight_until + c.turning_share))
+        factors = torch.stack([advances, scale * (bends & advances), scale * bends], dim=-1)
+        return command * factors
 
     def update(self, fresh: Tensor, dt_s: float) -> None:
         """Count one period; draw anew for robots in ``fresh`` (bool, (n,)) and those whose time is up."""
@@ -61,7 +56,15 @@ class VelocityCommands:
         """Set the share of the ranges that this iteration uses."""
         c = self.config
         done = 1.0 if c.curriculum_iterations == 0 else min(1.0, iteration / c.curriculum_iterations)
-        self.share = c.curriculum_start + (1.0 - c.curriculum_start) * done if c.curriculum_iterations else 1.0
+        self._set_ranges(c.curriculum_start + (1.0 - c.curriculum_start) * done if c.curriculum_iterations else 1.0)
+
+    def _set_ranges(self, share: float) -> None:
+        self.share = share
+        c = self.config
+        for i, bounds in enumerate((c.v_x_m_s, c.v_y_m_s, c.yaw_rate_rad_s)):
+            low, high = _narrowed(bounds, share)
+            self._low[i] = low
+            self._width[i] = high - low
 
     def snapshot(self) -> dict[str, Any]:
         """Command state by name."""
@@ -71,7 +74,7 @@ class VelocityCommands:
         """Continue from a snapshot."""
         self.command.copy_(snapshot["command"])
         self.time_left_s.copy_(snapshot["time_left_s"])
-        self.share = float(snapshot["share"])
+        self._set_ranges(float(snapshot["share"]))
 
 
 def _narrowed(bounds: tuple[float, float], share: float) -> tuple[float, float]:
