@@ -45,12 +45,15 @@ def simulate(
     noise: SensorNoise,
     *,
     only_ticks: bool = False,
+    effects_seed: int | np.random.Generator = 0,
+    least_ticks: int = 0,
     tell: Callable[[float], None] = lambda _: None,
 ) -> list[Run]:
     """Run all scripts, which have one tick period, in one batch.
 
-    ``rng`` draws the sensors' noise and the delays; ``tell`` is called with the share that is done. With
-    ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links: enough to compare gaits.
+    ``rng`` draws the sensors' noise and the delays, ``effects_seed`` what the other effects draw; ``tell`` is called
+    with the share that is done. With ``only_ticks`` no state is kept between the policy's ticks, and no loads of the
+    links: enough to compare gaits. A part of a batch is simulated for the ``least_ticks`` of the whole.
 
     Raises:
         ValueError: There are no scripts.
@@ -64,7 +67,8 @@ def simulate(
     mjcf = MjcfOptions(
         timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
     )
-    plant = Plant(own, len(scripts), PlantOptions(mjcf=mjcf, n_threads=available_threads(), on_divergence="flag"))
+    options = PlantOptions(mjcf=mjcf, n_threads=available_threads(), on_divergence="flag", seed=effects_seed)
+    plant = Plant(own, len(scripts), options)
     last_action = put_at(plant, [script.start for script in scripts])
 
     def arrival_s(issued_s: Array) -> Array:
@@ -84,5 +88,6 @@ def simulate(
         software=software,
         only_ticks=only_ticks,
         tick_period_s=scripts[0].tick_period_s,
+        least_ticks=least_ticks,
     )
     return loop.runs(tell)

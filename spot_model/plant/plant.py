@@ -56,13 +56,13 @@ class PlantOptions:
         mjcf: Choices of the MuJoCo model: time step, integrator, contact, terrain.
         n_threads: Threads that step simulations, 0 for all CPUs. The result is bit-identical at any number.
         on_divergence: "raise", or "flag" to leave it at :attr:`Plant.diverged`.
-        seed: Seed of what effects draw: noise, jitter, drops.
+        seed: Seed of what effects draw, noise, jitter and drops, or what draws it.
     """
 
     mjcf: MjcfOptions = field(default_factory=MjcfOptions)
     n_threads: int = 0
     on_divergence: Literal["raise", "flag"] = "raise"
-    seed: int = 0
+    seed: int | np.random.Generator = 0
 
 
 class Plant(PlantState):

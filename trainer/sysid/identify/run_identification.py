@@ -11,8 +11,8 @@ from spot_model.io.progress import Progress
 from spot_model.io.whole import check_new, whole_folder
 from spot_model.policy.policy import load_policy
 from spot_model.text import counted
-from trainer.shared.engine import IN_THIS_PROCESS, Place
 from trainer.shared.generations import Generation
+from trainer.simulate.engine import IN_THIS_PROCESS, Place
 from trainer.sysid.identify.identify import identify, prepare
 from trainer.sysid.identify.page import report_page
 from trainer.sysid.identify.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result

@@ -67,6 +67,7 @@ class RecordedLoop:
         software: Effects of the program that drives the robot.
         only_ticks: Keep only the states that the policy saw.
         tick_period_s: Of the program that runs the policy.
+        least_ticks: Ticks to simulate, if no run has more; a run that ends before the others keeps one state more.
     """
 
     plant: Plant
@@ -80,6 +81,7 @@ class RecordedLoop:
     software: Sequence[SoftwareEffect] = ()
     only_ticks: bool = False
     tick_period_s: float = 1.0 / facts.POLICY_RATE_HZ
+    least_ticks: int = 0
     _states: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _ticks: dict[str, list[Any]] = field(default_factory=dict, init=False)
 
@@ -88,7 +90,7 @@ class RecordedLoop:
 
     def runs(self, tell: Callable[[float], None] = lambda _: None) -> list[Run]:
         """Simulate; ``tell`` is called with the share that was done before each tick."""
-        n_ticks = max(len(t.velocity_command) for t in self.told)
+        n_ticks = max(self.least_ticks, *(len(t.velocity_command) for t in self.told))
         commands = np.stack([padded(t.velocity_command, n_ticks) for t in self.told])
         steps = round(facts.STATE_PERIOD_NS * 1e-9 / self.plant.timestep_s)
         loop = ClosedLoop(self.plant, self.policy, path=self, sense=self._sense, see=lambda _, o: _as_seen(o))

@@ -1,0 +1,1 @@
+"""Where independent jobs are computed: this process, several, or a Ray cluster."""
