@@ -30,7 +30,7 @@ import numpy as np
 from calibration_forms import NOTHING, fit
 from numpy.typing import NDArray
 
-from diagnosis.closed_loop.engine import LocalEngine
+from diagnosis.closed_loop.rollout import rollouts_under
 from diagnosis.closed_loop.trials import Bench, run_trials
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
@@ -99,7 +99,7 @@ def robot(seed: int, number: int, out: Path) -> str:
     known = policy if case.detail == "stream" else None
     with one_thread():
         found = explain(runs, reality.nominal, known, library, lambda _: None)
-        bench = Bench.of(runs, policy, LocalEngine(policy)) if known is not None else None
+        bench = Bench.of(runs, policy, rollouts_under(policy)) if known is not None else None
         kept: dict[str, Any] = {
             "number": number,
             "kind": case.kind,

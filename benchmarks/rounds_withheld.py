@@ -43,7 +43,7 @@ from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.io.whole import write_over
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
-from trainer.shared.engine import Engine, Place
+from trainer.simulate.engine import Engine, Place, Tell
 from withheld.cases.draw import Case, draw, kind_of
 from withheld.cases.protocol import WHOLE_RUN
 from withheld.cases.source import CATALOGUES, source_of
@@ -230,7 +230,7 @@ Task = tuple[int, str]
 """Number of a robot, and :data:`FIRST` or a strategy."""
 
 
-def work(setting: Setting, task: Task) -> str:
+def work(setting: Setting, task: Task, _: Tell) -> str:
     """One step of one robot; a line to print."""
     number, step = task
     began_s, own = time.monotonic(), Subject.of(setting, number)

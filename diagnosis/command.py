@@ -6,7 +6,6 @@ next' and 'predict' continue from its result.
 
 from __future__ import annotations
 
-import enum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,15 +14,9 @@ from typer.core import TyperGroup
 
 from diagnosis.next.command import next_experiment, predict_run
 from spot_model.errors import BadInputError
+from trainer.simulate.options import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 EXPLAIN = "explain"
-
-
-class EngineName(enum.StrEnum):
-    """Where closed-loop runs are computed."""
-
-    LOCAL = "local"
-    RAY = "ray"
 
 
 class LogsOrCommand(TyperGroup):
@@ -64,10 +57,10 @@ def explain_logs(
         bool,
         typer.Option("--synthesis", help="As a check, also diagnose the nominal simulator with the effects added."),
     ] = False,
-    engine: Annotated[
-        EngineName, typer.Option("--engine", help="Where closed-loop runs are computed.")
-    ] = EngineName.LOCAL,
-    ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
+    workers: Workers = 1,
+    engine: EngineOption = EngineName.LOCAL,
+    device: Device = "cpu",
+    ray_address: RayAddress = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> object:  # A Diagnosis: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
@@ -92,8 +85,7 @@ def explain_logs(
         robot=robot,
         library=chosen_library(add_effect or [], without or []),
         with_synthesis=synthesis,
-        has_ray=engine is EngineName.RAY,
-        ray_address=ray_address,
+        place=place_of(workers, engine, ray_address, device),
         seed=seed,
     )
     progress = Progress()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.closed_loop.engine import Engine, LocalEngine, RayEngine
+from diagnosis.closed_loop.rollout import Rollouts, rollouts_under
 from diagnosis.library.base import LibraryEffect
 from diagnosis.progress import Progress
 from diagnosis.read.log_files import apart_by_gains, find_policy_file, read_logs
@@ -19,6 +19,7 @@ from diagnosis.report.words import headline
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
+from trainer.simulate.engine import IN_THIS_PROCESS, Place
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ class Request:
     policy: Path | None = None
     robot: Path | None = None
     with_synthesis: bool = False
-    has_ray: bool = False
-    ray_address: str | None = None
+    place: Place = IN_THIS_PROCESS
+    """Where closed loops are computed."""
     seed: int = 0
 
 
@@ -52,12 +53,12 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
     runs, notes = read_logs(request.logs, robot, progress.at)
     file = find_policy_file(request.policy, runs)
     policy: Policy | None = None
-    engine: Engine | None = None
+    engine: Rollouts | None = None
     if file is not None:
         policy = load_policy(file)
         runs, at_other_gains = apart_by_gains(runs, policy)
         notes = (*notes, *at_other_gains)
-        engine = RayEngine(file.read_bytes(), request.ray_address) if request.has_ray else LocalEngine(policy)
+        engine = rollouts_under(policy, request.place)
     for text in notes:
         progress(f"note: {text}")
     with nullcontext() if engine is None else engine:

@@ -152,7 +152,7 @@ def identify(
     from spot_model.errors import BadInputError
     from spot_model.policy.policy import load_policy
     from spot_rl.simulation import policy_file
-    from trainer.shared.engine import Place
+    from trainer.simulate.engine import Place
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
 

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from trainer.simulate.options import EngineName, EngineOption, RayAddress, Workers
+
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 case_app = typer.Typer(no_args_is_help=True, help="One case of a run.")
 app.add_typer(case_app, name="case")
-
-
-class EngineName(str, Enum):
-    """Where cases run."""
-
-    LOCAL = "local"
-    RAY = "ray"
 
 
 @app.command()
@@ -37,15 +31,15 @@ def run(
     kind: Annotated[
         list[str] | None, typer.Option("--kind", help="Run only cases of this kind; repeatable, in this order.")
     ] = None,
-    workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes.")] = 2,
+    workers: Workers = 2,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run or part.")] = False,
     reality: Annotated[
         str,
         typer.Option("--reality", help="judging, calibrating, or your own as module:Class."),
     ] = "judging",
     policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
-    engine: Annotated[EngineName, typer.Option("--engine", help="Where cases run.")] = EngineName.LOCAL,
-    ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddress = None,
     until: Annotated[
         float, typer.Option("--until", min=1.0, show_default=False, help="Start no case after this many seconds.")
     ] = 1e9,
@@ -56,7 +50,7 @@ def run(
     """Draw cases, seal their truth, diagnose them in isolation, open the seals, and score."""
     from spot_model.errors import BadInputError
     from spot_model.io.progress import Progress
-    from trainer.shared.engine import Engine, Place
+    from trainer.simulate.engine import Engine, Place
     from withheld.blind.execute import Job, case_folder
     from withheld.blind.jail import MEANING, hide_this_process, strongest_level
     from withheld.blind.run import run_case, run_cases

@@ -13,7 +13,7 @@ from spot_log.format.names import FOLLOWING_MODE
 from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array
-from trainer.sysid.distance.features import features_of_observations
+from trainer.signals.features import features_of_observations
 
 Features = NDArray[np.float32]
 """Shape (n_ticks, 36), N·m."""

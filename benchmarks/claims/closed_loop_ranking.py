@@ -18,8 +18,8 @@ from cmaes import CMA
 from numpy.typing import NDArray
 
 from diagnosis.channels.channel_view import Views
-from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.environment import run_all
+from diagnosis.closed_loop.rollout import rollouts_under
 from diagnosis.closed_loop.shrink import features_by_sequence
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.library.base import LibraryEffect, Location
@@ -101,7 +101,7 @@ class Distances:
     """Distances from the robot's runs to those of models."""
 
     def __init__(self, runs: Sequence[Run], policy: Policy, seed: int) -> None:
-        bench = Bench.of(runs, policy, LocalEngine(policy))
+        bench = Bench.of(runs, policy, rollouts_under(policy))
         if bench is None:
             raise SpotRlError("no log is long enough")
         self._bench, self._rng = bench, np.random.default_rng(seed)

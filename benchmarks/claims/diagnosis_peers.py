@@ -38,8 +38,8 @@ from calibrate_diagnosis import POLICIES, recorded, two_steps
 from diagnosis.channels.build import build_views
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
-from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.environment import run_all
+from diagnosis.closed_loop.rollout import rollouts_under
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.verdict.diagnose import diagnose
 from spot_model.policy.policy import load_policy
@@ -87,9 +87,9 @@ def robot(seed: int, number: int, out: Path, late_s: float) -> str:
         return estimates(views[Channel.SET_POINT_TO_LOAD]).tolist()
 
     def network() -> Any:
-        bench = Bench.of(runs, policy, LocalEngine(policy))
+        bench = Bench.of(runs, policy, rollouts_under(policy))
         jobs = [(nominal, script, None) for script in bench.scripts] if bench else []
-        healthy = run_all(jobs, LocalEngine(policy), np.random.default_rng(case.diagnosis_seed), lambda _: None)
+        healthy = run_all(jobs, rollouts_under(policy), np.random.default_rng(case.diagnosis_seed), lambda _: None)
         return ratios(healthy, runs, case.diagnosis_seed).tolist()
 
     kept: dict[str, Any] = {"number": number, "kind": case.kind, "seconds": seconds}

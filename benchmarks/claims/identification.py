@@ -28,7 +28,7 @@ from identify_fake import NAMES, scenario_data, truths
 from fake_robot.scenario.scenario import Scenario
 from spot_model.policy.policy import load_policy
 from spot_rl.fake_spot import FakeSpot
-from trainer.shared.engine import Place
+from trainer.simulate.engine import Place
 from trainer.sysid.identify.identify import identify, prepare
 from trainer.sysid.logs.read_logs import read_logs
 from trainer.sysid.search.config import config_from_data

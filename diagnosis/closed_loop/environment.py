@@ -16,14 +16,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.closed_loop.engine import Engine, Rollout, Tell
 from diagnosis.closed_loop.merged_models import merged
+from diagnosis.closed_loop.rollout import Rollout, Rollouts, simulate_all
 from diagnosis.closed_loop.shrink import Features, compare, simulated_features
 from diagnosis.closed_loop.surroundings import HARDEST_S, Surroundings
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from trainer.signals.policy_ticks import Script
+from trainer.simulate.engine import Tell
 
 OWN: Final = Surroundings()
 """The simulator's."""
@@ -158,7 +159,7 @@ def best_surroundings(
     scripts: Sequence[Script],
     real: Mapping[str, Features],
     policy: Policy,
-    engine: Engine,
+    engine: Rollouts,
     rng: np.random.Generator,
     tell: Tell,
 ) -> dict[str, Chosen]:
@@ -219,7 +220,7 @@ def _with_times(centre: Surroundings, factors: Sequence[float]) -> list[Surround
 
 
 def run_all(
-    jobs: Sequence[Job], engine: Engine, rng: np.random.Generator, tell: Tell, *, only_ticks: bool = False
+    jobs: Sequence[Job], engine: Rollouts, rng: np.random.Generator, tell: Tell, *, only_ticks: bool = False
 ) -> list[Run]:
     """A run of each job, in their order: in one batch where the models allow it, otherwise in one for each model.
 
@@ -243,6 +244,6 @@ def run_all(
         for model, rows in groups
     ]
     made: dict[int, Run] = {}
-    for (_, rows), runs in zip(groups, engine.simulate(rollouts, tell), strict=True):
+    for (_, rows), runs in zip(groups, simulate_all(rollouts, engine, tell), strict=True):
         made.update(zip(rows, runs, strict=True))
     return [made[i] for i in range(len(jobs))]

@@ -15,8 +15,8 @@ from scipy.stats import t as student
 from diagnosis.channels.channel_view import Array
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy
+from trainer.signals.features import features_of_run
 from trainer.signals.policy_ticks import MIN_TICKS
-from trainer.sysid.distance.features import features_of_run
 from trainer.sysid.distance.measures import SequenceReference, digest, distance
 
 N_RESAMPLES: Final = 1000

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.closed_loop.engine import Engine, Tell
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
+from diagnosis.closed_loop.rollout import Rollouts
 from diagnosis.closed_loop.run_numbers import time_to_fall
 from diagnosis.closed_loop.shrink import (
     Compared,
@@ -30,6 +30,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.text import counted
 from trainer.signals.policy_ticks import Script, scripts_of
+from trainer.simulate.engine import Tell
 from trainer.sysid.distance.measures import SequenceReference
 
 
@@ -42,7 +43,7 @@ class Bench:
     scripts: tuple[Script, ...]
     """Of those that are long enough."""
     policy: Policy
-    engine: Engine
+    engine: Rollouts
     shared: RobotModel | None = None
     """The model whose surroundings serve all: the corrected one, where the ground or the estimator was found."""
     surroundings: dict[str, Chosen] = field(default_factory=dict)
@@ -62,7 +63,7 @@ class Bench:
             )
 
     @staticmethod
-    def of(runs: Sequence[Run], policy: Policy, engine: Engine, shared: RobotModel | None = None) -> Bench | None:
+    def of(runs: Sequence[Run], policy: Policy, engine: Rollouts, shared: RobotModel | None = None) -> Bench | None:
         """With every log that is long enough, run so often that simulated runs of a sequence have a scatter too.
 
         Logs at gains other than the policy's are left out. None where no log is long enough.

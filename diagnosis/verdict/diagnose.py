@@ -11,8 +11,8 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import stack
-from diagnosis.closed_loop.engine import Engine, LocalEngine
 from diagnosis.closed_loop.gap_map import GapMap, Side, gap_map
+from diagnosis.closed_loop.rollout import Rollouts, rollouts_under
 from diagnosis.closed_loop.surroundings import Surroundings
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, measure_shrink, run_trials
 from diagnosis.document import Shrink, Verdict
@@ -75,7 +75,7 @@ def diagnose(
     with_synthesis: bool = False,
     nominal_name: str = "",
     limits_rad: tuple[Array, Array] | None = None,
-    engine: Engine | None = None,
+    engine: Rollouts | None = None,
 ) -> Diagnosis:
     """Diagnose logs.
 
@@ -95,7 +95,7 @@ def diagnose(
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
-    bench = Bench.of(runs, policy, engine or LocalEngine(policy)) if policy is not None and is_spot else None
+    bench = Bench.of(runs, policy, engine or rollouts_under(policy)) if policy is not None and is_spot else None
     with one_thread():
         causes = decide(found, library)
         board = found.board

@@ -23,7 +23,7 @@ from spot_model.robot.control import pd_torque
 from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.collect.plan import USER_SEQUENCE
-from trainer.shared.engine import Place
+from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutCase, RolloutOptions, roll_out
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig

@@ -22,7 +22,7 @@ def train(
     from proof.training.speed import bench_train
     from trainer.config.train_config import config_from_data, load_config
     from trainer.ppo.train import is_first_process, local_device
-    from trainer.task.make_task import check_device
+    from trainer.simulate.device import check_device
 
     overrides = tuple(set_ or ())
     if config is None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from spot_model.plant.captured import Captured
+from spot_model.plant.gpu.captured import Captured
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.runner import PpoRunner

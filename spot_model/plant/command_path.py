@@ -137,7 +137,7 @@ def receipt_path(
     own = gains_like(plant, gains)
     if isinstance(start_setpoint_rad, np.ndarray):
         return ReceiptPath(plant, own, start_setpoint_rad, effects, rng, start_ns)
-    from spot_model.plant.torch_channel import TorchReceiptPath
+    from spot_model.plant.gpu.torch_channel import TorchReceiptPath
 
     return TorchReceiptPath(plant, own, start_setpoint_rad, effects, rng, start_ns)
 

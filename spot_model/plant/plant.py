@@ -24,7 +24,7 @@ from spot_model.effects.base import (
     SoftwareEffect,
     TorqueEffect,
 )
-from spot_model.errors import SpotRlError
+from spot_model.errors import BadInputError, SpotRlError
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
 from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
 from spot_model.plant.physics import CorePhysics
@@ -60,7 +60,7 @@ class PlantOptions:
         device: "cpu", or a GPU ("cuda", "cuda:N"; extra ``gpu``), where all arrays are torch tensors.
         n_threads: Threads that step simulations, 0 for all CPUs. The result is bit-identical at any number.
         on_divergence: "raise", or "flag" to leave it at :attr:`Plant.diverged`.
-        seed: Seed of what effects draw: noise, jitter, drops.
+        seed: Seed of what effects draw, noise, jitter, drops.
     """
 
     mjcf: MjcfOptions = field(default_factory=MjcfOptions)
@@ -148,7 +148,7 @@ class Plant(PlantState):
         """A policy that works on this plant's arrays."""
         if self._is_on_host:
             return policy
-        from spot_model.plant.torch_policy import TorchPolicy
+        from spot_model.plant.gpu.torch_policy import TorchPolicy
 
         return TorchPolicy(policy, self._qpos.device)
 
@@ -156,7 +156,7 @@ class Plant(PlantState):
         """A source of random numbers as arrays of this plant, seeded by ``rng``; itself on the cores."""
         if self._is_on_host:
             return rng
-        from spot_model.plant.torch_draws import TorchDraws
+        from spot_model.plant.gpu.torch_draws import TorchDraws
 
         return TorchDraws(int(rng.integers(2**31)), self._qpos.device)
 
@@ -228,7 +228,7 @@ class Plant(PlantState):
         """
         if self._is_on_host:
             return work
-        from spot_model.plant.captured import Captured
+        from spot_model.plant.gpu.captured import Captured
 
         generators = list(dict.fromkeys([*self.generators(), draws.generator]))
         return Captured(work, generators, is_recorded=self._qpos.is_cuda)
@@ -404,8 +404,13 @@ PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect
 def _physics(model: mujoco.MjModel, n_sims: int, options: PlantOptions) -> Any:
     if options.device == "cpu":
         return CorePhysics(model, n_sims, _threads(options.n_threads, n_sims))
-    from spot_model.plant.warp_physics import WarpPhysics
-
+    try:
+        from spot_model.plant.gpu.warp_physics import WarpPhysics
+    except ModuleNotFoundError as error:
+        raise BadInputError(
+            f"device {options.device!r}: {error.name} is not installed; install the extra: pip install 'spot-rl[gpu]', "
+            "or use --device cpu"
+        ) from error
     return WarpPhysics(model, n_sims, options.device, has_sensors=options.mjcf.link_torque_sensors)
 
 
@@ -413,8 +418,8 @@ def _on_gpu(commands: Sequence[CommandEffect], start: ServoCommand, rest: Any, o
     """Source of random numbers, time, shape (1,), and command channel of simulations on a GPU."""
     import torch
 
-    from spot_model.plant.torch_channel import TorchChannel
-    from spot_model.plant.torch_draws import TorchDraws
+    from spot_model.plant.gpu.torch_channel import TorchChannel
+    from spot_model.plant.gpu.torch_draws import TorchDraws
 
     rng = TorchDraws(options.seed, rest.device)
     now_s = torch.zeros(1, dtype=torch.float64, device=rest.device)

@@ -34,7 +34,7 @@ from spot_model.policy.observation import (
 )
 from spot_model.policy.onnx_session import check_shapes, open_session, words_for
 from spot_model.robot import facts
-from spot_model.robot.rotation import LEVEL_WXYZ
+from spot_model.robot.rotation import LEVEL_WXYZ, AnyArray
 from spot_model.robot.state import Gains, RobotState
 
 Array = NDArray[np.float64]
@@ -186,19 +186,8 @@ class Policy:
 
     def observe_many(self, sensed: Sensed, velocity_command: Array, last_action: NDArray[Any]) -> Array:
         """Observations of many robots, shape (n, 48), float64; commands (n, 3), last actions (n, 12), policy order."""
-        order = self.policy_from_canonical
-        return np.asarray(
-            build_observation(
-                world_from_body_wxyz=sensed.world_from_body_wxyz,
-                linear_vel_of_body_in_world_m_s=sensed.linear_vel_of_body_in_world_m_s,
-                angular_vel_of_body_in_world_rad_s=sensed.angular_vel_of_body_in_world_rad_s,
-                velocity_command=velocity_command,
-                position_rad=sensed.position_rad[:, order],
-                velocity_rad_s=sensed.velocity_rad_s[:, order],
-                last_action=last_action,
-                default_position_rad=self.default_position_rad,
-            )
-        )
+        order, rest = self.policy_from_canonical, self.default_position_rad
+        return np.asarray(observations(sensed, velocity_command, last_action, order, rest))
 
     def window(self, observation: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
         """The network's input: the last observations, the newest first. Shape (width,), or (n, width).
@@ -250,6 +239,30 @@ class Policy:
         """The contract's gains, canonical order."""
         order = self.canonical_from_policy
         return Gains(np.array(self.contract.kp_nm_per_rad)[order], np.array(self.contract.kd_nm_s_per_rad)[order])
+
+
+def observations(
+    sensed: Sensed, velocity_command: AnyArray, last_action: AnyArray, order: AnyArray, default_position_rad: AnyArray
+) -> AnyArray:
+    """Observations of many robots, shape (n, 48), of the array library that all arguments share.
+
+    Args:
+        sensed: What the robots report.
+        velocity_command: Shape (n, 3).
+        last_action: Shape (n, 12), policy order.
+        order: Joints of the canonical order in the policy's, shape (12,).
+        default_position_rad: Policy order, shape (12,).
+    """
+    return build_observation(
+        world_from_body_wxyz=sensed.world_from_body_wxyz,
+        linear_vel_of_body_in_world_m_s=sensed.linear_vel_of_body_in_world_m_s,
+        angular_vel_of_body_in_world_rad_s=sensed.angular_vel_of_body_in_world_rad_s,
+        velocity_command=velocity_command,
+        position_rad=sensed.position_rad[:, order],
+        velocity_rad_s=sensed.velocity_rad_s[:, order],
+        last_action=last_action,
+        default_position_rad=default_position_rad,
+    )
 
 
 def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], None] | None = None) -> Policy:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.closed_loop.consequences import consequences, remainder, worse_gaps
-from diagnosis.closed_loop.engine import LocalEngine
+from diagnosis.closed_loop.rollout import rollouts_under
 from diagnosis.closed_loop.run_numbers import Lasted, restricted_mean_s, run_numbers, time_to_fall
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, compared_by_sequence
@@ -48,7 +48,7 @@ def _standing(runs: Sequence[Run]) -> list[Run]:
 
 def _bench(real: Sequence[Run]) -> Bench:
     policy = load_policy(POLICY)
-    return Bench(tuple(real), tuple(scripts_of(real)), policy, LocalEngine(policy))
+    return Bench(tuple(real), tuple(scripts_of(real)), policy, rollouts_under(policy))
 
 
 def _trials(bench: Bench, **models: Sequence[Run]) -> Trials:

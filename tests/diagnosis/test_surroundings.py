@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typing_extensions import Self
 
-from diagnosis.closed_loop.engine import LocalEngine, Rollout, Tell
 from diagnosis.closed_loop.environment import OWN, best_surroundings
+from diagnosis.closed_loop.rollout import Rollout, rollouts_under
 from diagnosis.closed_loop.shrink import features_by_sequence
 from diagnosis.closed_loop.surroundings import Surroundings
 from spot_log.read.run import Run
 from spot_model.effects.body.ground_compliance import GroundCompliance
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
+from trainer.simulate.engine import Engine
 
 from .standing_starts import POLICY, scripts
 
@@ -28,24 +28,16 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def made(policy: Policy) -> list[Run]:
-    return LocalEngine(policy).simulate([Rollout(RobotModel(), tuple(scripts(60)), 1)], lambda _: None)[0]
+    return rollouts_under(policy).map([Rollout(RobotModel(), tuple(scripts(60)), 1)])[0]
 
 
-class _Prepared:
+class _Prepared(Engine[bytes, Rollout, list[Run]]):
     """An engine whose runs lie the further off, the further surroundings are from those of ``best`` for a sequence."""
 
     def __init__(self, runs: Sequence[Run], best: dict[str, Surroundings]) -> None:
+        super().__init__(lambda _, rollout, __: list(self._made(rollout)), b"")
         self._runs, self._best = {r.header.command_sequence: r for r in runs}, best
         self.n_runs = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
-        return [list(self._made(r)) for r in rollouts]
 
     def _made(self, rollout: Rollout) -> Iterator[Run]:
         for script, around in zip(rollout.scripts, _around(rollout), strict=True):

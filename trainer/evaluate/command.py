@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from trainer.simulate.device import check_device
+from trainer.simulate.options import Device
 
 if TYPE_CHECKING:
     from trainer.evaluate.setting import Setting
@@ -26,6 +30,7 @@ def evaluate(
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     timestep: Annotated[float, typer.Option("--timestep", help="Physics step, s; must divide 0.02.")] = 0.005,
     integrator: Annotated[str, typer.Option("--integrator", help="Euler, implicitfast, implicit or RK4.")] = "Euler",
+    device: Device = "cpu",
     video: Annotated[bool, typer.Option("--video", help="Also write video.mp4 (needs EGL or OSMesa).")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
@@ -55,14 +60,15 @@ def evaluate(
         mjcf = MjcfOptions(timestep_s=timestep, integrator=integrator)  # type: ignore[arg-type]
     except ValueError as error:
         raise BadInputError(str(error)) from error
-    setting = Setting(policy=loaded, model=load_model(model), mjcf=mjcf, seed=seed)
+    check_device(device)
+    setting = Setting(policy=loaded, model=load_model(model), mjcf=mjcf, seed=seed, device=device)
     result = _evaluated(setting, n, out / UNFINISHED)
     with whole_folder(out) as part:
         (part / "evaluation.html").write_text(evaluation_page(result, policy.name), encoding="utf-8")
         (part / "evaluation.json").write_text(_json(result), encoding="utf-8")
     (out / UNFINISHED).unlink(missing_ok=True)
     if video:
-        walk = Walk(loaded, setting.plant(1), np.random.default_rng(seed))
+        walk = Walk(loaded, replace(setting, device="cpu").plant(1), np.random.default_rng(seed))
         write_film(walk, top_speed_ramp(loaded, FILM_S), out / "video.mp4", FILM_S)
     if as_json:
         typer.echo(json.dumps(result))

@@ -31,6 +31,7 @@ class Setting:
         randomisation: Ranges for the trials under randomisation.
         noise: Observation noise.
         n_threads: CPU threads, 0 for all.
+        device: What simulates: "cpu" or a GPU.
     """
 
     policy: Policy
@@ -40,10 +41,11 @@ class Setting:
     randomisation: RandomisationConfig = RandomisationConfig()
     noise: NoiseConfig = NoiseConfig()
     n_threads: int = 0
+    device: str = "cpu"
 
     def plant(self, n: int) -> Plant:
         """Robots at rest in the default pose."""
-        return Plant(self.model.effects, n, PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads))
+        return Plant(self.model.effects, n, PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads, device=self.device))
 
     def grip(self) -> Array:
         """Factors by which the model's effects change the friction of each foot, shape (4,)."""

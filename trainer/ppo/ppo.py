@@ -11,7 +11,7 @@ from rsl_rl.modules.distribution import GaussianDistribution
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
-from spot_model.plant.captured import Captured
+from spot_model.plant.gpu.captured import Captured
 from trainer.ppo.symmetry import mirror_action, mirror_observation
 from trainer.ppo.vec_env import TaskVecEnv
 

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from rsl_rl.runners import OnPolicyRunner
 
-from spot_model.plant.captured import Captured
+from spot_model.plant.gpu.captured import Captured
 from trainer.config.train_config import PpoConfig, TrainConfig
 from trainer.ppo.ppo import DeviceGaussian, DevicePpo
 from trainer.ppo.training_log import TrainingLog

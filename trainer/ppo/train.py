@@ -16,7 +16,8 @@ from trainer.ppo.runner import PpoRunner
 from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.shared.run_folder import make_run_folder
-from trainer.task.make_task import check_device, make_tasks
+from trainer.simulate.device import check_device
+from trainer.task.make_task import make_tasks
 
 
 def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") -> Path:

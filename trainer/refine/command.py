@@ -38,8 +38,8 @@ def refine(
     from trainer.refine.judge import in_words
     from trainer.refine.network import policy_of, read_layers
     from trainer.refine.search import Problem, compare, search
-    from trainer.shared.engine import Place
     from trainer.shared.run_folder import command_line
+    from trainer.simulate.engine import Place
 
     settings = load_refine_config(config)
     if generations is not None:

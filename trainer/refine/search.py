@@ -19,8 +19,8 @@ from trainer.refine.config import RefineConfig
 from trainer.refine.gains import gains_of, with_gains
 from trainer.refine.judge import Judgement, judge
 from trainer.refine.network import policy_of, read_layers
-from trainer.shared.engine import IN_THIS_PROCESS, Engine, Place
 from trainer.shared.generations import Generation, Generations
+from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def _seed(config: RefineConfig, index: int) -> int:
     return config.seed * 10_000 + 10 * index
 
 
-def _judge(problem: Problem, job: tuple[Array, int]) -> Judgement:
+def _judge(problem: Problem, job: tuple[Array, int], _: Tell) -> Judgement:
     if multiprocessing.parent_process() is not None:
         torch.set_num_threads(1)
     return problem.judge(*job)

@@ -18,8 +18,8 @@ from spot_model.policy.policy import Policy
 from spot_model.robot.arrays import like, namespace_of, on_host
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import AnyArray
+from trainer.signals.features import features_of_observations
 from trainer.simulate.recorded_loop import padded
-from trainer.sysid.distance.features import features_of_observations
 
 Array = NDArray[np.float64]
 

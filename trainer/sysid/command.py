@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-
-class EngineName(str, Enum):
-    """Where candidates are evaluated."""
-
-    LOCAL = "local"
-    RAY = "ray"
+from trainer.simulate.options import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 
 def sysid(
@@ -24,9 +18,10 @@ def sysid(
         Path | None, typer.Option("--config", help="Parameters and settings of the search (YAML).")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted search in --out.")] = False,
-    workers: Annotated[int, typer.Option("--workers", min=1, max=256, help="Processes; the result is the same.")] = 2,
-    engine: Annotated[EngineName, typer.Option("--engine", help="Where candidates are evaluated.")] = EngineName.LOCAL,
-    ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
+    workers: Workers = 2,
+    engine: EngineOption = EngineName.LOCAL,
+    device: Device = "cpu",
+    ray_address: RayAddress = None,
 ) -> None:
     """Identify a robot's physical parameters from its logs (Wasserstein, MMD and CMA-ES, and measured torques)."""
     from spot_model.io.whole import check_new
@@ -34,14 +29,13 @@ def sysid(
 
     loaded = load_policy(policy)
     typer.echo("loading the simulator …", err=True)
-    from trainer.shared.engine import Place
     from trainer.sysid.identify.result import OUTPUTS
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
-    from trainer.sysid.search.config import SysidConfig, load_config
+    from trainer.sysid.search.config import default_config, load_config
 
     check_new(*(out / name for name in OUTPUTS))
-    settings = load_config(config) if config is not None else SysidConfig()
+    settings = load_config(config) if config is not None else default_config(device)
     log_set = read_logs(logs, loaded)
     for warning in log_set.warnings:
         typer.echo(f"note: {warning}", err=True)
@@ -51,6 +45,6 @@ def sysid(
         settings,
         out,
         resume=resume,
-        place=Place(workers, engine is EngineName.RAY, ray_address),
+        place=place_of(workers, engine, ray_address, device),
         say=typer.echo,
     )

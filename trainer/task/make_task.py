@@ -9,10 +9,10 @@ from typing import Final
 
 import torch
 
-from spot_model.errors import BadInputError
 from trainer.backends.plant_backend import PlantBackend
 from trainer.backends.random_draws import Draws
 from trainer.config.train_config import TrainConfig
+from trainer.simulate.device import check_device
 from trainer.task.initial_state import draw_simulations
 from trainer.task.randomised_effects import training_effects
 from trainer.task.task import Task
@@ -67,23 +67,3 @@ def make_task(config: TrainConfig, device: str, *, seed: int, n_threads: int = 0
     simulations = draw_simulations(randomisation, config.n_envs, draws)
     backend = PlantBackend(config.task, effects, simulations, device, n_threads, seed=seed)
     return Task(config.task, backend, generator)
-
-
-def check_device(device: str) -> None:
-    """Refuse a device that is not there.
-
-    Raises:
-        BadInputError: No such device; the message says what there is.
-    """
-    if device == "cpu":
-        return
-    if not device.startswith("cuda"):
-        raise BadInputError(f"device {device!r} is unknown; allowed: cpu, cuda, cuda:N")
-    if not torch.cuda.is_available():
-        raise BadInputError(
-            f"device {device!r}: there is no usable NVIDIA GPU here (torch {torch.__version__}); "
-            "use --device cpu, or a machine with a GPU and a CUDA build of torch"
-        )
-    index = torch.device(device).index or 0
-    if index >= torch.cuda.device_count():
-        raise BadInputError(f"device {device!r}: there are {torch.cuda.device_count()} GPUs, cuda:0 upwards")

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from trainer.shared.engine import Engine
+from trainer.simulate.engine import Engine, EngineError, Tell
 from withheld.blind.execute import Job, case_folder, execute
 from withheld.blind.ledger import Ledger, read_ledger
 from withheld.outcome import Outcome
 
 
-def run_case(_: None, job: Job) -> Outcome:
+def run_case(_: None, job: Job, __: Tell) -> Outcome:
     """What an engine does with a job."""
     return execute(job)
 
@@ -54,9 +53,9 @@ def run_cases(
             job = running.pop(ticket)
             try:
                 outcome = engine.result(ticket)
-            except (BrokenProcessPool, KeyboardInterrupt):
-                raise
-            except Exception as error:  # noqa: BLE001 - one broken case must not end three hundred
+            except Exception as error:
+                if isinstance(error, EngineError) and not engine.place.ray:
+                    raise  # Without one of its processes, the pool does nothing more; a cluster goes on.
                 failed += 1
                 on_done(job.number, f"failed: {type(error).__name__}: {error}")
                 continue

@@ -14,7 +14,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.plant.delay import read_delay_csv
 from spot_model.policy.policy import load_policy
-from trainer.shared.engine import Place
+from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.identify.identify import prepare
 from trainer.sysid.identify.result import ResultData

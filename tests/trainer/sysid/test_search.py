@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.shared.engine import Place
-from trainer.shared.ray_cluster import EngineError
+from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SearchConfig, SysidConfig
@@ -101,13 +100,3 @@ def test_each_line_of_a_checkpoint_is_one_generation(problem: Problem, tmp_path:
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     assert lines[0]["schema"] == "spot-rl/sysid-search/2"
     assert [line["generation"] for line in lines[1:]] == [0, 1]
-
-
-def test_ray_gives_the_same_bits_or_says_what_to_install(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
-    try:
-        engine = candidates_engine(problem, Place(ray=True))
-    except EngineError as error:
-        assert "spot-rl[ray]" in str(error)  # noqa: PT017 - Ray is optional
-        return
-    with engine:
-        assert same(run_search(problem, engine, SEARCH, tmp_path / "search.jsonl"), whole)

@@ -1,4 +1,4 @@
-"""Many cases: each once, failures left for later, none begun after the budget; processes and Ray alike."""
+"""Many cases: each once, failures left for later, none begun after the budget."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.withheld.scoring.made_up import outcome
-from trainer.shared.engine import Engine, Place
+from trainer.simulate.engine import Engine, Tell
 from withheld.blind.execute import Job, case_folder
 from withheld.blind.ledger import Ledger, read_ledger
 from withheld.blind.run import run_cases
@@ -35,10 +35,6 @@ def finish(job: Job) -> Outcome:
     return outcome(number=job.number)
 
 
-def finish_on_cluster(_: None, job: Job) -> Outcome:
-    return finish(job)
-
-
 class OneByOne(Engine[Sequence[int], Job, Outcome]):
     """In this process; some cases are broken."""
 
@@ -46,7 +42,7 @@ class OneByOne(Engine[Sequence[int], Job, Outcome]):
         super().__init__(self._finish, broken)
         self.begun: list[int] = []
 
-    def _finish(self, broken: Sequence[int], job: Job) -> Outcome:
+    def _finish(self, broken: Sequence[int], job: Job, _: Tell) -> Outcome:
         self.begun.append(job.number)
         if job.number in broken:
             raise ValueError("the disk is full")
@@ -79,20 +75,11 @@ def test_after_the_budget_none_is_begun(tmp_path: Path) -> None:
     assert not engine.begun
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")
-def test_cases_run_on_a_ray_cluster(tmp_path: Path) -> None:
-    pytest.importorskip("ray", reason="Ray is not installed (extra ray)")
-    with Engine(finish_on_cluster, None, Place(ray=True)) as cluster:
-        assert run_cases(jobs(tmp_path, 3), cluster, tmp_path, 1e9, silent) == 0
-    assert {e.data["case"] for e in read_ledger(tmp_path / "ledger.jsonl")} == {0, 1, 2}
-
-
 SLOW_CASES = """
 import sys, time
 from pathlib import Path
-from trainer.shared.engine import Engine, Place
-def wait(_, folder):
+from trainer.simulate.engine import Engine, Place
+def wait(_, folder, __):
     import os, subprocess
     Path(folder, str(os.getpid())).touch()
     subprocess.run([sys.executable, "-c", "import ctypes; ctypes.CDLL(None).prctl(1, 9, 0, 0, 0);"

@@ -58,8 +58,8 @@ class Identification:
     """Of the initial values, the search's mean, and the identified model; 1 is the floor where there are repeats."""
 
 
-def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig) -> Preparation:
-    """Read off what needs no search, and set up the search."""
+def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig, device: str = "cpu") -> Preparation:
+    """Read off what needs no search, and set up the search, whose candidates are simulated on ``device``."""
     space, simulation = config.space(), config.simulation
     recordings = [record(run) for run in logs.runs]
     noise, delays = observation_noise(recordings), measure_delays(logs.runs)
@@ -74,7 +74,10 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
         space, delays, first, use_delay=simulation.measured_delay, use_inertia=simulation.measured_inertia
     )
     options = RolloutOptions(
-        simulation.timestep_s, simulation.foot_friction, simulation.contact_time_constant_s or CONTACT_CHOICES_S[-1]
+        simulation.timestep_s,
+        simulation.foot_friction,
+        simulation.contact_time_constant_s or CONTACT_CHOICES_S[-1],
+        device=device,
     )
 
     def posed(robots_per_sequence: int) -> Problem:

@@ -11,8 +11,8 @@ from spot_model.io.progress import Progress
 from spot_model.io.whole import check_new, whole_folder
 from spot_model.policy.policy import load_policy
 from spot_model.text import counted
-from trainer.shared.engine import IN_THIS_PROCESS, Place
 from trainer.shared.generations import Generation
+from trainer.simulate.engine import IN_THIS_PROCESS, Place
 from trainer.sysid.identify.identify import identify, prepare
 from trainer.sysid.identify.page import report_page
 from trainer.sysid.identify.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result
@@ -72,7 +72,7 @@ def run_identification(
         raise BadInputError(f"folder {out} holds no unfinished search; leave --resume out to start one")
     out.mkdir(parents=True, exist_ok=True)
     say(f"measuring noise, delay, inertia and contact in {counted(len(logs.runs), 'log')} …")
-    preparation = prepare(logs, load_policy(policy), policy.read_bytes(), config)
+    preparation = prepare(logs, load_policy(policy), policy.read_bytes(), config, place.device)
     problem = preparation.problem
     place = replace(place, workers=min(place.workers, useful_workers(problem)))
     with Progress("generations", config.search.generations) as progress, candidates_engine(problem, place) as engine:

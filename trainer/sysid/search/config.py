@@ -84,6 +84,12 @@ class SearchConfig(Settings):
     seed: int = Field(default=0, ge=0)
 
 
+GPU_POPULATION: Final = 250
+GPU_GENERATIONS: Final = 6
+"""On a GPU a generation takes as long with 250 candidates of four sequences as with ten, so that few and large ones
+replace many and small ones (``spot-rl bench sysid --device cuda``)."""
+
+
 class SimulationConfig(Settings):
     """How a candidate is simulated."""
 
@@ -150,6 +156,13 @@ class SysidConfig(Settings):
                 except BadInputError as error:
                     raise BadInputError(f"parameters: {error}") from error
         return model
+
+
+def default_config(device: str) -> SysidConfig:
+    """The configuration where none is given: the paper's search, on a GPU in generations that fill it."""
+    if device == "cpu":
+        return SysidConfig()
+    return SysidConfig(search=SearchConfig(population=GPU_POPULATION, generations=GPU_GENERATIONS))
 
 
 def config_from_data(data: Any, *, source: str) -> SysidConfig:

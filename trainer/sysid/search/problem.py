@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.signals.features import features_of_observations
 from trainer.simulate.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
-from trainer.sysid.distance.features import features_of_observations
 from trainer.sysid.distance.measures import SequenceReference, score_of_distances
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.space import SearchSpace

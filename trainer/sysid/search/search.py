@@ -11,8 +11,8 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
-from trainer.shared.engine import IN_THIS_PROCESS, Engine, Place
 from trainer.shared.generations import Generation, Generations
+from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.sysid.search.config import SearchConfig
 from trainer.sysid.search.problem import CandidateResult, Problem
 
@@ -45,7 +45,11 @@ class SearchState:
 
 def candidates_engine(problem: Problem, place: Place = IN_THIS_PROCESS) -> Candidates:
     """Where candidates of a problem are evaluated."""
-    return Engine(Problem.evaluate, problem, place)
+    return Engine(_evaluate, problem, place)
+
+
+def _evaluate(problem: Problem, values: Array, _: Tell) -> list[CandidateResult]:
+    return problem.evaluate(values)
 
 
 def evaluate(engine: Candidates, values: Array) -> list[CandidateResult]:

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import torch
 
-from spot_model.policy.observation import N_OBSERVATION, Sensed, build_observation
-from spot_model.policy.policy import Policy
+from spot_model.policy.observation import N_OBSERVATION, Sensed
+from spot_model.policy.policy import Policy, observations
 from spot_model.robot.state import Gains
 
 Tensor = torch.Tensor
@@ -41,19 +41,10 @@ class TorchPolicy:
         """Observations of many robots, shape (n, 48), policy order."""
         if not self._is_plain:
             arrays = {name: _host(value) for name, value in vars(sensed).items()}
-            seen = self.policy.observe_many(Sensed(**arrays), _host(velocity_command), _host(last_action))
-            return torch.as_tensor(seen, device=self._device)
-        observation: Tensor = build_observation(
-            world_from_body_wxyz=sensed.world_from_body_wxyz,
-            linear_vel_of_body_in_world_m_s=sensed.linear_vel_of_body_in_world_m_s,
-            angular_vel_of_body_in_world_rad_s=sensed.angular_vel_of_body_in_world_rad_s,
-            velocity_command=velocity_command,
-            position_rad=sensed.position_rad[:, self._order],
-            velocity_rad_s=sensed.velocity_rad_s[:, self._order],
-            last_action=last_action,
-            default_position_rad=self._rest_rad,
-        )
-        return observation
+            found = self.policy.observe_many(Sensed(**arrays), _host(velocity_command), _host(last_action))
+            return torch.as_tensor(found, device=self._device)
+        seen: Tensor = observations(sensed, velocity_command, last_action, self._order, self._rest_rad)
+        return seen
 
     def window(self, observation: Tensor, before: Tensor | None) -> Tensor:
         """The network's input: the last observations, the newest first, shape (n, width)."""

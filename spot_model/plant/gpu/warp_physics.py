@@ -24,6 +24,8 @@ LINE_SEARCH_ITERATIONS: Final = 20
 CONTACTS: Final = 24
 """Room for contacts of a simulation; on rough ground twice as much."""
 CONSTRAINTS: Final = 128
+TRIED: Final = 64
+"""Robots by which it is estimated how many fit."""
 UNUSED: Final = ("dof_M0",)
 """Derived fields that ``mujoco_warp`` has not and does not use."""
 _BODY: Final = facts.N_LEGS
@@ -55,9 +57,8 @@ class WarpPhysics:
             torch.cuda.set_stream(wp.stream_to_torch(self._wp_device))  # type: ignore[no-untyped-call]
         factor = 2 if model.nhfield else 1
         with wp.ScopedDevice(self._wp_device):
-            self._data = mjw.make_data(
-                model, nworld=n_sims, nconmax=factor * CONTACTS, njmax=96 * (factor - 1) + CONSTRAINTS
-            )
+            room = {"nconmax": factor * CONTACTS, "njmax": 96 * (factor - 1) + CONSTRAINTS}
+            self._data = self._make_data(room)
         self.qpos: Tensor = wp.to_torch(self._data.qpos)
         self.qvel: Tensor = wp.to_torch(self._data.qvel)
         self.ctrl: Tensor = wp.to_torch(self._data.ctrl)
@@ -67,6 +68,22 @@ class WarpPhysics:
         self._contacts = _GroundContacts(model, self._data, n_sims, self.device)
         self._model: Any = None
         self._graph: Any = None
+
+    def _make_data(self, room: dict[str, int]) -> Any:
+        try:
+            return mjw.make_data(self.model, nworld=self.n_sims, **room)
+        except (RuntimeError, MemoryError) as error:
+            if not self._wp_device.is_cuda:
+                raise
+            free, _ = torch.cuda.mem_get_info(self.device)
+            some = mjw.make_data(self.model, nworld=TRIED, **room)
+            used = free - torch.cuda.mem_get_info(self.device)[0]
+            del some
+            fit = int(0.8 * TRIED * free / max(1, used))
+            raise BadInputError(
+                f"{self.n_sims} robots do not fit into the {free / 2**30:.1f} GiB that are free on {self.device}; "
+                f"about {fit} do: simulate fewer at once, or free the GPU"
+            ) from error
 
     def step(self) -> None:
         """Advance all simulations by one physics step; the first one compiles the kernels and records them."""

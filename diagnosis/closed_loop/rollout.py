@@ -1,0 +1,98 @@
+"""Batches of closed-loop runs as jobs of an engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from spot_log.read.run import Run
+from spot_model.effects.base import Effect
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.signals.policy_ticks import Script
+from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
+
+MOST_RUNS: Final = 64
+"""Runs of one job on the cores, whatever the number of workers, so that the result is the same at any."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One batch of closed-loop runs of one model; its numbers depend on nothing else."""
+
+    model: RobotModel
+    scripts: tuple[Script, ...]
+    seed: int
+    only_ticks: bool = False
+    """No states between the policy's ticks."""
+
+    def split(self, most: int) -> list[Rollout]:
+        """Batches of at most so many runs, each with a seed of its own; the first has this one's."""
+        n = len(self.scripts)
+        return [
+            replace(self, model=_of_rows(self.model, n, i, i + most), scripts=self.scripts[i : i + most], seed=seed)
+            for seed, i in enumerate(range(0, n, most), start=self.seed)
+        ]
+
+
+def _of_rows(model: RobotModel, n: int, start: int, stop: int) -> RobotModel:
+    """The model of some runs of a batch of ``n``."""
+    if start == 0 and stop >= n:
+        return model
+
+    def own(effect: Effect) -> Effect:
+        values: dict[str, Any] = {k: v[start:stop] for k, v in effect.values.items() if np.shape(v)[:1] == (n,)}
+        return replace(effect, **values)
+
+    return replace(model, effects=tuple(own(effect) for effect in model.effects))
+
+
+Rollouts = Engine[tuple[bytes, str], Rollout, list[Run]]
+"""Computes rollouts under one policy, of which it is given the file's content, on a device."""
+
+
+def rollouts_under(policy: Policy, place: Place = IN_THIS_PROCESS) -> Rollouts:
+    """An engine for rollouts under a policy that was loaded from a file.
+
+    Raises:
+        BadInputError: The policy has no file.
+        EngineError: Ray is asked for and not installed.
+    """
+    if not policy.file_bytes:
+        raise BadInputError(f"policy {policy.contract.name} has no file, and cannot be simulated; load it from a file")
+    return Engine(roll_out, (policy.file_bytes, place.device), place)
+
+
+def roll_out(shared: tuple[bytes, str], rollout: Rollout, tell: Tell) -> list[Run]:
+    """The runs of one rollout.
+
+    Raises:
+        BadInputError: The model cannot be simulated.
+    """
+    policy, device = shared
+    return simulate(
+        rollout.model,
+        policy_from_bytes(policy, source="of the diagnosis"),
+        rollout.scripts,
+        np.random.default_rng(rollout.seed),
+        SensorNoise(),
+        only_ticks=rollout.only_ticks,
+        device=device,
+        tell=tell,
+    )
+
+
+def simulate_all(rollouts: Sequence[Rollout], engine: Rollouts, tell: Tell) -> list[list[Run]]:
+    """Runs of each rollout, in their order; on the cores as jobs of at most :data:`MOST_RUNS` runs.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    parts = [r.split(MOST_RUNS if engine.place.device == "cpu" else len(r.scripts)) for r in rollouts]
+    made = iter(engine.map([part for some in parts for part in some], tell))
+    return [[run for _ in some for run in next(made)] for some in parts]
