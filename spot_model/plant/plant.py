@@ -172,7 +172,7 @@ class Plant(PlantState):
         Raises:
             PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :attr:`diverged`).
         """
-        self.command(ServoCommand(position_rad=like(self._qpos, position_rad)))
+        self.command(ServoCommand(position_rad=self._here(position_rad)))
         self.advance(n_substeps)
 
     def command(self, command: ServoCommand) -> None:
@@ -249,9 +249,8 @@ class Plant(PlantState):
         """Add to the body's velocity at once; each argument broadcasts to (len(ids), 3)."""
         mask = self._mask(ids)
         for columns, value in ((slice(3), linear_vel_in_world_m_s), (slice(3, 6), angular_vel_in_body_rad_s)):
-            self._write(
-                self._qvel[:, columns], mask, self._rows_of(self._qvel[:, columns], mask) + like(self._qvel, value)
-            )
+            velocity = self._qvel[:, columns]
+            self._write(velocity, mask, self._rows_of(velocity, mask) + self._here(value))
 
     def reset(
         self,
@@ -366,7 +365,12 @@ class Plant(PlantState):
         if self._is_on_host:
             target[np.flatnonzero(mask)] = values
         else:
-            target.copy_(namespace_of(target).where(mask[:, None], like(target, values), target))
+            target.copy_(namespace_of(target).where(mask[:, None], self._here(values), target))
+
+    def _here(self, values: Any) -> Any:
+        """Values as an array of this plant; a number and what is on the device already is not copied to it."""
+        is_here = isinstance(values, float) or type(values) is type(self._qvel)
+        return values if is_here else like(self._qvel, values)
 
     def _rows_of(self, array: AnyArray, mask: AnyArray) -> AnyArray:
         return array[np.flatnonzero(mask)] if self._is_on_host else array

@@ -1,0 +1,55 @@
+"""A training step on a GPU's plant, which computes on the cores here, is one that CUDA can record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from torch.overrides import TorchFunctionMode
+
+from spot_model.io.model_file import RobotModel, load_model
+from trainer.backends.plant_backend import PlantBackend
+from trainer.backends.random_draws import Draws
+from trainer.config.task_config import RandomisationConfig, TaskConfig
+from trainer.task.initial_state import draw_simulations
+from trainer.task.task import Task
+
+pytest.importorskip("mujoco_warp")
+
+FROM_HOST = {torch.tensor, torch.as_tensor, torch.asarray, torch.from_numpy}
+TO_HOST = {torch.Tensor.item, torch.Tensor.__bool__, torch.Tensor.__float__, torch.Tensor.numpy, torch.Tensor.tolist}
+
+
+class NothingCrosses(TorchFunctionMode):
+    """Refuses copies between host and device, which a recorded CUDA graph cannot hold."""
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        crosses = func in FROM_HOST and not isinstance(args[0], torch.Tensor)
+        if crosses or func in TO_HOST:
+            raise AssertionError(f"{func.__name__}({args[0]!r:.60}) moves values between host and device")
+        return func(*args, **(kwargs or {}))
+
+
+def a_task(model: RobotModel) -> Task:
+    generator = torch.Generator()
+    generator.manual_seed(0)
+    config = TaskConfig()
+    simulations = draw_simulations(RandomisationConfig(), 3, Draws(generator))
+    return Task(config, PlantBackend(config, model.effects, simulations, "warp-cpu"), generator)
+
+
+def test_no_value_crosses_between_host_and_device_in_a_step() -> None:
+    task = a_task(load_model("paper_identified"))
+    task.start()
+    with torch.inference_mode():
+        task.step(torch.zeros(3, 12))
+        with NothingCrosses():
+            for _ in range(3):
+                result = task.step(torch.zeros(3, 12))
+    assert torch.isfinite(result.observation).all()
+
+
+def test_a_crossing_is_seen() -> None:
+    with pytest.raises(AssertionError, match="moves values"), NothingCrosses():
+        torch.zeros(2).sum().item()
