@@ -93,6 +93,6 @@ distclean: clean ## Remove the environment too
 # setuptools first: the package itself is then built without fetching a builder, also when there is no network.
 $(INSTALLED): pyproject.toml requirements.lock | .venv/bin/python
 	$(RUN) -m pip install --quiet -c requirements.lock setuptools
-	@echo "Installing the locked packages into .venv: some minutes, and 2.4 GB."
+	@echo "Installing the locked packages into .venv: some minutes, and 3.0 GB."
 	$(RUN) -m pip install -c requirements.lock --no-build-isolation -e '.[all,dev]'
 	@touch $(INSTALLED)

@@ -46,6 +46,7 @@ def diagnose(
     without: Iterable[str] = (),
     add_effects: Iterable[str | type] = (),
     seed: int = 0,
+    device: str = "cpu",
     progress: bool = False,
 ) -> Verdict:
     """Say how a robot differs from its simulator, what its own numbers are, and what both change.
@@ -60,6 +61,7 @@ def diagnose(
         without: Effects to exclude from the library.
         add_effects: Effects of your own: each a class, or ``module:Class``.
         seed: Random seed.
+        device: What simulates: "cpu", or "cuda" for an NVIDIA GPU (extra ``gpu``).
         progress: Whether to show stage, share and time left on stderr.
 
     Returns:
@@ -79,6 +81,7 @@ def diagnose(
     from spot_model.io.model_file import RobotModel, save_model
     from spot_model.io.whole import check_new
     from spot_rl.simulation import model_of, policy_file
+    from trainer.simulate.options import EngineName, place_of
 
     folder = to_path(out, "out")
     paths = existing_all(logs, "logs")
@@ -96,6 +99,7 @@ def diagnose(
         out=folder,
         policy=policy_file(policy) if policy is not None else None,
         library=chosen_library(added, left_out),
+        place=place_of(1, EngineName.LOCAL, None, device),
         seed=whole(seed, "seed"),
     )
     result, _ = run_session(request, Progress(None if progress else Console(file=io.StringIO())))
@@ -123,6 +127,7 @@ def identify(
     generations: int | None = None,
     workers: int = 2,
     resume: bool = False,
+    device: str = "cpu",
 ) -> ResultData:
     """Fit physical parameters of the simulator to logs, by the paper's method and from measured torques.
 
@@ -140,6 +145,7 @@ def identify(
         workers: Processes, which import the script that calls this: put its own lines under
             ``if __name__ == "__main__":``, or give 1. The result does not depend on them.
         resume: Continue an interrupted search in ``out``.
+        device: What simulates: "cpu", or "cuda" for an NVIDIA GPU (extra ``gpu``), which one process fills.
 
     Returns:
         The result: ``parameters`` (name, value, low, high, identified, reason), ``score``, ``measured``.
@@ -152,7 +158,7 @@ def identify(
     from spot_model.errors import BadInputError
     from spot_model.policy.policy import load_policy
     from spot_rl.simulation import policy_file
-    from trainer.simulate.engine import Place
+    from trainer.simulate.options import EngineName, place_of
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
 
@@ -165,7 +171,8 @@ def identify(
     settings = _sysid_config(config, generations)
     file = policy_file(policy)
     log_set = read_logs(existing_all(logs, "logs"), load_policy(file))
-    return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, place=Place(workers))
+    place = place_of(workers, EngineName.LOCAL, None, device)
+    return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, place=place)
 
 
 def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int | None) -> SysidConfig:

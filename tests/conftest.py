@@ -26,6 +26,7 @@ LONG = (
     "fake_robot/test_sdk_programs.py",
     "spot_runtime/operator/test_serve.py",
     "spot_rl/test_tour.py",
+    "test_on_ray.py",
     "spot_runtime/operator/test_operated_run.py",
     "spot_runtime/test_on_the_fake_robot.py",
     "spot_runtime/operator/test_stop_gets_through.py",

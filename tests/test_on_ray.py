@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trainer.sysid.simulation.rollout import RolloutOptions
 
 from diagnosis.closed_loop.rollout import rollouts_under
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
@@ -27,6 +26,7 @@ from spot_model.policy.policy import load_policy
 from tests.diagnosis.standing_starts import POLICY, scripts
 from tests.withheld.blind.test_run import finish, jobs
 from trainer.simulate.engine import Engine, EngineError, Place, Tell
+from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SearchConfig, SysidConfig
 from trainer.sysid.search.problem import Problem, build_problem
@@ -58,13 +58,14 @@ def cluster() -> Iterator[Any]:
         import ray
         from ray.cluster_utils import Cluster
 
+        before = psutil.Process().children(recursive=True)
         made = Cluster(initialize_head=True, head_node_args={**NODE, "num_cpus": 0, "include_dashboard": False})
         made.nodes = [made.add_node(**NODE) for _ in range(2)]
         ray.init(address=made.address, log_to_driver=False)
         try:
             yield made
         finally:
-            started = psutil.Process().children(recursive=True)
+            started = set(psutil.Process().children(recursive=True)) - set(before)
             ray.shutdown()
             made.shutdown()
             psutil.wait_procs(started)
