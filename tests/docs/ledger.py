@@ -100,7 +100,7 @@ FORMS = {
     "spot-rl serve --config FILE": "spot-rl serve --robot",
     "spot-rl log import MAPPING.yaml FILE --out LOG.mcap": "spot-rl log import mapping.yaml recording.csv",
     "spot-rl diagnose LOG --nominal MODEL --out DIR --policy POLICY.onnx --robot ROBOT.yaml --synthesis "
-    "--add-effect module:Class --without EFFECT --workers N --engine ray --device cuda": (
+    "--add-effect module:Class --without EFFECT --workers 4 --engine ray --device cuda": (
         "spot-rl diagnose fake-walks --nominal paper_identified"
     ),
     "spot-rl diagnose LOGS --nominal MODEL --out DIR --add-effect my_effects:GreaseDrag": "spot-rl diagnose "
@@ -158,6 +158,7 @@ NOT_RUN = {
     "spot-rl bench faults --search --minutes 8 --seed 301": "the same, for eight minutes",
     "spot-rl bench all --repeats 1": "takes seven minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench all --json": "takes twenty minutes; its parts and two of its scripts are tried apart",
+    "spot-rl bench sysid --device cuda --population 250 --generations 4 --json": "needs an NVIDIA GPU",
     "spot-rl sysid LOGS --policy POLICY.onnx --config SEARCH.yaml --out found --engine ray --ray-address FIRST:6379": (
         "needs ten machines; tests/test_on_ray.py has two nodes"
     ),
