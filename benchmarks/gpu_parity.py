@@ -8,13 +8,22 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 
+import numpy as np
 import torch
 
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from spot_model.io.model_file import load_model
+from spot_model.plant.start import StartState
+from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from trainer.backends.plant_backend import PlantBackend
 from trainer.backends.random_draws import Draws
 from trainer.config.task_config import RandomisationConfig, TaskConfig
+from trainer.signals.features import features_of_run
+from trainer.signals.policy_ticks import Script
+from trainer.sysid.distance.measures import SequenceReference
 from trainer.task.initial_state import draw_initial_state, draw_simulations
 from trainer.task.randomised_effects import training_effects
 
@@ -61,6 +70,28 @@ def main(device: str = "cuda:0", n: int = 256, periods: int = 50) -> None:
             print(json.dumps(result), flush=True)
 
 
+def walks(device: str, n: int = 6, seconds: float = 8.0) -> dict[str, float]:
+    """Wasserstein distance of walks on a device to walks on the cores, and of those among each other, N·m.
+
+    All walk as *baseline* at 0.6 m/s from the same stand, with a robot's usual sensor noise of other seeds.
+    """
+    policy, model = load_policy(Path("policies/baseline.onnx")), load_model("paper_identified")
+    rest, none = np.asarray(facts.DEFAULT_POSITION_RAD), np.zeros(12)
+    level, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    start = StartState(rest, none, level, still, still, none.astype(np.float32))
+    command = np.tile([0.6, 0.0, 0.0], (round(seconds * policy.contract.rate_hz), 1))
+    scripts = [Script("walk", i, start, command) for i in range(n)]
+    runs = {
+        where: simulate(model, policy, scripts, np.random.default_rng(seed), SensorNoise(), device=where)
+        for seed, where in enumerate(("cpu", device))
+    }
+    features = {where: [features_of_run(run, policy) for run in some] for where, some in runs.items()}
+    reference = SequenceReference.build("walk", features["cpu"])
+    between = np.mean([reference.distances(f)[:, 0].mean() for f in features[device]])
+    return {"w1_to_cores_nm": float(between), "w1_floor_nm": float(reference.scale[0])}
+
+
 if __name__ == "__main__":
     arguments = sys.argv[1:]
     main(*arguments[:1], *(int(a) for a in arguments[1:]))
+    print(json.dumps(walks(arguments[0] if arguments else "cuda:0")), flush=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks import gpu_parity
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
@@ -28,3 +29,9 @@ def test_a_run_is_the_same_on_both() -> None:
         stamps = [s.last_command_robot_stamp_ns for s in (warp.states, cores.states)]
         np.testing.assert_array_equal(*stamps)
         assert [run.header.run_id for run in (warp, cores)] == [cores.header.run_id] * 2
+
+
+def test_walks_are_as_near_to_those_on_the_cores_as_these_to_each_other() -> None:
+    """Steps that a rounding brings forward lead runs apart; what they do in eight seconds stays the same."""
+    found = gpu_parity.walks("warp-cpu", n=3)
+    assert 0.0 < found["w1_to_cores_nm"] < 1.3 * found["w1_floor_nm"]
