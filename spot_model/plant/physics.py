@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from spot_model.effects.base import CommandEffect
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.model_fields import PlantFields
 from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import AnyArray
 
 FOOT_SENSOR_SIZE = 4
@@ -128,3 +135,61 @@ class CorePhysics:
     def diverged(self) -> NDArray[np.bool_]:
         """Simulations that MuJoCo warned of, shape (n_sims,)."""
         return np.asarray(self.warning_counts().any(axis=1))
+
+
+class PlantDivergedError(SpotRlError):
+    """A simulation left the range in which its numbers mean something."""
+
+
+@dataclass(frozen=True)
+class PlantOptions:
+    """How the plant computes.
+
+    Args:
+        mjcf: Choices of the MuJoCo model: time step, integrator, contact, terrain.
+        device: "cpu", or a GPU ("cuda", "cuda:N"; extra ``gpu``), where all arrays are torch tensors.
+        n_threads: Threads that step simulations, 0 for all CPUs. The result is bit-identical at any number.
+        on_divergence: "raise", or "flag" to leave it at :attr:`Plant.diverged`.
+        seed: Seed of what effects draw, noise, jitter, drops.
+    """
+
+    mjcf: MjcfOptions = field(default_factory=MjcfOptions)
+    device: str = "cpu"
+    n_threads: int = 0
+    on_divergence: Literal["raise", "flag"] = "raise"
+    seed: int = 0
+
+
+def make_physics(model: mujoco.MjModel, n_sims: int, options: PlantOptions) -> Physics:
+    """The physics that the options name.
+
+    Raises:
+        BadInputError: A GPU is asked for, and the extra ``gpu`` is not installed or its memory is too small.
+    """
+    if options.device == "cpu":
+        return CorePhysics(model, n_sims, _threads(options.n_threads, n_sims))
+    try:
+        from spot_model.plant.gpu.warp_physics import WarpPhysics
+    except ModuleNotFoundError as error:
+        raise BadInputError(
+            f"device {options.device!r}: {error.name} is not installed; install the extra: pip install 'spot-rl[gpu]', "
+            "or use --device cpu"
+        ) from error
+    return WarpPhysics(model, n_sims, options.device, has_sensors=options.mjcf.link_torque_sensors)
+
+
+def on_gpu(commands: Sequence[CommandEffect], start: ServoCommand, rest: Any, options: PlantOptions) -> Any:
+    """Source of random numbers, time, shape (1,), and command channel of simulations on a GPU."""
+    import torch
+
+    from spot_model.plant.gpu.torch_channel import TorchChannel
+    from spot_model.plant.gpu.torch_draws import TorchDraws
+
+    rng = TorchDraws(options.seed, rest.device)
+    now_s = torch.zeros(1, dtype=torch.float64, device=rest.device)
+    return rng, now_s, TorchChannel(commands, start, options.mjcf.timestep_s, rng)
+
+
+def _threads(n_threads: int, n_sims: int) -> int:
+    available = len(os.sched_getaffinity(0)) if n_threads == 0 else n_threads
+    return min(available, n_sims)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,10 +23,9 @@ from spot_model.effects.base import (
     SoftwareEffect,
     TorqueEffect,
 )
-from spot_model.errors import BadInputError, SpotRlError
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
 from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
-from spot_model.plant.physics import CorePhysics
+from spot_model.plant.physics import PlantDivergedError, PlantOptions, make_physics, on_gpu
 from spot_model.plant.plant_state import PlantState
 from spot_model.plant.sensing import Sensing
 from spot_model.plant.torque import TorqueChain
@@ -35,7 +33,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, like, namespace_of
 from spot_model.robot.control import saturate_setpoint
-from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
+from spot_model.robot.mjcf import default_height_m, spot_mjcf
 from spot_model.robot.rotation import AnyArray
 
 __all__ = ["Plant", "PlantDivergedError", "PlantOptions", "ServoCommand"]
@@ -43,31 +41,10 @@ __all__ = ["Plant", "PlantDivergedError", "PlantOptions", "ServoCommand"]
 DEFAULT_BODY_POSITION_M = (0.0, 0.0, default_height_m())
 """The lowest feet of the default pose just touch level ground."""
 
+USUAL = PlantOptions()
+
 SimIds = ArrayLike | None
 """Sorted simulation numbers, a boolean mask of shape (n_sims,), or None for all."""
-
-
-class PlantDivergedError(SpotRlError):
-    """A simulation left the range in which its numbers mean something."""
-
-
-@dataclass(frozen=True)
-class PlantOptions:
-    """How the plant computes.
-
-    Args:
-        mjcf: Choices of the MuJoCo model: time step, integrator, contact, terrain.
-        device: "cpu", or a GPU ("cuda", "cuda:N"; extra ``gpu``), where all arrays are torch tensors.
-        n_threads: Threads that step simulations, 0 for all CPUs. The result is bit-identical at any number.
-        on_divergence: "raise", or "flag" to leave it at :attr:`Plant.diverged`.
-        seed: Seed of what effects draw, noise, jitter, drops.
-    """
-
-    mjcf: MjcfOptions = field(default_factory=MjcfOptions)
-    device: str = "cpu"
-    n_threads: int = 0
-    on_divergence: Literal["raise", "flag"] = "raise"
-    seed: int = 0
 
 
 class Plant(PlantState):
@@ -86,12 +63,12 @@ class Plant(PlantState):
         TypeError: An effect acts at no place that the plant has.
     """
 
-    def __init__(self, effects: Sequence[Effect] = (), n_sims: int = 1, options: PlantOptions = PlantOptions()) -> None:
+    def __init__(self, effects: Sequence[Effect] = (), n_sims: int = 1, options: PlantOptions = USUAL) -> None:
         _check_effects(effects, n_sims)
         acting = [effect for effect in effects if not effect.is_null]
         self.options = options
         model = mujoco.MjModel.from_xml_string(spot_mjcf(options.mjcf))
-        super().__init__(_physics(model, n_sims, options), has_link_torque=options.mjcf.link_torque_sensors)
+        super().__init__(make_physics(model, n_sims, options), has_link_torque=options.mjcf.link_torque_sensors)
         self._is_on_host = options.device == "cpu"
         self._senses = False
         self._records: dict[int, Any] = {}
@@ -115,7 +92,7 @@ class Plant(PlantState):
             self._rng = np.random.default_rng(options.seed)
             self._channel = CommandChannel(commands, n_sims, self.timestep_s, start, self._rng)
         else:
-            self._rng, self._now_s, self._channel = _on_gpu(commands, start, rest, options)
+            self._rng, self._now_s, self._channel = on_gpu(commands, start, rest, options)
         sensors = [e for e in acting if isinstance(e, SensorEffect)]
         estimators = [e for e in acting if isinstance(e, EstimateEffect)]
         self._has_sensing = bool(sensors or estimators)
@@ -403,36 +380,6 @@ class Plant(PlantState):
 
 PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)
 """Kinds of effect that the plant has a place for."""
-
-
-def _physics(model: mujoco.MjModel, n_sims: int, options: PlantOptions) -> Any:
-    if options.device == "cpu":
-        return CorePhysics(model, n_sims, _threads(options.n_threads, n_sims))
-    try:
-        from spot_model.plant.gpu.warp_physics import WarpPhysics
-    except ModuleNotFoundError as error:
-        raise BadInputError(
-            f"device {options.device!r}: {error.name} is not installed; install the extra: pip install 'spot-rl[gpu]', "
-            "or use --device cpu"
-        ) from error
-    return WarpPhysics(model, n_sims, options.device, has_sensors=options.mjcf.link_torque_sensors)
-
-
-def _on_gpu(commands: Sequence[CommandEffect], start: ServoCommand, rest: Any, options: PlantOptions) -> Any:
-    """Source of random numbers, time, shape (1,), and command channel of simulations on a GPU."""
-    import torch
-
-    from spot_model.plant.gpu.torch_channel import TorchChannel
-    from spot_model.plant.gpu.torch_draws import TorchDraws
-
-    rng = TorchDraws(options.seed, rest.device)
-    now_s = torch.zeros(1, dtype=torch.float64, device=rest.device)
-    return rng, now_s, TorchChannel(commands, start, options.mjcf.timestep_s, rng)
-
-
-def _threads(n_threads: int, n_sims: int) -> int:
-    available = len(os.sched_getaffinity(0)) if n_threads == 0 else n_threads
-    return min(available, n_sims)
 
 
 def _check_effects(effects: Sequence[Effect], n_sims: int) -> None:

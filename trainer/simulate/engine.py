@@ -203,8 +203,8 @@ def _join_cluster(ray: Any, address: str | None) -> None:
         ray.init(address=address, include_dashboard=False, log_to_driver=False)
     except (ConnectionError, RuntimeError, ValueError) as error:
         raise EngineError(
-            f"engine ray: no cluster at {address or 'this machine'}: {error}; start one with 'ray start --head', or "
-            "leave --ray-address out"
+            f"engine ray: no cluster at {address or 'this machine'}: {error}; start one with 'ray start --head' and, "
+            "if it has a token, set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN, or leave --ray-address out"
         ) from error
 
 
