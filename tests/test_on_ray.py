@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 import tempfile
 import threading
@@ -43,7 +42,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 ON_RAY = Place(ray=True)
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000}
 SEARCH = SearchConfig(generations=3, population=4, seed=3)
-SETTINGS = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_memory_monitor_refresh_ms": "0", "RAY_AUTH_MODE": "token"}
+SETTINGS = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_memory_monitor_refresh_ms": "0"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -52,7 +51,7 @@ def cluster() -> Iterator[Any]:
     folder = tempfile.mkdtemp(prefix="ray-", dir="/tmp")
     Path(folder, "ray").mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {**SETTINGS, "RAY_TMPDIR": folder, "RAY_AUTH_TOKEN": secrets.token_hex(32)}.items():
+        for name, value in {**SETTINGS, "RAY_TMPDIR": folder}.items():
             patch.setenv(name, value)
         patch.delenv("RAY_ADDRESS", raising=False)
         import psutil
