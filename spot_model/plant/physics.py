@@ -41,9 +41,15 @@ class Physics(Protocol):
     sensordata: AnyArray
     time: AnyArray
     """Since the last reset, shape (n_sims,), s."""
+    build: int
+    """Number of the model that is simulated; work of a GPU that was recorded with an earlier one is void."""
 
     def step(self) -> None:
         """Advance all simulations by one physics step."""
+        ...
+
+    def state(self) -> list[Any]:
+        """All that moves."""
         ...
 
     def restart(self, mask: AnyArray) -> None:
@@ -78,9 +84,15 @@ class Physics(Protocol):
         """Simulations whose numbers mean nothing any more, bool, shape (n_sims,)."""
         ...
 
+    def first_divergence(self) -> tuple[int, str]:
+        """Number of the first such simulation, and what is wrong with it."""
+        ...
+
 
 class CorePhysics:
     """On the cores, by ``mujoco.batch``; the result is bit-identical at any number of threads."""
+
+    build = 0
 
     def __init__(self, model: mujoco.MjModel, n_sims: int, n_threads: int) -> None:
         self.model = model
@@ -97,6 +109,10 @@ class CorePhysics:
     def step(self) -> None:
         """Advance all simulations by one physics step."""
         self.batch.step()
+
+    def state(self) -> list[Any]:
+        """All that moves."""
+        return [self.batch.state]
 
     def restart(self, mask: NDArray[np.bool_]) -> None:
         """Forget velocities, torques and the solver's last solution."""
@@ -127,14 +143,21 @@ class CorePhysics:
         """Never, on the cores."""
         return False
 
-    def warning_counts(self) -> NDArray[Any]:
+    def diverged(self) -> NDArray[np.bool_]:
+        """Simulations that MuJoCo warned of, shape (n_sims,)."""
+        return np.asarray(self._warning_counts().any(axis=1))
+
+    def first_divergence(self) -> tuple[int, str]:
+        """Number of the first such simulation, and MuJoCo's name of its first warning."""
+        counts = self._warning_counts()
+        sim = int(np.flatnonzero(counts.any(axis=1))[0])
+        first = mujoco.mjtWarning.mjWARN_CONTACTFULL.value + int(np.argmax(counts[sim] > 0))
+        return sim, mujoco.mjtWarning(first).name
+
+    def _warning_counts(self) -> NDArray[Any]:
         """MuJoCo's warnings from a full contact list on, shape (n_sims, k)."""
         counts: NDArray[Any] = self.batch.warning[:, mujoco.mjtWarning.mjWARN_CONTACTFULL.value :, 1]
         return counts
-
-    def diverged(self) -> NDArray[np.bool_]:
-        """Simulations that MuJoCo warned of, shape (n_sims,)."""
-        return np.asarray(self.warning_counts().any(axis=1))
 
 
 class PlantDivergedError(SpotRlError):

@@ -71,7 +71,7 @@ class Plant(PlantState):
         super().__init__(make_physics(model, n_sims, options), has_link_torque=options.mjcf.link_torque_sensors)
         self._is_on_host = options.device == "cpu"
         self._senses = False
-        self._records: dict[int, Any] = {}
+        self._records: dict[tuple[int, int], Any] = {}
         self.fields = self.physics.fields
         """Per-simulation fields of the MuJoCo model, for randomisation; call ``fields.commit()`` after writing."""
         for effect in [e for e in acting if isinstance(e, ModelEffect)]:
@@ -147,7 +147,7 @@ class Plant(PlantState):
             n_substeps: Physics steps, >= 1.
 
         Raises:
-            PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :attr:`diverged`).
+            PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :meth:`check_finite`).
         """
         self.command(ServoCommand(position_rad=self._here(position_rad)))
         self.advance(n_substeps)
@@ -172,14 +172,27 @@ class Plant(PlantState):
         """Advance all simulations by physics steps, with the servo law and the torque effects at each.
 
         Raises:
-            PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :attr:`diverged`).
+            PlantDivergedError: A simulation diverged, and the options say "raise" (on a GPU see :meth:`check_finite`).
         """
         if self._is_on_host or self.physics.is_recording():
             self._advance(n_substeps)
         else:
             self._recorded(n_substeps)()
-        if self.options.on_divergence == "raise" and self._is_on_host and self.diverged.any():
-            self._raise_divergence()
+        if self._is_on_host:
+            self.check_finite()
+
+    def check_finite(self) -> None:
+        """Look whether a simulation diverged; on a GPU no step looks, as the host would have to wait.
+
+        Raises:
+            PlantDivergedError: One did, and the options say "raise".
+        """
+        if self.options.on_divergence == "raise" and self.diverged.any():
+            sim, why = self.physics.first_divergence()
+            raise PlantDivergedError(
+                f"simulation {sim} of {self.n_sims} diverged ({why}) with physics steps of {self.timestep_s} s; "
+                "use shorter steps, lower gains or smaller parameters, or reset it"
+            )
 
     def _advance(self, n_substeps: int) -> None:
         for _ in range(n_substeps):
@@ -212,9 +225,10 @@ class Plant(PlantState):
 
     def _recorded(self, n_substeps: int) -> Any:
         """So many steps on a GPU as one piece of work."""
-        if n_substeps not in self._records:
-            self._records[n_substeps] = self.recorded(lambda: self._advance(n_substeps), self._rng)
-        return self._records[n_substeps]
+        key = (self.physics.build, n_substeps)
+        if key not in self._records:
+            self._records[key] = self.recorded(lambda: self._advance(n_substeps), self._rng)
+        return self._records[key]
 
     def push(
         self,
@@ -318,7 +332,9 @@ class Plant(PlantState):
     def _sense(self, dt_s: float) -> None:
         reading = self._sensing.read(self.true_reading(), dt_s, self._rng)
         estimate = self._sensing.estimate(self.true_estimate(), reading, dt_s, self._rng)
-        if self._is_on_host or not self._senses:
+        if self._is_on_host:
+            self._reading, self._estimate = reading, estimate
+        elif not self._senses:
             self._reading, self._estimate, self._senses = own_tensors(reading), own_tensors(estimate), True
         else:
             self._reading, self._estimate = held((self._reading, self._estimate), (reading, estimate))
@@ -334,8 +350,7 @@ class Plant(PlantState):
         """On a GPU, all that moves."""
         reported = tensors_of((self._reading, self._estimate)) if self._has_sensing else []
         memories = [*self._torques.leaves(), *self._sensing.leaves()]
-        physics: Any = self.physics
-        return [*physics.state(), self._now_s, *self._channel.buffers(), *memories, *reported]
+        return [*self.physics.state(), self._now_s, *self._channel.buffers(), *memories, *reported]
 
     def _write(self, target: AnyArray, mask: AnyArray, values: Any) -> None:
         """Write into the rows of ``mask``: values of those rows on the cores, of all rows on a GPU."""
@@ -366,16 +381,6 @@ class Plant(PlantState):
         mask = np.zeros(self.n_sims, dtype=np.bool_)
         mask[numbers] = True
         return mask
-
-    def _raise_divergence(self) -> None:
-        physics: Any = self.physics
-        counts = physics.warning_counts()
-        sim = int(np.flatnonzero(counts.any(axis=1))[0])
-        warning = mujoco.mjtWarning(mujoco.mjtWarning.mjWARN_CONTACTFULL.value + int(np.argmax(counts[sim] > 0)))
-        raise PlantDivergedError(
-            f"simulation {sim} of {self.n_sims} diverged ({warning.name}) with physics steps of {self.timestep_s} s; "
-            "use shorter steps, lower gains or smaller parameters, or reset it"
-        )
 
 
 PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)

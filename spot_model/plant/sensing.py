@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from spot_model.effects.base import BodyEstimate, Draws, EstimateEffect, JointReading, Memory, SensorEffect
-from spot_model.plant.memory import held, leaves, own_tensors, restarted, tensors_of, with_leaves
+from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tensors_of, with_leaves
 from spot_model.robot.rotation import AnyArray
 
 
@@ -20,6 +20,7 @@ class Sensing:
         reading: JointReading,
         estimate: BodyEstimate,
     ) -> None:
+        self._keep = keeper(reading.position_rad)
         self._sensors = tuple(effect.arrays_like(reading.position_rad) for effect in sensors)
         self._estimators = tuple(effect.arrays_like(reading.position_rad) for effect in estimators)
         self._sensor_memory: list[Memory] = [own_tensors(effect.start(reading)) for effect in self._sensors]
@@ -29,14 +30,14 @@ class Sensing:
         """What the joints report; moves the memories on by ``dt_s``."""
         for i, effect in enumerate(self._sensors):
             truth, memory = effect.read(truth, dt_s, self._sensor_memory[i], rng)
-            self._sensor_memory[i] = held(self._sensor_memory[i], memory)
+            self._sensor_memory[i] = self._keep(self._sensor_memory[i], memory)
         return truth
 
     def estimate(self, truth: BodyEstimate, joints: JointReading, dt_s: float, rng: Draws) -> BodyEstimate:
         """What the state estimator reports, given what the joints report; moves the memories on by ``dt_s``."""
         for i, effect in enumerate(self._estimators):
             truth, memory = effect.estimate(truth, joints, dt_s, self._estimator_memory[i], rng)
-            self._estimator_memory[i] = held(self._estimator_memory[i], memory)
+            self._estimator_memory[i] = self._keep(self._estimator_memory[i], memory)
         return truth
 
     def leaves(self) -> list[Any]:
@@ -47,10 +48,10 @@ class Sensing:
         """Start the memories afresh, from the truth, in the simulations of ``rows``, shape (n_sims,)."""
         for i, sensor in enumerate(self._sensors):
             memory = self._sensor_memory[i]
-            self._sensor_memory[i] = held(memory, restarted(rows, sensor.start(reading), memory))
+            self._sensor_memory[i] = self._keep(memory, restarted(rows, sensor.start(reading), memory))
         for i, estimator in enumerate(self._estimators):
             memory = self._estimator_memory[i]
-            self._estimator_memory[i] = held(memory, restarted(rows, estimator.start(estimate), memory))
+            self._estimator_memory[i] = self._keep(memory, restarted(rows, estimator.start(estimate), memory))
 
     def snapshot(self) -> list[list[Any]]:
         """The memories as plain arrays and numbers, one list an effect."""

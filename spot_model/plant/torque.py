@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from spot_model.effects.base import JointReading, Memory, Motion, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.plant.memory import held, leaves, own_tensors, restarted, tensors_of, with_leaves
+from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tensors_of, with_leaves
 from spot_model.robot.arrays import namespace_of
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import AnyArray
@@ -21,7 +19,7 @@ class TorqueChain:
     def __init__(self, effects: Sequence[TorqueEffect], like: AnyArray) -> None:
         xp = namespace_of(like)
         self._where = xp.where
-        self._is_numpy = xp is np
+        self._keep = keeper(like)
         self._effects = tuple(effect.arrays_like(like) for effect in effects)
         self._masks = tuple(None if effect.mask.all() else effect.mask_like(like) for effect in self._effects)
         self._fresh: list[Memory] = [effect.start(xp.zeros_like(like)) for effect in self._effects]
@@ -46,7 +44,7 @@ class TorqueChain:
         for i, (effect, mask) in enumerate(zip(self._effects, self._masks, strict=True)):
             # As Effect.apply does, without its look-up of the array library.
             changed, memory = effect.torque(torque, motion, self._memory[i])
-            self._memory[i] = memory if self._is_numpy else held(self._memory[i], memory)
+            self._memory[i] = self._keep(self._memory[i], memory)
             torque = changed if mask is None else self._where(mask, changed, torque)
         return torque
 
@@ -57,7 +55,7 @@ class TorqueChain:
     def reset(self, rows: AnyArray) -> None:
         """Start the memories afresh in the simulations of ``rows``, shape (n_sims,)."""
         for i, fresh in enumerate(self._fresh):
-            self._memory[i] = held(self._memory[i], restarted(rows, fresh, self._memory[i]))
+            self._memory[i] = self._keep(self._memory[i], restarted(rows, fresh, self._memory[i]))
 
     def snapshot(self) -> list[list[Any]]:
         """The memories as plain arrays and numbers, one list an effect."""

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from spot_model.effects.base import Effect
+from spot_model.effects.base import CommandEffect, Effect, parameter
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.command.command_drop import CommandDrop
 from spot_model.effects.command.command_jitter import CommandJitter
 from spot_model.effects.sensing.leg_odometry import LegOdometry
 from spot_model.effects.sensing.sensor_noise import SensorNoise
+from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.plant.closed_loop import ClosedLoop
-from spot_model.plant.plant import DEFAULT_BODY_POSITION_M, Plant, PlantOptions
+from spot_model.plant.plant import DEFAULT_BODY_POSITION_M, Plant, PlantDivergedError, PlantOptions
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import on_host
@@ -82,6 +85,37 @@ def test_a_random_effect_acts_and_its_seed_repeats_it(effect: Effect) -> None:
     assert np.abs(first - without).max() > 1e-4
 
 
+def test_a_field_that_changes_under_way_acts() -> None:
+    """As a slippery patch does; what was recorded with the model before is not played again."""
+    cores, warp = plants(())
+    walk(cores), walk(warp)
+    before = warp._recorded(1)
+    for plant in (cores, warp):
+        plant.fields["dof_damping"][1, 6:] = 5.0
+        plant.fields.commit()
+    assert warp._recorded(1) is not before
+    here, there = walk(cores, seed=1), walk(warp, seed=1)
+    np.testing.assert_allclose(there, here, atol=10 * SAME_RAD)
+    assert np.abs(here[1] - here[0]).max() > 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wandering(CommandEffect):
+    """A stranger's effect with drawn delays."""
+
+    name: ClassVar[str] = "wandering"
+
+    longest_s: Any = parameter(null=0.0, low=0.0, high=1.0, unit="s", source="a test")
+
+    def arrival_s(self, issued_s: Any, rng: Any) -> Any:
+        return issued_s + self.longest_s * rng.random(tuple(issued_s.shape))
+
+
+def test_drawn_delays_that_have_no_bound_are_refused_by_name() -> None:
+    with pytest.raises(BadInputError, match=r"wandering: its delay changes.*--device cpu"):
+        plants((Wandering(longest_s=0.05),))
+
+
 def test_a_snapshot_continues_where_it_was_taken() -> None:
     effects = (CommandDelay(delay_s=0.03), LegOdometry(time_s=0.1), *load_model("paper_identified").effects)
     _, plant = plants(effects)
@@ -111,3 +145,17 @@ def test_a_policy_walks_alike() -> None:
         seen.append((on_host(ticks[-1].action), on_host(plant.joint_position_rad)))
     np.testing.assert_allclose(seen[1][0], seen[0][0], atol=1e-4)
     np.testing.assert_allclose(seen[1][1], seen[0][1], atol=SAME_RAD)
+
+
+@pytest.mark.parametrize("device", ["cpu", "warp-cpu"])
+def test_a_simulation_that_diverges_is_named(device: str) -> None:
+    plant = Plant((), 2, PlantOptions(mjcf=MJCF, device=device, n_threads=1))
+    plant.check_finite()
+    plant.physics.qvel[1, 3] = np.nan
+
+    def go_on() -> None:
+        plant.advance(2)
+        plant.check_finite()
+
+    with pytest.raises(PlantDivergedError, match="simulation 1 of 2 diverged"):
+        go_on()

@@ -111,7 +111,8 @@ def roll_out(
             np.array(tick.velocity_command),
             np.where(changed, tick.index / policy.contract.rate_hz, since_s),
         )
-        fell = alive & (on_host(plant.body_contact) | on_host(plant.diverged))
+        plant.check_finite()
+        fell = alive & on_host(plant.body_contact)
         alive &= ~fell
         torque, joint_velocity = on_host(plant.applied_torque_nm), on_host(plant.joint_velocity_rad_s)
         power = np.maximum(torque * joint_velocity, 0.0).sum(axis=-1)

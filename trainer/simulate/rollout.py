@@ -68,8 +68,8 @@ def roll_out(
 ) -> Rollouts:
     """Simulate every case for every candidate; set-points are kept within the joint stops, as on the robot.
 
-    A candidate's results do not depend, not in one bit, on the other candidates, their number or the threads: the
-    network runs on one candidate at a time, in batches of equal size.
+    On the cores a candidate's results do not depend, not in one bit, on the other candidates, their number or the
+    threads: the network runs on one candidate at a time, in batches of equal size.
 
     Args:
         effects: Effects whose per-simulation values have shape (n_candidates · len(cases), 1), candidates outermost.

@@ -13,6 +13,7 @@ import torch
 
 from spot_model.effects.base import CommandEffect, Draws
 from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.errors import BadInputError
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.command_path import arrival_of, servo_command
 from spot_model.robot.state import Gains
@@ -21,7 +22,7 @@ Tensor = torch.Tensor
 
 JITTER_MEANS: Final = 12.0
 """Room for delays of so many means; one command in 160,000 is later, and takes effect when its buffer ends."""
-SHORTEST_PERIOD_S: Final = 0.02
+SHORTEST_PERIOD_S: Final = 0.005
 """Between two commands, by which the number of buffers is chosen."""
 
 
@@ -169,12 +170,26 @@ def _tensor(array: Any) -> Tensor:
 
 
 def longest_delay_s(effects: Sequence[CommandEffect], n: int) -> float:
-    """The longest time that commands of n simulations are under way, lost ones aside."""
+    """The longest time that commands of n simulations are under way, lost ones aside.
+
+    Raises:
+        BadInputError: An effect other than ``command_jitter`` draws its delays, so that no room is enough.
+    """
     longest = 0.0
     for effect in effects:
         if isinstance(effect, CommandJitter):
             longest += JITTER_MEANS * float(np.max(np.asarray(effect.mean_s)))
         else:
-            delay = np.asarray(effect.arrival_s(np.zeros(n), np.random.default_rng(0)))
-            longest += float(np.max(np.where(np.isfinite(delay), delay, 0.0)))
+            delays_s = [
+                np.asarray(effect.arrival_s(np.full(n, at_s), np.random.default_rng(k))) - at_s
+                for k, at_s in enumerate((0.0, 1.0, 1.37))
+            ]
+            finite_s = [np.where(np.isfinite(delay_s), delay_s, np.nan) for delay_s in delays_s]
+            spread_s = np.nanmax(finite_s, axis=0) - np.nanmin(finite_s, axis=0)
+            if np.nanmax(spread_s, initial=0.0) > 1e-9:
+                raise BadInputError(
+                    f"effect {effect.name}: its delay changes from command to command; on a GPU only command_jitter's "
+                    "may: use --device cpu, or leave it out"
+                )
+            longest += float(np.nanmax(finite_s, initial=0.0))
     return longest

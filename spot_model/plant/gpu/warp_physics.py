@@ -68,6 +68,8 @@ class WarpPhysics:
         self._contacts = _GroundContacts(model, self._data, n_sims, self.device)
         self._model: Any = None
         self._graph: Any = None
+        self.build = 0
+        """Number of the model on the device; recorded work of an earlier one is void."""
 
     def _make_data(self, room: dict[str, int]) -> Any:
         try:
@@ -140,6 +142,10 @@ class WarpPhysics:
         """Simulations with a number that is not finite, shape (n_sims,)."""
         return ~(torch.isfinite(self.qpos).all(dim=-1) & torch.isfinite(self.qvel).all(dim=-1))
 
+    def first_divergence(self) -> tuple[int, str]:
+        """Number of the first such simulation, and what is wrong with it."""
+        return int(self.diverged().long().argmax()), "a number is not finite"
+
     def state(self) -> list[Tensor]:
         """All that moves."""
         return [self.qpos, self.qvel, self.ctrl, self.time, self._warmstart]
@@ -169,7 +175,9 @@ class WarpPhysics:
         for name, values in self._own_fields().items():
             target = wp.to_torch(getattr(self._model, name))
             if target.shape[0] != self.n_sims:
-                self._model = self._graph = None  # a field became one of its own: the model is built anew
+                # A field differs between simulations from now on: the model is built anew.
+                self._model = self._graph = None
+                self.build += 1
                 return
             target.copy_(torch.tensor(values, dtype=target.dtype).reshape(target.shape))
 
