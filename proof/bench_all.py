@@ -10,20 +10,25 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from dataclasses import field
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Any, Final
 
 import typer
+from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic.dataclasses import dataclass
 
-from proof.claims import CLAIMS, Bound, Claim, Ratio
+from proof.result_file import ResultFile
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.child_process import module_command
 from spot_model.io.progress import Progress
 from spot_model.io.signals import exit_on_termination
+from spot_model.io.yaml_text import read_yaml
+from spot_model.options import AsJson
 from spot_model.version import software_revision
 
-SCRIPTS: Final = Path("benchmarks")
+BENCHMARKS: Final = Path("benchmarks")
 
 Parts = dict[tuple[str, int], dict[str, Any]]
 """What each script printed, by claim and repeat."""
@@ -35,19 +40,57 @@ class ScriptError(SpotRlError):
     exit_code = 92
 
 
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Ratio:
+    """Two figures of one run, the first over the second; figures are named by their path in the script's object."""
+
+    over: str
+    under: str = ""
+    """Empty: the figure by itself."""
+    asked: Annotated[str, Field(pattern=r"^(([<>]=) [\d.]+)?$")] = ""
+    """``>= 4``, or with ``<=``; empty: nothing is asked."""
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Claim:
+    """One script's measurement, as ``benchmarks/claims.yaml`` describes it."""
+
+    script: str
+    """Below ``benchmarks``, with its arguments."""
+    expected_s: float
+    """Of one repeat on two idle cores: for the time left."""
+    ratios: dict[str, Ratio] = field(default_factory=dict)
+    repeats: int = 3
+
+
+def read_claims(folder: Path = BENCHMARKS) -> dict[str, Claim]:
+    """The claims of a folder of scripts.
+
+    Raises:
+        BadInputError: There is no such folder.
+    """
+    if not folder.is_dir():
+        raise BadInputError(f"there is no folder {folder}: run this in the folder of the project's sources")
+    return TypeAdapter(dict[str, Claim]).validate_python(read_yaml(folder / "claims.yaml", "list of claims"))
+
+
 def all_claims(
     out: Annotated[Path, typer.Option(help="File of the results, a line each; an existing one is continued.")] = Path(
         "bench-all.jsonl"
     ),
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     only: Annotated[list[str] | None, typer.Option(help="Name of a claim, or its beginning; repeatable.")] = None,
     repeats: Annotated[int, typer.Option(min=0, max=100, help="Repeats of each claim; 0: its default.")] = 0,
 ) -> None:
     """Measure every claim against its alternatives; run it in the project's folder."""
-    claims = chosen_claims(only or [])
-    if not SCRIPTS.is_dir():
-        raise BadInputError(f"there is no folder {SCRIPTS}: run this in the folder of the project's sources")
-    parts = read_parts(out)
+    claims = read_claims()
+    for word in only or []:
+        if not any(name.startswith(word) for name in claims):
+            raise BadInputError(f"there is no claim {word!r}; there are {', '.join(map(repr, claims))}")
+    claims = {name: claim for name, claim in claims.items() if not only or name.startswith(tuple(only))}
+    file = ResultFile(out, head())
+    parts: Parts = {(part["claim"], part["repeat"]): part["told"] for part in file.earlier}
+    # In rounds: each claim once, then each once more.
     wanted = [
         (name, repeat)
         for repeat in range(max(repeats or claim.repeats for claim in claims.values()))
@@ -58,7 +101,7 @@ def all_claims(
     total_s = round(sum(claims[name].expected_s for name, _ in wanted))
     failed: dict[str, str] = {}
     done_s = total_s - round(sum(claims[name].expected_s for name, _ in left))
-    with exit_on_termination(), Progress("seconds of work", total_s, done=done_s) as progress, out.open("a") as file:
+    with exit_on_termination(), Progress("seconds of work", total_s, done=done_s) as progress:
         for name, repeat in left:
             progress.update(done_s, f"{name}, repeat {repeat + 1}", is_told=True)
             done_s += round(claims[name].expected_s)
@@ -70,24 +113,11 @@ def all_claims(
                 progress.update(done_s, str(error), is_told=True)
                 continue
             parts[name, repeat] = {**told, "script_took_s": round(time.monotonic() - begin_s, 1)}
-            file.write(json.dumps({"claim": name, "repeat": repeat, "told": parts[name, repeat]}) + "\n")
-            file.flush()
+            file.add({"claim": name, "repeat": repeat, "told": parts[name, repeat]})
     result = {**summary(claims, parts), "failed": failed}
     typer.echo(json.dumps(result, ensure_ascii=False) if as_json else table(result))
     if failed:
         raise ScriptError(f"{', '.join(failed)}: a script failed, see above; the same command measures what is missing")
-
-
-def chosen_claims(only: list[str]) -> dict[str, Claim]:
-    """The claims whose names begin so; all if nothing is named.
-
-    Raises:
-        BadInputError: There is none.
-    """
-    for word in only:
-        if not any(name.startswith(word) for name in CLAIMS):
-            raise BadInputError(f"there is no claim {word!r}; there are {', '.join(map(repr, CLAIMS))}")
-    return {name: claim for name, claim in CLAIMS.items() if not only or name.startswith(tuple(only))}
 
 
 def head() -> dict[str, Any]:
@@ -100,25 +130,6 @@ def head() -> dict[str, Any]:
     }
 
 
-def read_parts(out: Path) -> Parts:
-    """What an earlier part has written; a new file begins with what is measured, and where.
-
-    Raises:
-        BadInputError: The file is of another revision or machine, or not of this command.
-    """
-    if not out.exists():
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(head()) + "\n")
-    first, *lines = out.read_text().splitlines() or ["{}"]
-    try:
-        if json.loads(first) != head():
-            raise BadInputError(f"{out} begins with {first:.120}, not {json.dumps(head())}; give another --out")
-        parts = [json.loads(line) for line in lines]
-        return {(part["claim"], part["repeat"]): part["told"] for part in parts}
-    except (ValueError, KeyError, TypeError) as error:
-        raise BadInputError(f"{out} holds no parts of this command ({error}); give another --out") from error
-
-
 def run_script(script: str) -> dict[str, Any]:
     """Run one script and take the object that it prints.
 
@@ -126,7 +137,7 @@ def run_script(script: str) -> dict[str, Any]:
         ScriptError: It fails, or prints something else.
     """
     words = shlex.split(script)
-    own = [sys.executable, str(SCRIPTS / words[0]), *words[1:]]
+    own = [sys.executable, str(BENCHMARKS / words[0]), *words[1:]]
     command = module_command("spot_model", *words[1:]) if words[0] == "spot-rl" else own
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(Path.cwd()), os.environ.get("PYTHONPATH", "")))}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
@@ -169,16 +180,11 @@ def judged(ratio: Ratio, repeats: list[dict[str, float]]) -> dict[str, Any]:
     """A ratio within each repeat, its median and spread, and whether the median is as asked."""
     values = [r[ratio.over] / (r[ratio.under] if ratio.under else 1.0) for r in repeats]
     found: dict[str, Any] = spread(values) if values else {}
-    if ratio.asked is not None and values:
-        sign, bound = ratio.asked
-        found |= {"asked": f"{sign} {bound:g}", "holds": holds(found["median"], ratio.asked)}
+    if ratio.asked and values:
+        sign, bound = ratio.asked.split()
+        is_low_enough, is_high_enough = found["median"] <= float(bound), found["median"] >= float(bound)
+        found |= {"asked": ratio.asked, "holds": is_low_enough if sign == "<=" else is_high_enough}
     return found
-
-
-def holds(value: float, asked: Bound) -> bool:
-    """Whether a value is as asked."""
-    sign, bound = asked
-    return value >= bound if sign == ">=" else value <= bound
 
 
 def spread(values: list[float]) -> dict[str, float]:

@@ -17,6 +17,7 @@ from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.child_process import module_command
 from spot_model.io.signals import run_in_foreground
 from spot_model.io.velocity_sequence import forward_sequence, save_sequence
+from spot_model.options import WALK, PolicyFile, ScenarioName
 from spot_model.policy.policy import load_policy
 
 
@@ -27,9 +28,9 @@ class DemoError(SpotRlError):
 
 
 def demo(
-    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
+    policy: PolicyFile = WALK,
     out: Annotated[Path, typer.Option(help="Folder of the log and the page.")] = Path("demo-output"),
-    scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+    scenario: ScenarioName = "default",
     top_speed: Annotated[
         float, typer.Option(min=0.0, max=5.0, help="Top speed of the sequence, m/s; 0: the policy's own.")
     ] = 0.0,

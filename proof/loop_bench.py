@@ -17,8 +17,7 @@ from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.errors import SpotRlError
 from spot_model.io.child_process import ChildProcess, module_command
 from spot_model.io.signals import exit_on_termination
-
-app = typer.Typer(no_args_is_help=True, add_completion=False)
+from spot_model.options import WALK, AsJson, PolicyFile, ScenarioName
 
 FAKE_PRIORITY: Final = 35
 """Below the runtime's: a real robot computes elsewhere, so the fake must not wait for the busy processes either."""
@@ -52,27 +51,21 @@ class BenchError(SpotRlError):
     exit_code = 92
 
 
-@app.callback()
-def bench() -> None:
-    """Measure the runtime on this machine."""
-
-
-@app.command()
 def loop(
-    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     seconds: Annotated[float, typer.Option(min=2.0, max=3600.0, help="Policy time of each measurement.")] = 60.0,
-    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
-    scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+    policy: PolicyFile = WALK,
+    scenario: ScenarioName = "default",
     sequence: Annotated[str, typer.Option(help="Velocity commands.")] = "standing",
     busy_processes: Annotated[int, typer.Option(min=0, max=64, help="Busy processes of the second part.")] = 2,
 ) -> None:
     """Run the loop against a fake robot in real time: on an idle machine, then beside busy processes."""
     results: dict[str, Any] = {}
     for name, count in (("idle", 0), ("busy", busy_processes)):
-        if not json_output:
+        if not as_json:
             typer.echo(f"{name}: {seconds:g} s of policy time beside {count} busy processes …", err=True)
         results[name] = measure(seconds=seconds, policy=policy, scenario=scenario, sequence=sequence, busy=count)
-    if json_output:
+    if as_json:
         typer.echo(json.dumps(results))
         return
     for key in KEYS:

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import tempfile
 import time
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
-from fake_robot.start.process import FakeProcess
-from spot_log.write.logger_process import LoggerProcess
-from spot_log.write.sink import LogSink
-from spot_model.errors import BadInputError
+from proof.rig.faulty_hal import FaultyHal
+from proof.rig.runs import rig
 from spot_model.io.signals import exit_on_termination
 from spot_model.io.velocity_sequence import load_sequence
-from spot_model.policy.policy import load_policy
-from spot_model.robot.state import RobotState
-from spot_runtime.config import RunConfig, for_lock_step
-from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.spot.adapter import BosdynHal
-from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.host.clock import HostClock
-from spot_runtime.host.console import Console
-from spot_runtime.session.run import RunRequest, run
+from spot_model.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_runtime.session.summary import resident_mb
 from spot_tools.run.scripted import ScriptedSource
 
 GROWTH_BOUND_MB: Final = 4.0
+SAMPLES: Final = 120
+DEFAULTS: Final[Mapping[str, Mapping[str, Any]]] = {}
+"""A run as it is, and not the benches' quick one."""
 
 
 @dataclass
@@ -56,85 +48,53 @@ class Samples:
         """Median of the last quarter less that of the second: what comes and goes within a quarter is not growth."""
         quarter = max(1, len(self.robot_s) // 4)
         return {
-            name: round(median(getattr(self, name)[-quarter:]) - median(getattr(self, name)[quarter : 2 * quarter]), 2)
-            for name in ("rss_mb", "descriptors", "threads")
+            name: round(median(values[-quarter:]) - median(values[quarter : 2 * quarter]), 2)
+            for name, values in asdict(self).items()
+            if name != "robot_s"
         }
 
 
-class Watched(BosdynHal):
-    """The vendor adapter, which also samples the process."""
-
-    samples: Samples
-    period_ns: int
-    _next_ns: int = 0
-    _began_ns: int = 0
-
-    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
-        """Sample where it is time."""
-        now_ns = self.robot_now_ns()
-        self._began_ns = self._began_ns or now_ns
-        if now_ns >= self._next_ns:
-            self._next_ns = now_ns + self.period_ns
-            self.samples.take((now_ns - self._began_ns) / 1e9)
-        return super().receive(until_robot_ns, timeout_s)
-
-
 def soak(
-    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     minutes: Annotated[float, typer.Option(min=0.05, max=1440.0, help="Robot time.")] = 60.0,
-    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
+    policy: PolicyFile = WALK,
     sequence: Annotated[str, typer.Option(help="Velocity commands; they repeat.")] = "standing",
-    scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+    scenario: ScenarioName = "default",
 ) -> None:
     """Run for an hour of robot time in lock-step; memory, descriptors and threads must not grow."""
-    if not policy.is_file():
-        raise BadInputError(f"policy {policy} is no file; give an ONNX file with its contract")
-    result = measure(minutes=minutes, policy=policy, sequence=sequence, scenario=scenario)
-    if json_output:
-        typer.echo(json.dumps(result))
-    else:
-        for name in ("outcome", "robot_s", "wall_s", "ticks", "growth", "flat"):
-            typer.echo(f"{name:<10} {result[name]}")
-    raise typer.Exit(0 if result["flat"] else 1)
-
-
-def measure(*, minutes: float, policy: Path, sequence: str, scenario: str) -> dict[str, object]:
-    """One run, and what grew."""
     samples, began_s = Samples(), time.monotonic()
+    source = ScriptedSource(load_sequence(sequence), duration_s=minutes * 60.0)
+
+    def sample(hal: FaultyHal, began_ns: int) -> None:
+        """Look at the process now, and again after a period."""
+        samples.take((hal.robot_now_ns() - began_ns) / 1e9)
+        hal.plan(minutes * 60.0 / SAMPLES, lambda: sample(hal, began_ns))
+
     with (
         exit_on_termination(),
         tempfile.TemporaryDirectory(prefix="spot-rl-soak-") as folder,
-        FakeProcess(scenario=scenario, is_lock_step=True, state_dir=Path(folder) / "state") as fake,
+        rig(Path(folder), policy, scenario=scenario) as robot,
     ):
-        os.environ.update(fake.address.environment)
-        config = for_lock_step(RunConfig.model_validate({"robot": {"ca_file": str(fake.address.ca_file)}}))
-        source = ScriptedSource(load_sequence(sequence), duration_s=minutes * 60.0)
-        path = Path(folder) / "soak.mcap"
-        request = RunRequest(fake.address.robot, load_policy(policy), source, config, path)
-
-        def make_hal(sink: LogSink) -> Hal:
-            pace = LockStep(fake.address.admin, HostClock().now_ns())
-            hal = Watched(parse_address(fake.address.robot), config, sink, pace)
-            hal.samples, hal.period_ns = samples, round(minutes * 60e9 / 120)
-            return hal
-
-        console = Console(io.StringIO())
-        try:
-            summary = run(request, make_hal, LoggerProcess.start, console)
-        finally:
-            console.close()
-        log_mb = round(path.stat().st_size / 1e6, 1) if path.exists() else None
-    growth = samples.growth()
+        robot.calm, robot.wakes_at_every_state = DEFAULTS, False
+        drive = robot.drive(lambda hal: sample(hal, hal.robot_now_ns()), at_s=0.0, source=source)
+        log_mb = round(drive.log_path.stat().st_size / 1e6, 1) if drive.log_path.exists() else None
+    summary, growth = drive.summary, samples.growth()
     is_flat = growth["rss_mb"] <= GROWTH_BOUND_MB and growth["descriptors"] <= 0 and growth["threads"] <= 0
-    return {
+    result = {
         "outcome": summary.outcome,
-        "robot_s": samples.robot_s[-1] if samples.robot_s else 0.0,
+        "robot_s": samples.robot_s[-1],
         "wall_s": round(time.monotonic() - began_s, 1),
         "ticks": summary.ticks,
         "skipped_ticks": summary.skipped_ticks,
         "log_dropped": summary.log_dropped,
         "log_mb": log_mb,
         "growth": growth,
-        "flat": bool(is_flat and summary.outcome == "completed"),
-        "samples": {name: getattr(samples, name) for name in Samples.__dataclass_fields__},
+        "flat": is_flat and summary.outcome == "completed",
+        "samples": asdict(samples),
     }
+    if as_json:
+        typer.echo(json.dumps(result))
+    else:
+        for name in ("outcome", "robot_s", "wall_s", "ticks", "growth", "flat"):
+            typer.echo(f"{name:<10} {result[name]}")
+    raise typer.Exit(0 if result["flat"] else 1)

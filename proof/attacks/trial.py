@@ -1,18 +1,24 @@
-"""One attack on one service: attackers in processes of their own, and an operator who stops the robot meanwhile."""
+"""How soon a stop gets through while clients in processes of their own attack the operator's service."""
 
 from __future__ import annotations
 
+import json
+import statistics
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal
+from typing import Annotated, Any, Final, Literal
 
+import typer
+
+from proof.attacks.attackers import ATTACKS
 from proof.attacks.certificates import LOOPBACK, Authority, role
-from spot_model.errors import SpotRlError
+from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.child_process import HEARD, ChildProcess
+from spot_model.options import AsJson
 from spot_protos import operator_pb2
 from spot_tools.client.client import OperatorClient
 
@@ -21,6 +27,8 @@ LISTENS: Final[tuple[Listen, ...]] = ("unix", "loopback", "tls")
 BOUND_S: Final = 0.5
 PAUSE_S: Final = 0.1
 TIMEOUT_S: Final = 10.0
+EXIT_FAILED: Final = 1
+STOPS_OF_A_SLOW_ONE: Final = 1000
 
 
 @dataclass
@@ -34,14 +42,44 @@ class Trial:
     refusals: list[str] = field(default_factory=list)
 
     @property
-    def worst_s(self) -> float:
-        """The longest that a stop took."""
-        return max(self.latencies_s, default=float("inf"))
-
-    @property
     def slow(self) -> int:
         """Stops that took longer than the bound."""
         return sum(latency_s > BOUND_S for latency_s in self.latencies_s)
+
+    def figures(self) -> dict[str, Any]:
+        """As JSON."""
+        median_s, worst_s = statistics.median(self.latencies_s), max(self.latencies_s)
+        times = {"median_ms": round(median_s * 1e3, 1), "worst_ms": round(worst_s * 1e3, 1)}
+        return {"listen": self.listen, "attack": self.attack, **times, "failed": self.refusals}
+
+
+def stop(
+    as_json: AsJson = False,
+    only: Annotated[str, typer.Option(help="Only attacks whose name or address contains this.")] = "",
+    stops: Annotated[int, typer.Option(min=1, help="Stops of a new client, and as many of a connected one.")] = 20,
+) -> None:
+    """Attack the operator's service in many ways: no stop may fail, and one in a thousand may take more than 0.5 s."""
+    chosen = [(attack, listen) for listen in LISTENS for attack in ATTACKS if only in attack or only == listen]
+    if not chosen:
+        raise BadInputError(f"no attack holds {only!r}; attacks: {', '.join(ATTACKS)}; listening: {', '.join(LISTENS)}")
+    trials: list[Trial] = []
+    for number, (attack, listen) in enumerate(chosen, 1):
+        trials.append(trial := try_attack(attack, listen, stops))
+        told = trial.figures()
+        typer.echo(
+            f"{number}/{len(chosen)} {'BAD' if trial.refusals or trial.slow else 'ok '} {listen:<8} {attack:<18} "
+            f"median {told['median_ms']:4.0f} ms, worst {told['worst_ms']:4.0f} ms, {len(trial.refusals)} failed",
+            err=as_json,
+        )
+    count = sum(len(trial.latencies_s) for trial in trials)
+    slow, failed = sum(trial.slow for trial in trials), sum(len(trial.refusals) for trial in trials)
+    if as_json:
+        attacks = [trial.figures() for trial in trials]
+        told = {"bound_ms": BOUND_S * 1e3, "attacks": attacks, "stops": count, "slow": slow, "failed": failed}
+        typer.echo(json.dumps(told, ensure_ascii=False))
+    else:
+        typer.echo(f"{count} stops, {failed} failed, {slow} took longer than {BOUND_S * 1e3:.0f} ms")
+    raise typer.Exit(EXIT_FAILED if failed or slow * STOPS_OF_A_SLOW_ONE > count else 0)
 
 
 @dataclass

@@ -13,45 +13,37 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from proof.faults import (
-    rows_link,
-    rows_log,
-    rows_phases,
-    rows_policy,
-    rows_process,
-    rows_robot,
-    rows_signals,
-    rows_state,
-)
-from proof.faults.rig import rig
+from proof.faults import rows_link, rows_log, rows_measured, rows_phases, rows_policy, rows_process, rows_robot
 from proof.faults.rows import Result, Row, tidy, try_row
-from proof.faults.search.search import searched
+from proof.faults.search import searched
+from proof.rig.runs import rig
 from spot_model.errors import BadInputError
 from spot_model.io.progress import Progress
 from spot_model.io.signals import exit_on_termination
+from spot_model.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.policy.policy import load_policy
 
 ROWS: Final[tuple[Row, ...]] = (
     *rows_link.ROWS,
-    *rows_state.ROWS,
+    *rows_measured.ROWS,
     *rows_robot.ROWS,
     *rows_policy.ROWS,
     *rows_process.ROWS,
     *rows_log.ROWS,
     *rows_phases.ROWS,
-    *rows_signals.ROWS,
+    *rows_measured.SIGNAL_ROWS,
     *rows_robot.ALONE,
 )
 EXIT_FAILED: Final = 1
 
 
 def faults(
-    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     real_time: Annotated[bool, typer.Option("--real-time", help="Only the rows about time, in real time.")] = False,
     only: Annotated[str, typer.Option(help="Only rows whose name contains this.")] = "",
     quick: Annotated[bool, typer.Option("--quick", help="Skip the rows that take minutes.")] = False,
-    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
-    scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+    policy: PolicyFile = WALK,
+    scenario: ScenarioName = "default",
     search: Annotated[bool, typer.Option("--search", help="Inject random faults instead.")] = False,
     minutes: Annotated[float, typer.Option(min=0.1, help="How long to search.")] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the search.")] = 0,
@@ -59,7 +51,7 @@ def faults(
     """Inject every fault of the fault table into a fake robot in lock-step, and check the reaction."""
     load_policy(policy)
     if search:
-        raise typer.Exit(EXIT_FAILED if search_and_tell(seed, minutes, policy, scenario, json_output) else 0)
+        raise typer.Exit(EXIT_FAILED if search_and_tell(seed, minutes, policy, scenario, as_json) else 0)
     rows = chosen(only, is_real_time=real_time, is_quick=quick)
     results: list[Result] = []
     with Progress("rows", len(rows)) as progress:
@@ -68,7 +60,7 @@ def faults(
             mark, words = "ok " if result.ok else "BAD", "; ".join(result.problems)
             progress.update(len(results), f"{mark} {result.fault}: {result.reaction} {words}", is_told=True)
     failed = sum(not result.ok for result in results)
-    if json_output:
+    if as_json:
         typer.echo(json.dumps({"rows": [result.to_json() for result in results], "failed": failed}, ensure_ascii=False))
     else:
         Console().print(table(results))
@@ -76,7 +68,7 @@ def faults(
     raise typer.Exit(EXIT_FAILED if failed else 0)
 
 
-def search_and_tell(seed: int, minutes: float, policy: Path, scenario: str, json_output: bool) -> int:
+def search_and_tell(seed: int, minutes: float, policy: Path, scenario: str, as_json: bool) -> int:
     """Search, and tell of each case. Returns how many broke a law."""
     began_s, count, bad = time.monotonic(), 0, []
     with tempfile.TemporaryDirectory(prefix="spot-rl-search-") as folder:
@@ -90,7 +82,7 @@ def search_and_tell(seed: int, minutes: float, policy: Path, scenario: str, json
             if verdict.problems:
                 bad.append(verdict)
                 typer.echo(f"  case {verdict.case.to_json()}", err=True)
-    if json_output:
+    if as_json:
         found = [{"case": verdict.case.to_json(), "problems": verdict.problems} for verdict in bad]
         typer.echo(json.dumps({"seed": seed, "minutes": minutes, "cases": count, "found": found}, ensure_ascii=False))
     else:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any, Concatenate, Final, ParamSpec
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 
-from proof.faults.drive import Drive
-from proof.faults.rig import Rig
+from proof.rig.runs import Drive, Rig
+from proof.rig.signals import ending_the_bench
 from spot_log import Run
 from spot_model.robot import facts
 
@@ -81,16 +81,9 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """As JSON; the problems only where there are any."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "problems"}
-        return values if self.ok else {**values, "problems": list(self.problems)}
-
-
-Given = ParamSpec("Given")
-
-
-def tried_with(attempt: Callable[Concatenate[Rig, Given], Finding]) -> Callable[Given, Callable[[Rig], Finding]]:
-    """Make an attempt that takes more than the rig one that is given the rest first, where a row names it."""
-    return lambda *args, **keywords: lambda rig: attempt(rig, *args, **keywords)
+        values = asdict(self)
+        problems = values.pop("problems")
+        return values if self.ok else {**values, "problems": list(problems)}
 
 
 def try_row(rig: Rig, row: Row) -> Result:
@@ -98,11 +91,10 @@ def try_row(rig: Rig, row: Row) -> Result:
     began_s = time.monotonic()
     try:
         rig.truth(reset_extremes=True)
-        finding = row.attempt(rig)
+        with ending_the_bench():
+            finding = row.attempt(rig)
     except Exception as error:  # noqa: BLE001 - a row that breaks is a row that failed
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        finding = Finding("broke", problems=[f"{type(error).__name__}: {error} ({last.filename}:{last.lineno})"])
-        finding.log_ok = False
+        finding = Finding("broke", problems=[where_it_broke(error)], log_ok=False)
     height_m, torque_nm = None, None
     try:
         truth = finding.truth or rig.truth()
@@ -111,23 +103,26 @@ def try_row(rig: Rig, row: Row) -> Result:
         left_alone(rig, finding)
     except Exception as error:  # noqa: BLE001 - as above
         finding.problems.append(f"the robot cannot be looked at afterwards: {type(error).__name__}: {error}")
-    if finding.reaction_ms > row.bound_ms:
-        finding.problems.append(f"reacted after {finding.reaction_ms:.1f} ms")
+    finding.demand(finding.reaction_ms <= row.bound_ms, f"reacted after {finding.reaction_ms:.1f} ms")
     hung_s = time.monotonic() - began_s
     finding.demand(hung_s < (HUNG_LONG_S if row.is_long else HUNG_S), f"took {hung_s:.0f} s")
-    reaction_ms = round(finding.reaction_ms, 1)
-    is_ok = not finding.problems and finding.log_ok
     return Result(
         row.fault,
         finding.reaction,
-        reaction_ms,
+        round(finding.reaction_ms, 1),
         row.bound_ms,
-        is_ok,
+        not finding.problems and finding.log_ok,
         height_m,
         torque_nm,
         finding.log_ok,
         tuple(finding.problems),
     )
+
+
+def where_it_broke(error: Exception) -> str:
+    """An error in a line, with the place that raised it."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({last.filename}:{last.lineno})"
 
 
 def tidy(rig: Rig, row: Row, result: Result) -> Result:
@@ -138,9 +133,10 @@ def tidy(rig: Rig, row: Row, result: Result) -> Result:
         left = rig.restore()
     except Exception as error:  # noqa: BLE001 - as above
         left = f"a robot that cannot be restored: {type(error).__name__}: {error}"
-    if not left:
-        return result
-    return replace(result, ok=False, problems=(*result.problems, f"left {left}"))
+    return replace(result, ok=False, problems=(*result.problems, f"left {left}")) if left else result
+
+
+# What every run must keep --------------------------------------------------------------------------------------------
 
 
 def settle(rig: Rig) -> None:
@@ -149,8 +145,7 @@ def settle(rig: Rig) -> None:
     for _ in range(round(SETTLE_S / SETTLE_PART_S)):
         rig.step(SETTLE_PART_S)
         speed_rad_s = float(np.abs(rig.truth().joint_velocity_rad_s).max())
-        is_off = rig.status().motor_power.lower().endswith("off")
-        still = still + 1 if is_off and speed_rad_s < AT_REST_RAD_S / 10.0 else 0
+        still = still + 1 if not rig.is_powered and speed_rad_s < AT_REST_RAD_S / 10.0 else 0
         if still == STILL_PARTS:
             return
 
@@ -167,21 +162,19 @@ def left_alone(rig: Rig, finding: Finding) -> None:
     finding.demand(speed_rad_s < AT_REST_RAD_S, f"a joint still moves at {speed_rad_s:.2f} rad/s")
 
 
-def judge(drive: Drive, outcome: str | tuple[str, ...], *, incident: bool = True) -> Finding:
+def judge(drive: Drive, *outcomes: str, incident: bool = True) -> Finding:
     """What every run must keep: outcome, a log that opens and says so, limits, keys, end times, an incident file."""
-    finding = Finding(drive.summary.outcome, truth=drive.truth)
-    outcomes = (outcome,) if isinstance(outcome, str) else outcome
-    finding.demand(drive.summary.outcome in outcomes, f"ended {drive.summary.outcome}: {drive.summary.sentence}")
+    summary, finding = drive.summary, Finding(drive.summary.outcome, truth=drive.hal.truth)
+    finding.demand(summary.outcome in outcomes, f"ended {summary.outcome}: {summary.sentence}")
     finding.demand(drive.happened_ns > 0, "the fault never happened")
-    log = drive.log
+    log, error = drive.opened
     if log is None:
         finding.log_ok = False
-        finding.problems.append(f"the log does not open: {drive.log_error}")
+        finding.problems.append(f"the log does not open: {error}")
         return finding
-    finding.demand(log.outcome == drive.summary.outcome or bool(log.damage), f"the log says {log.outcome}")
+    finding.demand(log.outcome == summary.outcome or bool(log.damage), f"the log says {log.outcome}")
     keep_invariants(log, finding)
-    is_trip = drive.summary.exit_code >= 20 and drive.summary.exit_code < 80
-    if incident and is_trip:
+    if incident and 20 <= summary.exit_code < 80:
         kept = drive.incident
         finding.demand(kept is not None and len(kept.states) > 0, "there is no incident file")
     return finding
@@ -204,29 +197,3 @@ def keep_invariants(log: Run, finding: Finding) -> None:
         finding.demand(bool(soft[first:].all()), "something other than damping followed damping")
     used = commands.state_robot_stamp_ns[commands.state_robot_stamp_ns > 0]
     finding.demand(bool((np.diff(used) >= 0).all()), "an older state was used after a newer one")
-
-
-def reacted(drive: Drive, finding: Finding, way: str, since_ns: int | None = None) -> Finding:
-    """Put in how long it took until the mode ``way`` began (or an event of that name came)."""
-    at_ns = drive.event_ns(way)
-    finding.reaction = f"{finding.reaction} → {way}" if at_ns is not None else finding.reaction
-    finding.demand(at_ns is not None, f"there was no {way}")
-    if at_ns is not None:
-        finding.reaction_ms = (at_ns - (drive.happened_ns if since_ns is None else since_ns)) / NS_PER_MS
-    return finding
-
-
-def went_on(drive: Drive, finding: Finding, missed: int = 0) -> Finding:
-    """Every tick ran, except for this many."""
-    finding.demand(drive.summary.skipped_ticks <= missed, f"{drive.summary.skipped_ticks} ticks were missed")
-    return finding
-
-
-def happens(*actions: Callable[[], object]) -> Callable[[object], None]:
-    """What happens, in the form that the rig takes."""
-
-    def act(_: object) -> None:
-        for action in actions:
-            action()
-
-    return act

@@ -11,19 +11,19 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from proof.faults.drive import read_log
-from proof.faults.rig import Rig
-from proof.faults.rows import NS_PER_MS, Finding, Row, tried_with
+from proof.faults.rows import NS_PER_MS, Finding, Row
+from proof.rig.runs import Rig, read_log
 from spot_log import LogReadError, recover_leftovers
 from spot_model.io.child_process import HEARD, ChildProcess
 from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import HalError
 
-END_TIME_MS: Final = 50.0
-STOP_BOUND_MS: Final = END_TIME_MS + 5.0
+STOP_BOUND_MS: Final = 55.0
+"""The end time of a command, and the link's few milliseconds."""
 STEP_NS: Final = 1_500_000
 PATIENCE_S: Final = 180.0
 STUCK_S: Final = 20.0
@@ -39,7 +39,7 @@ class Running:
     words: Sequence[str] = ()
     """Its command line."""
 
-    def finish(self, timeout_s: float = STUCK_S) -> tuple[int, str, bool]:
+    def finish(self, timeout_s: float = PATIENCE_S) -> tuple[int, str, bool]:
         """Exit code, last words, and whether it hung: then it is killed, as the service's watchdog does."""
         code, said = self.process.hear_out(timeout_s)
         is_stuck = code is None
@@ -50,27 +50,25 @@ class Running:
 
 
 @contextmanager
-def running(rig: Rig, *words: str) -> Iterator[Running]:
+def running(rig: Rig) -> Iterator[Running]:
     """``spot-rl run`` until the policy is in control; whatever happens, it is gone afterwards."""
     folder = rig.new_log_path().with_suffix("")
-    command = ["run", "--robot", rig.address.robot, "--policy", str(rig.policy_file), "--duration", "600"]
-    command += ["--log-dir", str(folder), *words]
-    command += ["--lock-step", rig.address.admin] if rig.is_lock_step else []
-    process = start(rig, command)
+    words = ["run", "--robot", rig.address.robot, "--policy", str(rig.policy_file), "--duration", "600"]
+    words += ["--log-dir", str(folder), "--ca-file", str(rig.address.ca_file)]
+    words += ["--credentials-file", str(rig.credentials_file)]
+    words += ["--lock-step", rig.address.admin] if rig.is_lock_step else []
+    process = start(words)
     try:
         await_line(process, "→ active")
         rig.truth(reset_extremes=True)
-        yield Running(process, folder, command)
+        yield Running(process, folder, words)
     finally:
         process.end(0.0)
 
 
-def start(rig: Rig, command: Sequence[str]) -> ChildProcess:
-    """``spot-rl`` with these words, for this robot."""
-    environment = {**os.environ, **rig.address.environment}
-    return ChildProcess.start(
-        "spot_model", *command, told=b"", environment=environment, output=HEARD, errors=subprocess.STDOUT
-    )
+def start(words: Sequence[str]) -> ChildProcess:
+    """``spot-rl`` with these words."""
+    return ChildProcess.start("spot_model", *words, told=b"", output=HEARD, errors=subprocess.STDOUT)
 
 
 def await_line(process: ChildProcess, text: str) -> None:
@@ -82,19 +80,20 @@ def await_line(process: ChildProcess, text: str) -> None:
     deadline_s, said = time.monotonic() + PATIENCE_S, ""
     descriptor = process.output.fileno()
     while text not in said:
-        if not select.select([descriptor], [], [], max(0.0, deadline_s - time.monotonic()))[0]:
-            raise TimeoutError(f"the run never said {text!r}: {said[-300:]}")
-        chunk = os.read(descriptor, 65536).decode(errors="replace")
+        has_words = select.select([descriptor], [], [], max(0.0, deadline_s - time.monotonic()))[0]
+        chunk = os.read(descriptor, 65536).decode(errors="replace") if has_words else ""
         if not chunk:
-            raise TimeoutError(f"the run ended before it said {text!r}: {said[-300:]}")
+            raise TimeoutError(f"the run ended, or never said {text!r}: {said[-300:]}")
         said += chunk
 
 
-def robot_stops_ms(rig: Rig, before_ns: int) -> float:
+def stops_ms(rig: Rig, before_ns: int) -> float:
     """Time until joint control is over, with no help from the runtime.
 
-    In lock-step, robot time stands still once the runtime does; in real time it counts from just before.
+    In lock-step, robot time stands still once the runtime does; in real time it counts from ``before_ns``.
     """
+    if rig.is_lock_step:
+        time.sleep(0.05)  # until the process stands still
     began_ns = rig.status().robot_stamp_ns if rig.is_lock_step else before_ns
     for _ in range(1000):
         status = rig.status()
@@ -107,7 +106,12 @@ def robot_stops_ms(rig: Rig, before_ns: int) -> float:
     return float("inf")
 
 
-def log_is_whole(folder: Path, finding: Finding) -> None:
+def check_words(said: str, finding: Finding) -> None:
+    """What a process said holds no traceback."""
+    finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
+
+
+def check_logs(folder: Path, finding: Finding) -> None:
     """Every log there opens, after recovery where it was cut."""
     try:
         recover_leftovers(folder)
@@ -120,50 +124,28 @@ def log_is_whole(folder: Path, finding: Finding) -> None:
     finding.log_ok = bool(opened) and all(log is not None and len(log.states) > 0 for log in opened)
 
 
-@tried_with
-def gone(rig: Rig, *signals: signal.Signals, with_logger: bool = False) -> Finding:
+def killed(rig: Rig, *, with_logger: bool) -> Finding:
     """The runtime is gone from one instant to the next; the robot stops by itself, and a restart moves nothing."""
     finding = Finding("the robot stops by itself")
     with running(rig) as run:
-        children = child_ids(run.process.pid)
+        children = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text(encoding="ascii")
         before_ns = rig.status().robot_stamp_ns
-        for number in signals:
-            run.process.send(number)
-        for child in children if with_logger else []:
-            os.kill(child, signal.SIGKILL)
-        settle(rig)
-        finding.reaction_ms = robot_stops_ms(rig, before_ns)
         run.process.kill()
+        for child in children.split() if with_logger else []:
+            os.kill(int(child), signal.SIGKILL)
+        finding.reaction_ms = stops_ms(rig, before_ns)
         run.process.wait(PATIENCE_S)
         time.sleep(0.3)  # the logger sees the end, and closes its file
-        log_is_whole(run.folder, finding)
+        check_logs(run.folder, finding)
         rig.step(0.2)
         commands = rig.status().commands_received
-        restart(rig, finding)
+        rig.step(6.0)
+        try:
+            rig.clear_behavior_faults()
+        except HalError as error:
+            finding.problems.append(f"it cannot be reached again: {error}")
         finding.demand(rig.status().commands_received == commands, "commands were sent that nobody asked for")
     return finding
-
-
-def settle(rig: Rig) -> None:
-    """In lock-step, wait until the process stands still, so that robot time does."""
-    if rig.is_lock_step:
-        time.sleep(0.05)
-
-
-def restart(rig: Rig, finding: Finding) -> None:
-    """A client reaches the robot again, and nothing moves by that."""
-    rig.step(6.0)
-    try:
-        with rig.environment():
-            rig.clear_behavior_faults()
-    except HalError as error:
-        finding.problems.append(f"it cannot be reached again: {error}")
-
-
-def child_ids(process_id: int) -> list[int]:
-    """The processes that a process has started."""
-    path = Path(f"/proc/{process_id}/task/{process_id}/children")
-    return [int(word) for word in path.read_text(encoding="ascii").split()]
 
 
 def held(rig: Rig) -> Finding:
@@ -172,22 +154,20 @@ def held(rig: Rig) -> Finding:
     with running(rig) as run:
         before_ns = rig.status().robot_stamp_ns
         run.process.send(signal.SIGSTOP)
-        settle(rig)
-        finding.reaction_ms = robot_stops_ms(rig, before_ns)
+        finding.reaction_ms = stops_ms(rig, before_ns)
         rig.step(1.0)
         run.process.send(signal.SIGCONT)
-        code, said, _ = run.finish(PATIENCE_S)
+        code, said, _ = run.finish()
         finding.reaction += f", then exit code {code}"
         finding.demand(16 <= code < 80, f"it ended with {code}: {said[-300:]}")
         # In lock-step a process may take its time, so its pauses are not watched.
         is_told = rig.is_lock_step or "this process did not run" in said
         finding.demand(is_told, f"it does not say that it did not run: {said[-300:]}")
-        finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
-        log_is_whole(run.folder, finding)
+        check_words(said, finding)
+        check_logs(run.folder, finding)
     return finding
 
 
-@tried_with
 def limited(rig: Rig, what: int, room: Callable[[int], int]) -> Finding:
     """The system grants the runtime nothing more of something; then it is told to stop."""
     with running(rig) as run:
@@ -195,35 +175,34 @@ def limited(rig: Rig, what: int, room: Callable[[int], int]) -> Finding:
         resource.prlimit(run.process.pid, what, (limit, limit))
         time.sleep(1.0)
         run.process.send(signal.SIGTERM)
-        code, said, is_stuck = run.finish()
+        code, said, is_stuck = run.finish(STUCK_S)
         finding = Finding(f"exit code {code}")
-        finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
+        check_words(said, finding)
         if not 0 <= code < 100:
             finding.reaction = "stuck, killed; the robot stops by itself" if is_stuck else "the robot stops by itself"
-            finding.reaction_ms = robot_stops_ms(rig, rig.status().robot_stamp_ns)
-        log_is_whole(run.folder, finding)
+            finding.reaction_ms = stops_ms(rig, rig.status().robot_stamp_ns)
+        check_logs(run.folder, finding)
     return finding
 
 
-def address_space(process_id: int) -> int:
-    """What a process has mapped already, bytes."""
+def mapped_bytes(process_id: int) -> int:
+    """What a process has mapped already."""
     pages = int(Path(f"/proc/{process_id}/statm").read_text(encoding="ascii").split()[0])
     return pages * resource.getpagesize()
 
 
-@tried_with
-def signalled(rig: Rig, number: signal.Signals, code: int, *, closes_output: bool = False) -> Finding:
+def signalled(rig: Rig, number: signal.Signals, *, closes_output: bool = False) -> Finding:
     """A signal ends the run, the robot sits, and the exit code says why."""
     with running(rig) as run:
         if closes_output:
             run.process.output.close()
         run.process.send(number)
-        ended, said = (run.process.wait(PATIENCE_S), b"") if closes_output else run.process.hear_out(PATIENCE_S)
-        finding = Finding(f"exit code {ended}")
-        finding.demand(ended == code, f"it ended with {ended}, not {code}")
-        finding.demand(b"Traceback" not in said, "a traceback")
-        finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
-        log_is_whole(run.folder, finding)
+        code, said = (run.process.wait(PATIENCE_S), b"") if closes_output else run.process.hear_out(PATIENCE_S)
+        finding = Finding(f"exit code {code}")
+        finding.demand(code == 10, f"it ended with {code}, not 10")
+        check_words(said.decode(errors="replace"), finding)
+        finding.demand(not rig.is_powered, "the motors still have power")
+        check_logs(run.folder, finding)
     return finding
 
 
@@ -231,27 +210,32 @@ def second(rig: Rig) -> Finding:
     """A second runtime of this computer is refused; the first does not notice."""
     with running(rig) as first:
         began_s = time.monotonic()
-        with start(rig, first.words) as other:
+        with start(first.words) as other:
             refused, told = other.hear_out(PATIENCE_S)
         finding = Finding(f"exit code {refused}", (time.monotonic() - began_s) * 1e3)
         finding.demand(refused == 94, f"the second ended with {refused}: {told[-300:]!r}")
         finding.demand(first.process.exit_code is None, "the first ended, too")
         first.process.send(signal.SIGTERM)
-        code, said, _ = first.finish(PATIENCE_S)
+        code, said, _ = first.finish()
         finding.demand(code == 10, f"the first ended with {code}: {said[-300:]}")
-        log_is_whole(first.folder, finding)
+        check_logs(first.folder, finding)
     return finding
 
 
+no_memory = partial(limited, what=resource.RLIMIT_AS, room=mapped_bytes)
+no_files = partial(limited, what=resource.RLIMIT_NOFILE, room=lambda _: 8)
+unread = partial(signalled, number=signal.SIGTERM, closes_output=True)
+
 ROWS = (
-    Row("kill −9 (or the system, out of memory)", STOP_BOUND_MS, gone(signal.SIGKILL), is_real_time=True),
-    Row("kill −9 of runtime and logger", STOP_BOUND_MS, gone(signal.SIGKILL, with_logger=True), is_real_time=True),
+    Row("kill −9 (or the system, out of memory)", STOP_BOUND_MS, partial(killed, with_logger=False), is_real_time=True),
+    Row("kill −9 of runtime and logger", STOP_BOUND_MS, partial(killed, with_logger=True), is_real_time=True),
     Row("SIGSTOP, and on after a second", STOP_BOUND_MS, held, is_real_time=True),
-    Row("no more memory", STOP_BOUND_MS, limited(resource.RLIMIT_AS, address_space)),
-    Row("no more files", STOP_BOUND_MS, limited(resource.RLIMIT_NOFILE, lambda _: 8)),
-    Row("SIGTERM", 0.0, signalled(signal.SIGTERM, 10), is_real_time=True),
-    Row("SIGINT", 0.0, signalled(signal.SIGINT, 10)),
-    Row("SIGHUP", 0.0, signalled(signal.SIGHUP, 10)),
-    Row("SIGTERM, and nobody reads the output", 0.0, signalled(signal.SIGTERM, 10, closes_output=True)),
+    Row("no more memory", STOP_BOUND_MS, no_memory),
+    Row("no more files", STOP_BOUND_MS, no_files),
+    *(
+        Row(number.name, 0.0, partial(signalled, number=number), is_real_time=number == signal.SIGTERM)
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    ),
+    Row("SIGTERM, and nobody reads the output", 0.0, unread),
     Row("a second runtime", 10_000.0, second, is_host_time=True),
 )

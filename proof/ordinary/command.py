@@ -6,14 +6,16 @@ import json
 import tempfile
 import time
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
 from proof.ordinary.trial import Outcome, tried
-from spot_model.errors import BadInputError
+from proof.result_file import ResultFile
 from spot_model.io.progress import Progress
+from spot_model.options import AsJson
 from spot_model.policy.policy import load_policy
 
 EXIT_FAILED: Final = 1
@@ -23,7 +25,7 @@ _WRONG: Final = ("false stop", "fell unseen", "not begun")
 
 def ordinary(
     out: Annotated[Path, typer.Option(help="File of the outcomes, a line each; an existing one is continued.")],
-    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     runs: Annotated[int, typer.Option(min=1, help="Runs of each policy, each on another robot.")] = 100,
     policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; repeatable.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
@@ -38,10 +40,12 @@ def ordinary(
     policies = policy or POLICIES
     for path in policies:
         load_policy(path)
-    done = _done(out, seed)
+    file = ResultFile(out, {"seed": seed})
+    outcomes = [Outcome(**outcome) for outcome in file.earlier]
+    done = {(outcome.number, outcome.policy): outcome for outcome in outcomes}
     left = [n for n in range(runs) if any((n, path.stem) not in done for path in policies)]
     total, began_s = runs * len(policies), time.monotonic()
-    with Progress("runs", total, done=len(done)) as progress, out.open("a") as file:
+    with Progress("runs", total, done=len(done)) as progress:
         for number in left:
             if time.monotonic() - began_s > 60.0 * minutes:
                 break
@@ -49,41 +53,21 @@ def ordinary(
             with tempfile.TemporaryDirectory(prefix="spot-rl-ordinary-") as folder:
                 for outcome in tried(number, seed, missing, Path(folder), 60.0 * quiet_minutes):
                     done[number, outcome.policy] = outcome
-                    file.write(outcome.to_json() + "\n")
-                    file.flush()
+                    file.add(asdict(outcome))
                     is_told = outcome.verdict in _WRONG
                     text = f"{number} {outcome.policy} {outcome.command}: {outcome.verdict} {outcome.sentence}"
                     progress.update(len(done), text, is_told=is_told)
-    _tell(done, policies, seed, json_output)
+    _tell(done, policies, seed, as_json)
     raise typer.Exit(EXIT_FAILED if any(outcome.verdict in _WRONG for outcome in done.values()) else 0)
 
 
-def _done(out: Path, seed: int) -> dict[tuple[int, str], Outcome]:
-    """What an earlier part has written.
-
-    Raises:
-        BadInputError: The file is of another seed, or not of this command.
-    """
-    if not out.exists():
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps({"seed": seed}) + "\n")
-    head, *lines = out.read_text().splitlines() or ["{}"]
-    try:
-        if json.loads(head) != {"seed": seed}:
-            raise BadInputError(f"{out} begins with {head:.80}; allowed: seed {seed}; give another --out or its --seed")
-        outcomes = [Outcome(**json.loads(line)) for line in lines]
-    except (ValueError, TypeError) as error:
-        raise BadInputError(f"{out} holds no outcomes of this command ({error}); give another --out") from error
-    return {(outcome.number, outcome.policy): outcome for outcome in outcomes}
-
-
-def _tell(done: dict[tuple[int, str], Outcome], policies: list[Path], seed: int, json_output: bool) -> None:
+def _tell(done: dict[tuple[int, str], Outcome], policies: list[Path], seed: int, as_json: bool) -> None:
     counts = {
         path.stem: Counter(outcome.verdict for outcome in done.values() if outcome.policy == path.stem)
         for path in policies
     }
-    if json_output:
-        wrong = [json.loads(outcome.to_json()) for outcome in done.values() if outcome.verdict in _WRONG]
+    if as_json:
+        wrong = [asdict(outcome) for outcome in done.values() if outcome.verdict in _WRONG]
         typer.echo(json.dumps({"seed": seed, "runs": counts, "wrong": wrong}, ensure_ascii=False))
         return
     for name, count in counts.items():

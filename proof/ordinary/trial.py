@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -13,9 +12,11 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from proof.faults.faulty_hal import FaultyHal
-from proof.faults.rig import Rig, rig, tilt_rad
 from proof.ordinary.draw import Push, Reality, Sensors, Walk, draw_quiet, draw_reality, draw_walk
+from proof.rig.faulty_hal import FaultyHal
+from proof.rig.robot import tilt_rad
+from proof.rig.runs import Rig, rig
+from proof.rig.signals import ending_the_bench
 from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink
 from spot_model.io.signals import exit_on_termination
@@ -57,10 +58,6 @@ class Outcome:
     controller, to which it was handed back at the end), ``not begun``, ``false stop`` or ``fell unseen``."""
     control_s: float
 
-    def to_json(self) -> str:
-        """As one line."""
-        return json.dumps(asdict(self), ensure_ascii=False)
-
 
 class SensorModel:
     """States as these sensors would have shown them."""
@@ -85,17 +82,11 @@ class SensorModel:
         )
 
 
-class Watched(FaultyHal):
+class WatchedHal(FaultyHal):
     """The adapter with other sensors, which looks at the body when the run is about to stop."""
 
-    sensor_model: SensorModel
-    rig: Rig
     at_stop: Any = None
     stopped_ns: int = 0
-
-    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
-        """As the sensors show it."""
-        return [self.sensor_model(state) for state in super().receive(until_robot_ns, timeout_s)]
 
     def send(self, command: JointCommand) -> None:
         """Look at the body before the first command that holds nothing."""
@@ -115,7 +106,7 @@ class Watched(FaultyHal):
 
     def _look(self) -> None:
         if self.at_stop is None:
-            self.at_stop, self.stopped_ns = self.rig.truth(), self.robot_now_ns()
+            self.at_stop, self.stopped_ns = self.robot.truth(), self.robot_now_ns()
 
 
 def tried(number: int, seed: int, policies: Sequence[Path], folder: Path, quiet_s: float) -> Iterator[Outcome]:
@@ -137,7 +128,8 @@ def tried(number: int, seed: int, policies: Sequence[Path], folder: Path, quiet_
                 rng, walks = np.random.default_rng([seed, number, 1]), load_policy(policy)
                 is_quiet = number % QUIET_ONE_IN == QUIET_ONE_IN - 1
                 walk = draw_quiet(rng, quiet_s) if is_quiet else draw_walk(rng, walks.contract)
-                outcome = _walked(robot, walks, reality, number, walk)
+                with ending_the_bench():
+                    outcome = _walked(robot, walks, reality, number, walk)
                 yield outcome
                 x, y, _ = robot.truth().position_of_body_in_world_m
                 is_good = outcome.verdict == "completed" and max(abs(x), abs(y)) < EDGE_M and not robot.restore()
@@ -145,18 +137,19 @@ def tried(number: int, seed: int, policies: Sequence[Path], folder: Path, quiet_
 
 def _walked(robot: Rig, policy: Policy, reality: Reality, number: int, walk: Walk) -> Outcome:
     """One run. What the checks of the signals find is told, and ends nothing, so that it is seen what comes of it."""
-    sink, made = MemorySink(), list[Watched]()
+    sink = MemorySink()
+    hals: list[WatchedHal] = []
 
-    def begin(faulty: FaultyHal) -> None:
+    def make_watched(*given: Any) -> WatchedHal:
+        hals.append(WatchedHal(*given))
+        hals[0].spoil(SensorModel(reality.sensors))
+        return hals[0]
+
+    def begin(hal: FaultyHal) -> None:
         for push in reality.pushes:
-            faulty.plan(push.at_s, partial(_push, robot, push))
+            hal.plan(push.at_s, partial(_push, robot, push))
         if walk.nudge is not None:
-            _nudge(robot, faulty, walk.nudge)
-
-    def make_watched(*given: Any) -> FaultyHal:
-        made.append(Watched(*given))
-        made[0].sensor_model, made[0].rig = SensorModel(reality.sensors), robot
-        return made[0]
+            _nudge(robot, hal, walk.nudge)
 
     summary = robot.drive(
         begin,
@@ -167,14 +160,12 @@ def _walked(robot: Rig, policy: Policy, reality: Reality, number: int, walk: Wal
         make_faulty=make_watched,
         safety={"signals": "warn"},
     ).summary
-    stopped_ns = made[0].stopped_ns or sink.events[-1].robot_stamp_ns
-    doubts = [
-        event
-        for event in sink.events
-        if event.name == EventName.SIGNAL_DOUBTED.label and event.robot_stamp_ns < stopped_ns
-    ]
-    verdict = _verdict(summary, made[0], doubts[0].robot_stamp_ns if doubts else None, robot)
-    sentence = doubts[0].text if doubts else "" if summary.outcome == "completed" else summary.sentence
+    stopped_ns = hals[0].stopped_ns or sink.events[-1].robot_stamp_ns
+    doubted = [event for event in sink.events if event.name == EventName.SIGNAL_DOUBTED.label]
+    doubt = next((event for event in doubted if event.robot_stamp_ns < stopped_ns), None)
+    verdict = _verdict(summary, hals[0], None if doubt is None else doubt.robot_stamp_ns, robot)
+    stop = "" if summary.outcome == "completed" else summary.sentence
+    sentence = stop if doubt is None else doubt.text
     control_s = round(summary.control_robot_s, 2)
     return Outcome(number, policy.contract.name, walk.commands.name, summary.outcome, sentence, verdict, control_s)
 
@@ -184,13 +175,13 @@ def _push(robot: Rig, push: Push) -> None:
     robot.inject("push", 0.01, **values)
 
 
-def _nudge(robot: Rig, faulty: FaultyHal, nudge: Push) -> None:
+def _nudge(robot: Rig, hal: FaultyHal, nudge: Push) -> None:
     """Push now, and again after the nudge's time."""
     _push(robot, nudge)
-    faulty.plan(nudge.at_s, partial(_nudge, robot, faulty, nudge))
+    hal.plan(nudge.at_s, partial(_nudge, robot, hal, nudge))
 
 
-def _verdict(summary: RunSummary, hal: Watched, doubted_ns: int | None, robot: Rig) -> str:
+def _verdict(summary: RunSummary, hal: WatchedHal, doubted_ns: int | None, robot: Rig) -> str:
     if not summary.control_robot_s:  # a robot that sits is as low as one that has fallen
         return "not begun"
     is_down = _is_down(hal.at_stop or robot.truth())

@@ -1,4 +1,4 @@
-"""``spot-rl bench train``."""
+"""``spot-rl bench train``; ``python -m proof.training.command`` where the package is not installed."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from typing import Annotated
 
 import typer
 
+from spot_model.options import AsJson, Overrides, TorchDevice
+
 
 def train(
     config: Annotated[Path | None, typer.Option("--config", help="Config file; default: the paper's task.")] = None,
-    set_: Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")] = None,
-    device: Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")] = "cpu",
+    set_: Overrides = None,
+    device: TorchDevice = "cpu",
     iterations: Annotated[int, typer.Option("--iterations", help="How many to time.", min=1)] = 5,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the speed of training: physics, task, learning."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -25,11 +27,12 @@ def train(
     from trainer.simulate.device import check_device
 
     overrides = tuple(set_ or ())
-    if config is None:
-        data = {"name": "bench", "iterations": 1}
-        checked = config_from_data(data, source="bench", overrides=overrides)
-    else:
-        checked = load_config(config, overrides)
+    default = {"name": "bench", "iterations": 1}
+    checked = (
+        config_from_data(default, source="bench", overrides=overrides)
+        if config is None
+        else load_config(config, overrides)
+    )
     device = local_device(device)
     check_device(device)
     result = bench_train(checked, device, iterations=iterations)
@@ -40,3 +43,7 @@ def train(
         return
     for key, value in result.items():
         typer.echo(f"{key:>22} {value}")
+
+
+if __name__ == "__main__":
+    typer.run(train)

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from proof.claims import CLAIMS
+from proof.bench_all import read_claims
 
 from .blocks import REPOSITORY
 
@@ -66,7 +66,7 @@ def test_every_script_is_of_a_claim_or_named() -> None:
     scripts = sorted((REPOSITORY / "benchmarks").rglob("*.py"))
     names = {script: script.relative_to(REPOSITORY / "benchmarks").as_posix() for script in scripts}
     told = "\n".join(page.read_text(encoding="utf-8") for page in REPOSITORY.rglob("*.md") if ".venv" not in page.parts)
-    claimed = {claim.script.split()[0] for claim in CLAIMS.values()}
+    claimed = {claim.script.split()[0] for claim in read_claims(REPOSITORY / "benchmarks").values()}
     texts = {script: script.read_text(encoding="utf-8") for script in scripts}
     imported = {s for s in scripts for other, text in texts.items() if other != s and f"from {s.stem} import" in text}
     run = {s for s in scripts for other, text in texts.items() if other != s and f'"{s.name}"' in text}

@@ -10,9 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from proof import bench_all
-from proof.bench_all import ScriptError, all_claims, flat, judged, read_parts, run_script, spread, summary, table
-from proof.claims import CLAIMS, Claim, Ratio
+from proof.bench_all import (
+    Claim,
+    Ratio,
+    ScriptError,
+    all_claims,
+    flat,
+    judged,
+    read_claims,
+    run_script,
+    spread,
+    summary,
+    table,
+)
 from spot_model.errors import BadInputError
 
 REPOSITORY = Path(__file__).parents[2]
@@ -24,6 +34,11 @@ log.write_text("x" * (n + 1))
 print(json.dumps({"ours": {"us": 10.0 + n}, "peer": {"us": 40.0 + 4.0 * n}, "name": "text"}))
 """
 
+LIST = """\
+count: {script: count.py, expected_s: 1, ratios: {times: {over: peer.us, under: ours.us, asked: '>= 5'}}}
+other: {script: count.py --again, expected_s: 1, repeats: 1, ratios: {us: {over: ours.us, asked: '<= 100'}}}
+"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -32,11 +47,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "benchmarks" / "broken.py").write_text("raise SystemExit('no robot today')")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SPOT_RL_REVISION", "r1")
-    claims = {
-        "count": Claim("count.py", 1.0, {"times": Ratio("peer.us", "ours.us", (">=", 5.0))}, repeats=3),
-        "other": Claim("count.py --again", 1.0, {"us": Ratio("ours.us", asked=("<=", 100.0))}, repeats=1),
-    }
-    monkeypatch.setattr(bench_all, "CLAIMS", claims)
+    (tmp_path / "benchmarks" / "claims.yaml").write_text(LIST)
     return tmp_path
 
 
@@ -73,17 +84,19 @@ def test_what_was_measured_before_an_interruption_is_kept(folder: Path, capsys: 
     assert len((folder / "log.txt").read_text()) == 4
 
 
-def test_parts_of_another_revision_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    read_parts(Path("parts.jsonl"))
+def test_parts_of_another_revision_are_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(capsys, repeats=1)
     monkeypatch.setenv("SPOT_RL_REVISION", "r2")
     with pytest.raises(BadInputError, match="give another --out"):
-        read_parts(Path("parts.jsonl"))
+        run(capsys)
 
 
-def test_a_file_of_something_else_is_refused_and_kept(folder: Path) -> None:
+def test_a_file_of_something_else_is_refused_and_kept(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("notes.txt").write_text("my notes\n")
-    with pytest.raises(BadInputError, match="holds no parts"):
-        read_parts(Path("notes.txt"))
+    with pytest.raises(BadInputError, match="holds no results"):
+        run(capsys, out=Path("notes.txt"))
     assert Path("notes.txt").read_text() == "my notes\n"
 
 
@@ -93,9 +106,10 @@ def test_a_script_that_fails_is_told_with_its_last_words(folder: Path) -> None:
 
 
 def test_a_script_that_fails_costs_no_other_its_result_and_is_tried_again(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(bench_all.CLAIMS, "bad", Claim("broken.py", 1.0, {"us": Ratio("us")}, repeats=1))
+    bad = "bad: {script: broken.py, expected_s: 1, repeats: 1, ratios: {us: {over: us}}}\n"
+    (folder / "benchmarks" / "claims.yaml").write_text(LIST + bad)
     with pytest.raises(ScriptError, match="bad: a script failed"):
         run(capsys)
     told = json.loads(capsys.readouterr().out)
@@ -124,10 +138,11 @@ def test_median_and_spread_by_hand() -> None:
 
 
 def test_every_claim_names_a_script_that_is_there_and_the_whole_takes_under_25_minutes() -> None:
-    for name, claim in CLAIMS.items():
+    claims = read_claims(REPOSITORY / "benchmarks")
+    for name, claim in claims.items():
         first = claim.script.split()[0]
         assert first == "spot-rl" or (REPOSITORY / "benchmarks" / first).is_file(), name
-    assert sum(claim.expected_s * claim.repeats for claim in CLAIMS.values()) < 25 * 60
+    assert sum(claim.expected_s * claim.repeats for claim in claims.values()) < 25 * 60
 
 
 @pytest.mark.parametrize(
@@ -137,8 +152,9 @@ def test_a_script_prints_the_figures_that_its_claim_names(
     claim: str, shorter: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(REPOSITORY)
-    told = flat(run_script(f"{CLAIMS[claim].script} {shorter}"))
-    for label, ratio in CLAIMS[claim].ratios.items():
+    wanted = read_claims()[claim]
+    told = flat(run_script(f"{wanted.script} {shorter}"))
+    for label, ratio in wanted.ratios.items():
         assert told[ratio.over] > 0.0, label
         assert told[ratio.under or ratio.over] > 0.0, label
 
@@ -161,7 +177,7 @@ def test_figures_of_a_loop_by_hand() -> None:
 
 
 def test_the_table_says_what_does_not_hold() -> None:
-    claim = Claim("x.py", 1.0, {"times": Ratio("a", "b", (">=", 4.0))})
+    claim = Claim("x.py", 1.0, {"times": Ratio("a", "b", ">= 4")})
     told = table(summary({"one": claim}, {("one", 0): {"a": 6.0, "b": 2.0}}))
     assert "times" in told
     assert "3 (3 to 3)  asked >= 4: NO" in told

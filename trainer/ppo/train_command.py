@@ -9,12 +9,14 @@ from typing import Annotated
 
 import typer
 
+from spot_model.options import Overrides, TorchDevice
+
 
 def train(
     config: Annotated[Path | None, typer.Option("--config", help="Config file (YAML).")] = None,
-    set_: Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")] = None,
+    set_: Overrides = None,
     resume: Annotated[Path | None, typer.Option("--resume", help="Run folder of a training to continue.")] = None,
-    device: Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")] = "cpu",
+    device: TorchDevice = "cpu",
     out: Annotated[Path | None, typer.Option("--out", help="Run folder; default runs/NAME-TIME.")] = None,
 ) -> None:
     """Train a policy with PPO, on two cores or on GPUs (several: torchrun)."""

@@ -13,8 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from proof.faults.rig import Rig, rig
-from proof.faults.rows import Finding, happens, judge, keep_invariants, left_alone
+from proof.faults.attempts import all_of, inject
+from proof.faults.rows import judge, keep_invariants, left_alone
+from proof.rig.runs import Rig, rig
 from spot_log.write.sink import MemorySink
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy, policy_from_bytes
@@ -275,11 +276,10 @@ FAULTS = st.sampled_from(
 def test_the_invariants_hold_against_the_fake(
     fake: Rig, faults: list[tuple[tuple[str, dict[str, Any]], float]], at_s: float
 ) -> None:
-    acts = [lambda n=name, p=parameters, s=s: fake.inject(n, s, **p) for (name, parameters), s in faults]
+    acts = all_of(*(inject(name, s, **parameters) for (name, parameters), s in faults))
     try:
-        drive = fake.drive(happens(*acts), at_s=at_s, seconds=2.0)
-        finding: Finding = judge(drive, drive.summary.outcome)
-        assert drive.log is not None
+        drive = fake.drive(lambda hal: acts(fake, hal), at_s=at_s, seconds=2.0)
+        finding = judge(drive, drive.summary.outcome)
         keep_invariants(drive.log, finding)
         assert drive.summary.outcome != "internal_error", drive.summary.sentence
         if drive.summary.exit_code:

@@ -13,8 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from proof.faults import command
-from proof.faults.rig import CALM, Rig, rig
+from proof.faults.attempts import row
 from proof.faults.rows import Finding, Row, left_alone, tidy, try_row
+from proof.rig.runs import CALM, Rig, rig
 from spot_model.errors import BadInputError
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
@@ -104,13 +105,8 @@ def test_names_are_unique_and_the_rows_of_time_are_there() -> None:
 
 
 def test_a_row_in_which_nothing_happens_fails(robot: Rig) -> None:
-    def nothing(rig: Rig) -> Finding:
-        from proof.faults.rows import judge, reacted
-
-        drive = rig.drive(at_s=1e6, seconds=0.3)
-        return reacted(drive, judge(drive, "state_stale"), "damping")
-
-    result = try_row(robot, Row("nothing", 80.0, nothing))
+    nothing = row("nothing", 80.0, lambda *_: None, "state_stale", way="damping", at_s=1e6, seconds=0.3)
+    result = try_row(robot, nothing)
     assert not result.ok
     assert any("ended completed" in problem for problem in result.problems)
     assert "the fault never happened" in result.problems
@@ -135,7 +131,7 @@ def test_a_row_that_leaves_something_behind_fails(robot: Rig) -> None:
 
         def restore(self) -> str:
             robot.inject("estop_pressed")
-            return robot._left(())
+            return robot.left_over(())
 
     row = Row("pressed", 0.0, lambda _: Finding("nothing"))
     result = tidy(Hand(), row, try_row(robot, row))  # type: ignore[arg-type]

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from fake_robot.faults.registry import make_fault
-from proof.faults.rig import rig
-from proof.faults.search.case import INJECTIONS, Case, Fault, draw, vary
-from proof.faults.search.search import judge_case
+from proof.faults.search import INJECTIONS, Case, Fault, draw, judge_case, vary
+from proof.rig.runs import rig
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 

@@ -10,8 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from proof.faults.faulty_hal import FaultyHal
-from proof.faults.rig import Rig, rig
+from proof.rig.faulty_hal import FaultyHal
+from proof.rig.runs import Rig, rig
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_log.read.mcap_scan import scan_mcap
@@ -84,12 +84,12 @@ def test_a_canary_is_found_nowhere(fake: Rig, capfd: pytest.CaptureFixture[str],
 
 
 def test_a_wrong_password_is_not_quoted(fake: Rig, capfd: pytest.CaptureFixture[str]) -> None:
-    real = fake.address.environment["BOSDYN_CLIENT_PASSWORD"]
-    fake.address.environment["BOSDYN_CLIENT_PASSWORD"] = "canary-0815"  # noqa: S105
+    real = fake.credentials_file.read_text(encoding="utf-8")
+    fake.credentials_file.write_text("{username: user, password: canary-0815}", encoding="utf-8")
     try:
         drive = fake.drive()
     finally:
-        fake.address.environment["BOSDYN_CLIENT_PASSWORD"] = real
+        fake.credentials_file.write_text(real, encoding="utf-8")
     assert drive.summary.outcome == "credentials_refused"
     said = capfd.readouterr()
     everything = said.out + said.err + drive.summary.to_json() + repr(unpacked(drive.log_path))

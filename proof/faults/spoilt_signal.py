@@ -76,7 +76,7 @@ class Spoiling(NamedTuple):
         return float(self.now[self.which % len(self.now)])
 
 
-_WAYS: Final[dict[str, Callable[[Spoiling], np.ndarray]]] = {
+WAYS: Final[dict[str, Callable[[Spoiling], np.ndarray]]] = {
     "frozen": lambda s: s.begun,
     "one frozen": lambda s: s.one(s.begun[s.which % len(s.begun)]),
     "all but one frozen": lambda s: s.one(s.component, s.begun),
@@ -96,7 +96,6 @@ _WAYS: Final[dict[str, Callable[[Spoiling], np.ndarray]]] = {
     "spikes": lambda s: s.one(s.component + s.size) if s.seen % SPIKE_STATES == 0 else s.now,
     "neighbours exchanged": lambda s: _exchanged(s.now, s.which % len(s.now), (s.which + 1) % len(s.now)),
 }
-KINDS: Final = tuple(_WAYS)
 
 
 class SpoiltSignal:
@@ -104,7 +103,7 @@ class SpoiltSignal:
 
     def __init__(self, signal: str, way: str, index: int, size: float) -> None:
         """Begin with the next state."""
-        self._signal, self._way, self._index, self._size = signal, _WAYS[way], index, size
+        self._signal, self._way, self._index, self._size = signal, WAYS[way], index, size
         self._values: deque[np.ndarray] = deque(maxlen=LATE_STATES)
         self._begun: np.ndarray | None = None
         self._count = 0

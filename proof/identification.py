@@ -1,22 +1,22 @@
-"""How fast evaluations are: batched rollouts with measures, against a plain loop over ``mj_step``."""
+"""``spot-rl bench sysid``: how fast evaluations are, as batched rollouts and as a plain loop over ``mj_step``."""
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import mujoco
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
-from spot_log.format.records import RunHeader
-from spot_log.read.run import run_of_columns
-from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
-from spot_model.plant.start import StartState
-from spot_model.policy.observation import N_OBSERVATION, Sensed, observed
+from spot_model.effects.base import CommandEffect
+from spot_model.io.velocity_sequence import load_sequence
+from spot_model.options import WALK, AsJson, PolicyFile
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
@@ -24,7 +24,8 @@ from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.collect.plan import USER_SEQUENCE
 from trainer.simulate.engine import Place
-from trainer.simulate.rollout import RolloutCase, RolloutOptions, roll_out
+from trainer.simulate.recorded_loop import RecordedLoop, Told
+from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
 from trainer.sysid.search.problem import Problem, build_problem
@@ -33,11 +34,27 @@ from trainer.sysid.search.search import candidates_engine, evaluate
 Array = NDArray[np.float64]
 BASELINE_S: Final = 10.0
 """Simulated time of the plain loop."""
+REPEATS: Final = 2
 
 
-def bench_sysid(
-    policy_path: Path, *, workers: int, generations: int, population: int = 10, device: str = "cpu"
-) -> dict[str, float]:
+def sysid(
+    policy: PolicyFile = WALK,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=256, help="Processes.")] = 2,
+    generations: Annotated[int, typer.Option("--generations", min=1, help="Generations to time.")] = 3,
+    population: Annotated[int, typer.Option("--population", min=4, help="Candidates of a generation.")] = 10,
+    device: Annotated[str, typer.Option("--device", help="Where the physics runs: cpu, or cuda.")] = "cpu",
+    as_json: AsJson = False,
+) -> None:
+    """Measure the speed of an identification against a plain mj_step loop."""
+    result = measure(policy, workers=workers, generations=generations, population=population, device=device)
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    for key, value in result.items():
+        typer.echo(f"{key:>27} {value:g}")
+
+
+def measure(policy_path: Path, *, workers: int, generations: int, population: int, device: str) -> dict[str, float]:
     """Time the paper's search on four 20 s sequences; the first population, which compiles on a GPU, by itself.
 
     Returns:
@@ -47,8 +64,7 @@ def bench_sysid(
     """
     policy = load_policy(policy_path)
     simulation, search = SimulationConfig(), SearchConfig(population=population)
-    problem = _problem(policy, policy_path.read_bytes(), simulation)
-    problem = replace(problem, options=replace(problem.options, device=device))
+    problem = _problem(policy, policy_path.read_bytes(), simulation, device)
     rng = np.random.default_rng(0)
     spread = 0.05 * rng.standard_normal((generations + 1, search.population, problem.space.n))
     centre = problem.space.unit_of_values(problem.space.initial)
@@ -123,61 +139,21 @@ def plain_loop_simulated_s_per_s(policy: Policy, velocity_command: Array) -> flo
     return BASELINE_S / (time.perf_counter() - began_s)
 
 
-def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig) -> Problem:
+def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig, device: str) -> Problem:
     """Four sequences with two runs each, made by the model itself: what is compared does not change the time."""
-    space = SysidConfig().space()
-    contract = policy.contract
-    sequences = [
-        load_sequence(name).clipped(np.array(contract.velocity_command_low), np.array(contract.velocity_command_high))
-        for name in ("forward", "six_directions", "random", str(USER_SEQUENCE))
-    ]
-    options = RolloutOptions(simulation.timestep_s, simulation.foot_friction, CONTACT_CHOICES_S[2])
-    runs = [run for s in sequences for run in _made_runs(policy, space.model.effects, s, options)]
-    return build_problem(
-        space, policy_bytes, runs, options, robots_per_sequence=simulation.robots_per_sequence, weights={}
-    )
-
-
-def _made_runs(
-    policy: Policy, effects: Sequence[object], sequence: VelocitySequence, options: RolloutOptions
-) -> list[LoggedRun]:
-    command = sequence.sampled(policy.contract.rate_hz)
-    rng = np.random.default_rng(0)
-    pose = [facts.DEFAULT_POSITION_RAD + 0.01 * rng.standard_normal(facts.N_JOINTS) for _ in range(2)]
-    still, level = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-    no_action = np.zeros(facts.N_JOINTS, dtype=np.float32)
-    starts = [StartState(p, np.zeros(facts.N_JOINTS), level, still, still, no_action) for p in pose]
-    cases = [RolloutCase(sequence.name, start, command) for start in starts]
-    made = roll_out(effects, 1, cases, policy, options).features[0].astype(np.float64)  # type: ignore[arg-type]
-    return [_run_of(policy, sequence.name, i, starts[i], command, made[i]) for i in range(2)]
-
-
-def _run_of(
-    policy: Policy, name: str, repeat: int, start: StartState, command: Array, features: NDArray[np.float64]
-) -> LoggedRun:
-    n = len(command)
-    observation = np.zeros((n, N_OBSERVATION), dtype=np.float32)
-    observed(observation, "joint_position_offset_rad")[...] = (
-        features[:, :12] / facts.POLICY_KP_NM_PER_RAD - facts.DEFAULT_POSITION_RAD
-    )
-    observed(observation, "joint_velocity_rad_s")[...] = features[:, 12:24] / facts.POLICY_KD_NM_S_PER_RAD
-    action = (features[:, 24:] / (facts.POLICY_KP_NM_PER_RAD * facts.ACTION_SCALE_RAD)).astype(np.float32)
-    stamps = np.arange(n, dtype=np.int64) * 20_000_000
-    header = RunHeader(
-        run_id=f"{name} {repeat}",
-        started_host_stamp_ns=0,
-        command_sequence=name,
-        repeat=repeat,
-        policy_sha256=policy.sha256,
-    )
-    states = {
-        "robot_stamp_ns": stamps[:1],
-        "position_rad": start.position_rad[None, :],
-        "velocity_rad_s": start.velocity_rad_s[None, :],
-        "odom_from_body_wxyz": start.world_from_body_wxyz[None, :],
-        "linear_vel_of_body_in_odom_m_s": start.linear_vel_of_body_in_world_m_s[None, :],
-        "angular_vel_of_body_in_odom_rad_s": start.angular_vel_of_body_in_world_rad_s[None, :],
-    }
-    ticks = {"robot_stamp_ns": stamps, "observation": observation, "action": action, "velocity_command": command}
-    run = run_of_columns(Path(header.run_id), header, states=states, commands={"key": stamps[:0]}, ticks=ticks)
-    return LoggedRun.of(run)
+    space, contract, rng = SysidConfig().space(), policy.contract, np.random.default_rng(0)
+    effects = [effect for effect in space.model.effects if not isinstance(effect, CommandEffect)]
+    runs: list[LoggedRun] = []
+    for name in ("forward", "six_directions", "random", str(USER_SEQUENCE)):
+        sequence = load_sequence(name)
+        sequence = sequence.clipped(np.array(contract.velocity_command_low), np.array(contract.velocity_command_high))
+        told = [Told(sequence.name, repeat, sequence.sampled(contract.rate_hz)) for repeat in range(REPEATS)]
+        plant = Plant(effects, REPEATS, PlantOptions(n_threads=1))
+        pose = facts.DEFAULT_POSITION_RAD + 0.01 * rng.standard_normal((REPEATS, facts.N_JOINTS))
+        plant.reset(joint_position_rad=pose, position_of_body_in_world_m=(0.0, 0.0, default_height_m() + 0.01))
+        no_action = np.zeros((REPEATS, facts.N_JOINTS), dtype=np.float32)
+        loop = RecordedLoop(plant, policy, told, pose, no_action, channel=(), rng=rng, only_ticks=True)
+        runs += [LoggedRun.of(run) for run in loop.runs()]
+    options = RolloutOptions(simulation.timestep_s, simulation.foot_friction, CONTACT_CHOICES_S[2], device=device)
+    robots = simulation.robots_per_sequence
+    return build_problem(space, policy_bytes, runs, options, robots_per_sequence=robots, weights={})

@@ -1,0 +1,122 @@
+"""The vendor's adapter with something that happens at an instant of robot time, and states spoilt on their way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+from proof.rig.robot import FakeRobot
+from spot_log.write.sink import LogSink
+from spot_model.robot.state import JointCommand, RobotState, SlowState
+from spot_runtime.config import RunConfig
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.pace import Pace
+
+When = Literal["up", "control", "down"]
+"""Standing up, joint control, or sitting down."""
+
+
+class FaultyHal(BosdynHal):
+    """The vendor's adapter, to which something happens once, and which may lose or change what it receives."""
+
+    def __init__(self, robot: FakeRobot, config: RunConfig, sink: LogSink, pace: Pace | None) -> None:
+        super().__init__(parse_address(robot.address.robot), config, sink, pace)
+        self.pace = self._pace
+        self.robot = robot
+        self.happened_ns, self.power_off_ns = 0, 0
+        """Robot clock when it happened, and when sitting down and powering off was asked for; 0 if it never was."""
+        self.truth: Any = None
+        """The body's extremes from the start of joint control to its end; None where it never began."""
+        self.was_off = False
+        """Whether the motors had no power any more when sitting down was asked for."""
+        self._has_begun = False
+        self._planned: list[tuple[int, Callable[[], object]]] = []
+        self._spoilt: list[tuple[int, Callable[[RobotState], RobotState | None]]] = []
+        self._spoilt_slow: list[tuple[int, Callable[[SlowState], SlowState]]] = []
+        self._happens: Callable[[FaultyHal], object] = lambda _: None
+        self._at_s = 0.0
+        self._when: When = "control"
+
+    def prepare(self, happens: Callable[[FaultyHal], object], at_s: float, when: When) -> None:
+        """Say what happens, once, and how long after joint control or another phase began."""
+        self._happens, self._at_s, self._when = happens, at_s, when
+
+    def plan(self, seconds: float, happens: Callable[[], object]) -> None:
+        """Have something else happen after this much robot time."""
+        self._planned.append((self._after_ns(seconds), happens))
+
+    def spoil(self, spoilt: Callable[[RobotState], RobotState | None], lasts_s: float = 0.0) -> None:
+        """Change every state before it is used, or lose it, for this long; 0 s: to the end."""
+        self._spoilt.append((self._after_ns(lasts_s or 1e9), spoilt))
+
+    def spoil_slow(self, spoilt: Callable[[SlowState], SlowState], lasts_s: float = 0.0) -> None:
+        """As :meth:`spoil`, what is polled."""
+        self._spoilt_slow.append((self._after_ns(lasts_s or 1e9), spoilt))
+
+    @property
+    def slow_state(self) -> SlowState | None:
+        """As it is spoilt."""
+        slow = super().slow_state
+        for until_ns, spoilt in self._spoilt_slow:
+            if slow is not None and self.robot_now_ns() < until_ns:
+                slow = spoilt(slow)
+        return slow
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        """Begin, and count from here."""
+        self.robot.truth(reset_extremes=True)
+        self._has_begun = True
+        self._begins("control")
+        super().begin_joint_control(first)
+
+    def stand(self) -> None:
+        """Power on and stand, and count from here where that is when it happens."""
+        self._begins("up")
+        super().stand()
+
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """Let it happen when it is due, before time passes."""
+        self._let_happen()
+        super().go_on(until_robot_ns, timeout_s)
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """Spoil what came."""
+        self._let_happen()
+        states = super().receive(until_robot_ns, timeout_s)
+        for until_ns, spoilt in self._spoilt:
+            if self.robot_now_ns() < until_ns:
+                states = [changed for state in states if (changed := spoilt(state)) is not None]
+        return states
+
+    def power_off(self) -> None:
+        """Note when."""
+        self.power_off_ns = self.robot_now_ns()
+        if self._has_begun and self.truth is None:  # a second call finds the robot half-way down
+            self.truth = self.robot.truth()
+        self.was_off = not self.robot.is_powered
+        self._begins("down")
+        super().power_off()
+
+    def _after_ns(self, seconds: float) -> int:
+        return self.robot_now_ns() + round(seconds * 1e9)
+
+    def _begins(self, when: When) -> None:
+        if when == self._when:
+            self.plan(self._at_s, self._happen)
+
+    def _happen(self) -> None:
+        if not self.happened_ns:
+            self.happened_ns = self.robot_now_ns()
+            self._happens(self)
+
+    def _let_happen(self) -> None:
+        while due := [planned for planned in self._planned if self.robot_now_ns() >= planned[0]]:
+            self._planned = [planned for planned in self._planned if planned not in due]
+            for _, happens in due:
+                happens()
+
+    def _pause(self, duration_s: float) -> None:
+        if self._when != "control":
+            self._let_happen()
+        super()._pause(duration_s)
