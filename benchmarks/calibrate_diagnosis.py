@@ -30,21 +30,21 @@ import numpy as np
 from calibration_forms import NOTHING, fit
 from numpy.typing import NDArray
 
-from diagnosis.closed_loop.rollout import rollouts_under
+from diagnosis.closed_loop.simulation import rollouts_under
 from diagnosis.closed_loop.trials import Bench, run_trials
-from diagnosis.library.base import LibraryEffect
+from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.selection.nuisance_model import size_of_errors
+from diagnosis.selection.robot_models import size_of_errors
 from diagnosis.selection.scoring import Placed, null_of
 from diagnosis.selection.search import search
 from diagnosis.verdict.causes import CALIBRATED, candidates_of, decide, name_of, own_nats
-from diagnosis.verdict.explain import Explained, explain
-from diagnosis.verdict.left_over import excess
+from diagnosis.verdict.evidence import Explained, explain
 from diagnosis.verdict.measured import with_environment
+from diagnosis.verdict.probability import excess
 from spot_log import read_run
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel

@@ -15,8 +15,7 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 
 from diagnosis.decision_constants import LEFT_SHARE
 from diagnosis.verdict.causes import CALIBRATED
-from diagnosis.verdict.left_over import is_odd
-from diagnosis.verdict.posterior import ordinary_gap
+from diagnosis.verdict.probability import is_odd, ordinary_gap
 from withheld.scoring.statistics import calibration_error
 
 Array = NDArray[np.float64]

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.next.choose.candidates import HEAT, candidates
-from diagnosis.next.choose.robots import compact, with_ordinary_errors
-from diagnosis.next.choose.trial import STAND_S, burden, refusals, try_on
+from diagnosis.next.candidates import HEAT, candidates
+from diagnosis.next.robots import compact, with_ordinary_errors
+from diagnosis.next.trial import STAND_S, burden, refusals, try_on
 from spot_log.read.run import Run
 from spot_model.effects.drive.armature import Armature
 from spot_model.io.model_file import load_model

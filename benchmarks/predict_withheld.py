@@ -22,7 +22,7 @@ import numpy as np
 from calibrate_diagnosis import two_steps
 
 from diagnosis.next.inputs import Inputs
-from diagnosis.next.predict.prediction import load_prediction, with_log
+from diagnosis.next.prediction import load_prediction, with_log
 from diagnosis.next.session import Session, diagnosed
 from spot_log import read_run
 from spot_model.errors import SpotRlError

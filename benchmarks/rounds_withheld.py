@@ -28,14 +28,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from diagnosis.next.choose.candidates import Candidate, candidates
-from diagnosis.next.choose.design import Design, Proposal, design
-from diagnosis.next.choose.information import Told
-from diagnosis.next.choose.robots import beliefs
+from diagnosis.next.candidates import Candidate, candidates
+from diagnosis.next.design import Design, Proposal, Told, design
 from diagnosis.next.inputs import Inputs
-from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot
+from diagnosis.next.robots import beliefs
+from diagnosis.next.rounds import SURE, WHOLE, Found, Lab, Limits, Ran, Story, ask_robot, read_story
 from diagnosis.next.session import diagnosed, found_in
-from diagnosis.next.story import SURE, WHOLE, Found, Story, read_story
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model

@@ -8,7 +8,7 @@ import numpy as np
 
 from compare.errors import CompareError
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
-from diagnosis.read.log_files import find_policy
+from diagnosis.read import find_policy
 from spot_log import Run, read_run
 from spot_model.io.model_file import BUILT_IN, RobotModel, load_model
 from spot_model.policy.policy import Policy

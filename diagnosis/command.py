@@ -67,7 +67,7 @@ def explain_logs(
     if not any(path.exists() for path in logs):
         raise BadInputError(f"there is no log {logs[0]}; give files written by spot-rl (*.mcap), or folders of them")
     typer.echo("loading the library of effects and the simulator …", err=True)
-    from diagnosis.library.extra_effect import chosen_library
+    from diagnosis.library.registry import chosen_library
     from diagnosis.next.inputs import Inputs, absolute, save_inputs
     from diagnosis.progress import Progress
     from diagnosis.report.output import check_free

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from diagnosis.channels.channel import Channel
+from diagnosis.channels import Channel
 
 
 @dataclass(frozen=True)
@@ -131,10 +131,10 @@ RUNS_APART: Final = 1.2
 not the robot's."""
 ORDINARY_LEFT_NM: Final = 2.0
 """W1 distance beyond that which models with a robot's ordinary errors alone stay under where nothing is wrong, 95 in
-100: for errors of one published standard deviation (:func:`~diagnosis.selection.nuisance_model.size_of_errors`).
+100: for errors of one published standard deviation (:func:`~diagnosis.selection.robot_models.size_of_errors`).
 
 It is what such models are off by, at the policies' usual gains, and no robot's own scatter: in floors it is more for a
-robot that repeats itself well (:func:`~diagnosis.verdict.posterior.ordinary_gap`). From 50 faultless robots of the
+robot that repeats itself well (:func:`~diagnosis.verdict.probability.ordinary_gap`). From 50 faultless robots of the
 calibrating catalogue's simulator, errors 0.5 to 5 times the usual, floors 0.1 to 1.2 N·m
 (``benchmarks/calibrate_diagnosis.py robots --kind faultless``, seeds 311001 and 311002). 62 others, without what the
 model's own runs scatter by, gave 1.9. Among 1.0 to 1.5, distances scatter least about the ordinary one with 1.2 floors
@@ -154,7 +154,7 @@ ORDINARY_EXCESS: Final[Mapping[Channel, tuple[float, float]]] = {
     # A program's arithmetic is replayed to the bit, but for its rounding.
     Channel.POLICY_REPLAY: (-1.0, 0.5),
 }
-"""Excess of the signal that is farthest off (:func:`~diagnosis.verdict.left_over.excess`), by channel: median and
+"""Excess of the signal that is farthest off (:func:`~diagnosis.verdict.probability.excess`), by channel: median and
 standard deviation over 35 robots of the calibrating catalogue's simulator, seeds 91001 and 92001, without a fault and
 with errors 0.7 to 5 times the usual, on which it hardly depends (``benchmarks/calibrate_diagnosis.py`` prints it).
 Channels of forces and of the program alone: flags, stamps, noise and the battery differ between robots of one kind

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.closed_loop.rollout import Rollouts, rollouts_under
-from diagnosis.library.base import LibraryEffect
+from diagnosis.closed_loop.simulation import Rollouts, rollouts_under
+from diagnosis.library import LibraryEffect
 from diagnosis.progress import Progress
-from diagnosis.read.log_files import apart_by_gains, find_policy_file, read_logs
+from diagnosis.read import apart_by_gains, find_policy_file, read_logs
 from diagnosis.read.robot_file import SPOT, load_robot
 from diagnosis.report.output import write_all
 from diagnosis.report.words import headline

@@ -73,7 +73,7 @@ def diagnose(
     """
     from rich.console import Console
 
-    from diagnosis.library.extra_effect import chosen_library
+    from diagnosis.library.registry import chosen_library
     from diagnosis.next.inputs import Inputs, absolute, save_inputs
     from diagnosis.progress import Progress
     from diagnosis.report.output import check_free

@@ -111,7 +111,7 @@ def simulate(
 
     from compare.sources import simulate_like
     from diagnosis.closed_loop.simulation import SensorNoise
-    from diagnosis.read.log_files import find_policy
+    from diagnosis.read import find_policy
     from spot_log.read.run import RunFooter
     from spot_model.errors import BadInputError
     from spot_model.policy.policy import Policy

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.rollout import rollouts_under
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import SensorNoise, rollouts_under, simulate
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_log.read.run import Run

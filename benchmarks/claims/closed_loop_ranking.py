@@ -17,12 +17,12 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
-from diagnosis.channels.channel_view import Views
+from diagnosis.channels import Views
 from diagnosis.closed_loop.environment import run_all
-from diagnosis.closed_loop.rollout import rollouts_under
 from diagnosis.closed_loop.shrink import features_by_sequence
+from diagnosis.closed_loop.simulation import rollouts_under
 from diagnosis.closed_loop.trials import Bench
-from diagnosis.library.base import LibraryEffect, Location
+from diagnosis.library import LibraryEffect, Location
 from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
 from spot_model.errors import SpotRlError

@@ -35,11 +35,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from calibrate_diagnosis import POLICIES, recorded, two_steps
 
+from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import run_all
-from diagnosis.closed_loop.rollout import rollouts_under
+from diagnosis.closed_loop.simulation import rollouts_under
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.verdict.diagnose import diagnose
 from spot_model.policy.policy import load_policy

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.channel_view import ChannelView
+from diagnosis.channels import ChannelView
 from diagnosis.library.registry import LIBRARY
 
 Array = NDArray[np.float64]

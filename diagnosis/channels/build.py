@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.channels.body.contact_events import contact_view
-from diagnosis.channels.body.dynamics import dynamics_signals, missing_for_dynamics
-from diagnosis.channels.body.inertial import inertial_view
-from diagnosis.channels.body.load_to_motion import motion_views
-from diagnosis.channels.body.stance import stance_view
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
-from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view, stand_in_view
-from diagnosis.channels.drive.joint_rates import rate_view
-from diagnosis.channels.drive.power import power_view
-from diagnosis.channels.drive.sensor_noise import noise_view
-from diagnosis.channels.replay import Actor, replay_view
+from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, thinned
+from diagnosis.channels.actuator import ActuatorSignals, actuator_view, stand_in_view
+from diagnosis.channels.contact_events import contact_view
+from diagnosis.channels.dynamics import dynamics_signals, missing_for_dynamics, motion_views
+from diagnosis.channels.kinematics import inertial_view, stance_view
+from diagnosis.channels.program import Actor, replay_view, timing_view
+from diagnosis.channels.sensors import noise_view, power_view, rate_view
 from diagnosis.channels.stack import Stack
-from diagnosis.channels.thinning import thinned
-from diagnosis.channels.timing import timing_view
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints
+from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints
 from diagnosis.read.segments import Segmentation, cut
 from spot_model.errors import BadInputError
 from trainer.signals.recording import Recording

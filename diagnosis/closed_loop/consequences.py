@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.channel_view import Array, Ints
+from diagnosis.channels import Array, Ints
 from diagnosis.closed_loop.run_numbers import (
     QUANTITIES,
     Lasted,

@@ -1,7 +1,7 @@
 """The surroundings of a robot: how soft the ground is, and what the robot's own estimator makes of its velocity.
 
-They are no part of a robot's model, no log shows them directly, and a gait depends on them more than on most effects:
-a tenth of the ground's time constant moves the measure by as much as two real runs differ. So each model gets, for each
+They are no part of a robot's model, no log shows them directly, and a gait depends on them more than on most effects: a
+tenth of the ground's time constant moves the measure by as much as two real runs differ. So each model gets, for each
 command sequence, the surroundings with the best score on the *other* sequences, the nominal and the corrected model
 alike, so that a gap is the robot's and not the floor's. Where an effect that was found is itself one of the ground or
 of the estimator, the ones that suit the corrected model serve both.
@@ -16,15 +16,59 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.closed_loop.merged_models import merged
-from diagnosis.closed_loop.rollout import Rollout, Rollouts, simulate_all
 from diagnosis.closed_loop.shrink import Features, compare, simulated_features
-from diagnosis.closed_loop.surroundings import HARDEST_S, Surroundings
+from diagnosis.closed_loop.simulation import Rollout, Rollouts, merged, simulate_all
 from spot_log.read.run import Run
+from spot_model.effects.body.ground_compliance import GroundCompliance
+from spot_model.effects.sensing.leg_odometry import LegOdometry
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
+from spot_model.robot.mjcf import MjcfOptions
 from trainer.signals.policy_ticks import Script
 from trainer.simulate.engine import Tell
+
+_OWN: Final = MjcfOptions().contact_solref
+HARDEST_S: Final = 2.0 * MjcfOptions().timestep_s
+"""No contact has a shorter time constant: a model is trained in physics steps of this length's half, and MuJoCo lets no
+contact act faster than in two."""
+LEAST_DAMPING: Final = _OWN[1] + next(p.low for p in GroundCompliance.parameters() if p.name == "damping_ratio")
+"""No contact has a smaller damping ratio: feet would bounce."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The ground's contact and the estimator; the simulator's own by default."""
+
+    contact_time_constant_s: float = _OWN[0]
+    contact_damping_ratio: float = _OWN[1]
+    odometry_time_s: float = 0.0
+    """In which standing legs pull the reported velocity; 0 for one that is true. See :class:`LegOdometry`."""
+
+    def around(self, model: RobotModel) -> RobotModel:
+        """The model in these surroundings. They come first: what is wrong with an estimate comes on top of it.
+
+        A ground that the model has itself adds to this one; together they stay within :data:`HARDEST_S` and
+        :data:`LEAST_DAMPING`.
+        """
+        own_s, own_ratio = _own_ground(model)
+        ground = GroundCompliance(
+            time_constant_s=max(self.contact_time_constant_s, HARDEST_S - own_s) - _OWN[0],
+            damping_ratio=max(self.contact_damping_ratio, LEAST_DAMPING - own_ratio) - _OWN[1],
+        )
+        odometry = LegOdometry(time_s=self.odometry_time_s)
+        added = tuple(effect for effect in (ground, odometry) if not effect.is_null)
+        return replace(model, effects=(*added, *model.effects))
+
+
+def _own_ground(model: RobotModel) -> tuple[float, float]:
+    """What the model's own effects add to time constant and damping ratio, at the leg with the least of each."""
+    found = [e for e in model.effects if isinstance(e, GroundCompliance)]
+    sums = [
+        sum((np.where(e.mask, getattr(e, name), 0.0) for e in found), start=np.zeros(1))
+        for name in ("time_constant_s", "damping_ratio")
+    ]
+    return float(np.min(sums[0])), float(np.min(sums[1]))
+
 
 OWN: Final = Surroundings()
 """The simulator's."""

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints
+from diagnosis.channels import Array, ChannelView, Flags, Ints
 from diagnosis.channels.stack import Stack
 from diagnosis.closed_loop.run_numbers import given_power_w, known_mean
 from diagnosis.document import GapCell

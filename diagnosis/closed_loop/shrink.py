@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm as normal
 from scipy.stats import t as student
 
-from diagnosis.channels.channel_view import Array
+from diagnosis.channels import Array
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy
 from trainer.signals.features import features_of_run

@@ -1,24 +1,31 @@
-"""Closed-loop runs of a model under the logs' policy and commands, as logs: for shrink, traces, map and synthesis."""
+"""Closed-loop runs of models under the logs' policy and commands, as logs, in batches that an engine computes.
+
+Models go side by side as one whose numbers differ from run to run: a batch costs little more than one model. A model
+without an effect that another one has gets it with null values, at which it changes nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final
+import dataclasses
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 
 from spot_log.read.run import Run
-from spot_model.effects.base import CommandEffect, SoftwareEffect
+from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
+from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.plant.start import put_at
-from spot_model.policy.policy import Policy
+from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.shared.threads import available_threads
 from trainer.signals.policy_ticks import Script
 from trainer.simulate import recorded_loop
+from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.recorded_loop import RecordedLoop, Told
 
 SUBSTEPS: Final = 2
@@ -82,3 +89,145 @@ def simulate(
         tick_period_s=scripts[0].tick_period_s,
     )
     return loop.runs(tell)
+
+
+MOST_RUNS: Final = 64
+"""Runs of one job on the cores, whatever the number of workers, so that the result is the same at any."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One batch of closed-loop runs of one model; its numbers depend on nothing else."""
+
+    model: RobotModel
+    scripts: tuple[Script, ...]
+    seed: int
+    only_ticks: bool = False
+    """No states between the policy's ticks."""
+
+    def split(self, most: int) -> list[Rollout]:
+        """Batches of at most so many runs, each with a seed of its own; the first has this one's."""
+        n = len(self.scripts)
+        return [
+            replace(self, model=_of_rows(self.model, n, i, i + most), scripts=self.scripts[i : i + most], seed=seed)
+            for seed, i in enumerate(range(0, n, most), start=self.seed)
+        ]
+
+
+def _of_rows(model: RobotModel, n: int, start: int, stop: int) -> RobotModel:
+    """The model of some runs of a batch of ``n``."""
+    if start == 0 and stop >= n:
+        return model
+
+    def own(effect: Effect) -> Effect:
+        values: dict[str, Any] = {k: v[start:stop] for k, v in effect.values.items() if np.shape(v)[:1] == (n,)}
+        return replace(effect, **values)
+
+    return replace(model, effects=tuple(own(effect) for effect in model.effects))
+
+
+Rollouts = Engine[tuple[bytes, str], Rollout, list[Run]]
+"""Computes rollouts under one policy, of which it is given the file's content, on a device."""
+
+
+def rollouts_under(policy: Policy, place: Place = IN_THIS_PROCESS) -> Rollouts:
+    """An engine for rollouts under a policy that was loaded from a file.
+
+    Raises:
+        BadInputError: The policy has no file.
+        EngineError: Ray is asked for and not installed.
+    """
+    if not policy.file_bytes:
+        raise BadInputError(f"policy {policy.contract.name} has no file, and cannot be simulated; load it from a file")
+    return Engine(roll_out, (policy.file_bytes, place.device), place)
+
+
+def roll_out(shared: tuple[bytes, str], rollout: Rollout, tell: Tell) -> list[Run]:
+    """The runs of one rollout.
+
+    Raises:
+        BadInputError: The model cannot be simulated.
+    """
+    policy, device = shared
+    return simulate(
+        rollout.model,
+        policy_from_bytes(policy, source="of the diagnosis"),
+        rollout.scripts,
+        np.random.default_rng(rollout.seed),
+        SensorNoise(),
+        only_ticks=rollout.only_ticks,
+        device=device,
+        tell=tell,
+    )
+
+
+def simulate_all(rollouts: Sequence[Rollout], engine: Rollouts, tell: Tell) -> list[list[Run]]:
+    """Runs of each rollout, in their order; on the cores as jobs of at most :data:`MOST_RUNS` runs.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    parts = [r.split(MOST_RUNS if engine.place.device == "cpu" else len(r.scripts)) for r in rollouts]
+    made = iter(engine.map([part for some in parts for part in some], tell))
+    return [[run for _ in some for run in next(made)] for some in parts]
+
+
+def merged(models: Sequence[RobotModel]) -> RobotModel | None:
+    """One model for a batch whose run i is of ``models[i]``; None where no such model exists.
+
+    Models have plain numbers, or one number a joint, shape (1, J).
+    """
+    first = models[0]
+    if all(m is first for m in models):
+        return first
+    wide = [np.shape(v) for m in models for e in m.effects for v in e.values.values() if np.ndim(v)]
+    if any(m.robot != first.robot for m in models) or any(shape[0] != 1 for shape in wide):
+        return None
+    order: list[Hashable] = []
+    keys = {id(m): [_key(e) for e in m.effects] for m in models}
+    for own in keys.values():
+        _weave(order, own)
+    rows = []
+    for model in models:
+        at, row = 0, []
+        own = keys[id(model)]
+        for key in order:
+            there = at < len(own) and own[at] == key
+            row.append(model.effects[at] if there else None)
+            at += there
+        rows.append(row)
+    return RobotModel(tuple(_merged_effect(column) for column in zip(*rows, strict=True)), first.robot)
+
+
+def _key(effect: Effect) -> Hashable:
+    """What two effects that differ in numbers alone have in common."""
+    numbers = {p.name for p in effect.parameters()}
+    rest = tuple((f.name, repr(getattr(effect, f.name))) for f in dataclasses.fields(effect) if f.name not in numbers)
+    return (type(effect), rest)
+
+
+def _weave(order: list[Hashable], own: Sequence[Hashable]) -> None:
+    """Insert what is missing, so that ``own`` is a subsequence of ``order``."""
+    at = 0
+    for key in own:
+        if key in order[at:]:
+            at = order.index(key, at) + 1
+        else:
+            order.insert(at, key)
+            at += 1
+
+
+def _merged_effect(effects: Sequence[Effect | None]) -> Effect:
+    """One effect with a number for each run where they differ; null where a run has none."""
+    some = next(e for e in effects if e is not None)
+    columns: dict[str, Any] = {}
+    for p in some.parameters():
+        values = [p.null if e is None else getattr(e, p.name) for e in effects]
+        if any(np.ndim(v) for v in values):
+            width = max(np.shape(v)[-1] if np.ndim(v) else 1 for v in values)
+            columns[p.name] = np.concatenate([np.broadcast_to(v, (1, width)) for v in values]).astype(np.float64)
+        elif any(v != values[0] for v in values):
+            columns[p.name] = np.array(values, dtype=np.float64)[:, None]
+        else:
+            columns[p.name] = values[0]
+    return dataclasses.replace(some, **columns)

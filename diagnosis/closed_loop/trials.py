@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
-from diagnosis.closed_loop.rollout import Rollouts
 from diagnosis.closed_loop.run_numbers import time_to_fall
 from diagnosis.closed_loop.shrink import (
     Compared,
@@ -20,9 +19,10 @@ from diagnosis.closed_loop.shrink import (
     shrinkage,
     simulated_features,
 )
+from diagnosis.closed_loop.simulation import Rollouts
 from diagnosis.document import Shrink
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.nuisance_model import model_of
+from diagnosis.selection.robot_models import model_of
 from diagnosis.selection.scoring import Scored
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError

@@ -9,8 +9,8 @@ from itertools import count
 from pathlib import Path
 from typing import Final
 
-from diagnosis.next.choose.candidates import Motion
-from diagnosis.next.choose.design import Design
+from diagnosis.next.candidates import Motion
+from diagnosis.next.design import Design
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import SCHEMA as JOINT_EXPERIMENT
 from spot_model.io.joint_experiment import joint_experiment_from_data, save_joint_experiment

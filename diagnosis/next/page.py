@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from diagnosis.next.choose.design import Design, Proposal
-from diagnosis.next.story import OTHERS, SURE, Asked, Story
+from diagnosis.next.design import Design, Proposal
+from diagnosis.next.rounds import OTHERS, SURE, Asked, Story
 from diagnosis.report.output import NAMES
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc

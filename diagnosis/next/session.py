@@ -12,18 +12,16 @@ from rich.console import Console
 
 from diagnosis.closed_loop.run_numbers import HELD_S
 from diagnosis.document import load_verdict
-from diagnosis.library.extra_effect import chosen_library
-from diagnosis.next.choose.candidates import Motion, given
-from diagnosis.next.choose.design import Design, Proposal, design
+from diagnosis.library.registry import chosen_library
+from diagnosis.next.candidates import Motion, given
+from diagnosis.next.design import Design, Proposal, design
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
 from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.predict.check import check_log, check_prediction
-from diagnosis.next.predict.prediction import digest_of, load_prediction, predict, with_log
-from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot, run_on_robot
-from diagnosis.next.story import Found, Story, read_story
+from diagnosis.next.prediction import check_log, check_prediction, digest_of, load_prediction, predict, with_log
+from diagnosis.next.rounds import Found, Lab, Limits, Ran, Story, ask_robot, read_story, run_on_robot
 from diagnosis.progress import Progress
-from diagnosis.read.log_files import find_policy_file, read_logs
+from diagnosis.read import find_policy_file, read_logs
 from diagnosis.report.output import NAMES
 from diagnosis.session import Request, run_session
 from diagnosis.verdict.posterior_file import Posterior, load_posterior

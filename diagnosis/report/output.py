@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from diagnosis.library.base import LibraryEffect
+from diagnosis.library import LibraryEffect
 from diagnosis.report.effect_file import FILE, effect_source
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis

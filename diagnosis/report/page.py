@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.channel import CHANNEL_TITLES
+from diagnosis.channels import CHANNEL_TITLES
 from diagnosis.document import CalibratedNumber, Consequences, Difference, GapCell, Verdict
 from diagnosis.report import bars, words
 from diagnosis.report.effect_file import formula_text

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.channel_view import Array
+from diagnosis.channels import Array
 from diagnosis.report.bars import axes
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.frame import HALF, Frame

@@ -8,11 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.channel_view import Array
+from diagnosis.channels import Array
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.document import Number
-from diagnosis.selection.evidence import Board
-from diagnosis.selection.places import Robot
+from diagnosis.selection.evidence import Board, Robot
 from diagnosis.selection.scoring import Placed, Scored, Scorer, without
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import describe_joints

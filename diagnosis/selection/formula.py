@@ -15,9 +15,8 @@ from scipy.linalg import orth
 from scipy.optimize import minimize
 from sklearn.linear_model import orthogonal_mp_gram
 
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, Flags
-from diagnosis.channels.drive.actuator import ActuatorSignals
+from diagnosis.channels import Array, Channel, Flags
+from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.document import Formula, FormulaTerm
 from diagnosis.selection.evidence import Board
 from spot_model.effects.friction import smooth_sign

@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from diagnosis.channels.channel_view import Array, Ints
+from diagnosis.channels import Array, Ints
 
 Factor = tuple[Array, bool]
 SWEEPS: Final = 60

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.channel_view import Array, Shape
+from diagnosis.channels import Array, Shape
 from diagnosis.decision_constants import LEAST_NATS_TO_TRY, MAX_EFFECTS
-from diagnosis.library.base import LibraryEffect
+from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.scoring import Placed, Scored, Scorer
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from diagnosis.channels.channel import Channel
+from diagnosis.channels import Channel
 from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.decision_constants import NAMED, RUNS_APART
@@ -14,14 +14,12 @@ from diagnosis.document import Calibration, Difference, GapChange, Shrink, Statu
 from diagnosis.selection.fitted import numbers
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.unexplained import describe
-from diagnosis.verdict.advice import advice, split
+from diagnosis.verdict.advice import advice, cannot_show, split
 from diagnosis.verdict.calibration import by_type, calibrated_numbers
-from diagnosis.verdict.cannot_show import cannot_show
 from diagnosis.verdict.causes import Causes
-from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.measured import Measured
-from diagnosis.verdict.open_loop import open_loop_cells
-from diagnosis.verdict.posterior import is_none
+from diagnosis.verdict.evidence import Explained
+from diagnosis.verdict.measured import Measured, open_loop_cells
+from diagnosis.verdict.probability import is_none
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 

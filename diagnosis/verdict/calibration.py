@@ -1,9 +1,9 @@
 """The robot's own numbers beside the nominal ones: what the logs say of each, whatever else they show.
 
-A number is the mean over its place (a joint type, a leg, the body; zeros are set joint by joint) of all that was
-fitted to it: the ordinary errors that units have by themselves, by type and together, and differences of the same
-effect. Its interval is that of the sum, since logs often tell the sum of columns that they do not tell apart. Joints
-that a difference singles out, at most half of their type, are left out of the type's mean: they are the difference's.
+A number is the mean over its place (a joint type, a leg, the body; zeros are set joint by joint) of all that was fitted
+to it: the ordinary errors that units have by themselves, by type and together, and differences of the same effect. Its
+interval is that of the sum, since logs often tell the sum of columns that they do not tell apart. Joints that a
+difference singles out, at most half of their type, are left out of the type's mean: they are the difference's.
 """
 
 from __future__ import annotations
@@ -15,15 +15,14 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.channel_view import Array, Flags
+from diagnosis.channels import Array, Flags
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import CalibratedNumber, Number
-from diagnosis.library.base import LibraryEffect, Location
+from diagnosis.library import LibraryEffect, Location
 from diagnosis.selection.calibrated import calibrated, free_types, posterior_covariance
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Board, Robot
 from diagnosis.selection.fitted import Z_90, with_formula_error
-from diagnosis.selection.nuisance import ErrorKind
-from diagnosis.selection.places import Robot
+from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, Scorer
 from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.body.com_offset import ComOffset

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.decision_constants import GROUP_ODDS, NAMED
-from diagnosis.library.base import LibraryEffect
-from diagnosis.selection.likeness import likeness
-from diagnosis.selection.scoring import Scored, Scorer, null_of, without
+from diagnosis.library import LibraryEffect
+from diagnosis.selection.scoring import Scored, Scorer, likeness, null_of, without
 from diagnosis.selection.search import price
-from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, beyond_formulas
+from diagnosis.verdict.evidence import Explained
+from diagnosis.verdict.probability import Belief, Hypothesis, believe, between_formulas, beyond_formulas
 
 CALIBRATED = "calibration alone"
 

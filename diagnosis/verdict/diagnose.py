@@ -4,29 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from diagnosis.channels import Array, Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import stack
+from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.gap_map import GapMap, Side, gap_map
-from diagnosis.closed_loop.rollout import Rollouts, rollouts_under
-from diagnosis.closed_loop.surroundings import Surroundings
+from diagnosis.closed_loop.simulation import Rollouts, SensorNoise, rollouts_under, simulate
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, measure_shrink, run_trials
 from diagnosis.document import Shrink, Verdict
-from diagnosis.library.base import LibraryEffect
+from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.progress import Progress
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.selection.nuisance_model import by_joint, model_of
+from diagnosis.selection.robot_models import by_joint, model_of
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.causes import CALIBRATED, Causes, decide
-from diagnosis.verdict.explain import Say, explain
-from diagnosis.verdict.left_over import unknown_beside
+from diagnosis.verdict.evidence import Say, explain
 from diagnosis.verdict.measured import (
     compared_models,
     measured_by_prediction,
@@ -34,11 +33,13 @@ from diagnosis.verdict.measured import (
     with_environment,
 )
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
+from diagnosis.verdict.probability import unknown_beside
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.text import counted
+from trainer.signals.policy_ticks import scripts_of
 from trainer.signals.recording import record
 
 WITHOUT_RUNS = (
@@ -134,7 +135,7 @@ def diagnose(
     verdict = assemble(causes, nominal, measured, unknown, distances, map_, shrink, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
     if with_synthesis and verdict.differences and policy is not None and is_spot:
-        from diagnosis.verdict.synthesis import synthesis_check
+        from diagnosis.verdict.diagnose import synthesis_check
 
         say("synthesis check")
         check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
@@ -161,3 +162,30 @@ def _about(bench: Bench, is_crossed: bool) -> list[str]:
 
 def _ignore(share: float) -> None:
     """Progress that nobody watches."""
+
+
+def synthesis_check(
+    runs: Sequence[Run],
+    nominal: RobotModel,
+    corrected: RobotModel,
+    policy: Policy,
+    verdict: Verdict,
+    rng: np.random.Generator,
+    library: Mapping[str, LibraryEffect],
+) -> dict[str, Any]:
+    """Diagnose the corrected model's own logs.
+
+    Returns:
+        ``passed``: every effect found comes back, itself or by a member of its group, with at least half of its
+        joints; ``found``: what came back.
+    """
+    logs = simulate(corrected, policy, scripts_of(runs), rng, SensorNoise())
+    back = explain(logs, nominal, policy, library, lambda _: None)
+    terms = back.selection.best.terms if back.selection.best is not None else ()
+    robot = back.board.robot
+    found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in terms}
+    passed = all(
+        any(m in found and 2 * len(set(found[m]) & set(e.joints)) >= len(e.joints) for m in e.group)
+        for e in verdict.differences
+    )
+    return {"passed": bool(passed and verdict.differences), "found": {k: list(v) for k, v in found.items()}}

@@ -13,15 +13,15 @@ from typing import Any, Final, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from diagnosis.channels.channel_view import Array
-from diagnosis.closed_loop.surroundings import Surroundings
+from diagnosis.channels import Array
+from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
-from diagnosis.library.base import LibraryEffect, acts_last
+from diagnosis.library import LibraryEffect, acts_last
 from diagnosis.selection.fitted import joint_words
-from diagnosis.selection.nuisance_model import by_joint, with_errors
+from diagnosis.selection.robot_models import by_joint, with_errors
 from diagnosis.selection.scoring import Scored
 from diagnosis.verdict.causes import Causes
-from diagnosis.verdict.posterior import Belief
+from diagnosis.verdict.probability import Belief
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.robot.facts import JOINT_NAMES

@@ -6,7 +6,7 @@ import inspect
 import textwrap
 from pathlib import Path
 
-from diagnosis.channels.channel import CHANNEL_TITLES
+from diagnosis.channels import CHANNEL_TITLES
 from diagnosis.library.registry import LIBRARY
 from spot_model.effects import base
 from spot_model.effects.base import Effect, Hook

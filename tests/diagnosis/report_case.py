@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.channels.channel import Channel
+from diagnosis.channels import Channel
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.document import (
@@ -27,7 +27,7 @@ from diagnosis.document import (
     UnknownEffect,
     Verdict,
 )
-from diagnosis.selection.places import Robot
+from diagnosis.selection.evidence import Robot
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
 from spot_model.effects.drive.coulomb_friction import CoulombFriction

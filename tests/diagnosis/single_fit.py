@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from scipy.optimize import lsq_linear, minimize
 
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
-from diagnosis.library.base import Coefficient, LibraryEffect, legs_of
+from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints, Shape, Views
+from diagnosis.library import Coefficient, LibraryEffect, legs_of
 
 HUBER: Final = 2.5
 """Residuals beyond this many scales are held down."""

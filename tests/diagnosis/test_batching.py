@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.merged_models import merged
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import SensorNoise, merged, simulate
 from diagnosis.library.registry import LIBRARY
 from spot_model.effects.base import Effect
 from spot_model.effects.body.payload_mass import PayloadMass

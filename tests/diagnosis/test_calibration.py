@@ -12,18 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel import Channel
+from diagnosis.channels import Channel
 from diagnosis.document import CalibratedNumber, GapChange
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import calibrated, posterior_covariance
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Board, Robot
 from diagnosis.selection.fitted import without_effect
-from diagnosis.selection.nuisance_model import by_joint, model_of, with_kind
-from diagnosis.selection.places import Robot
+from diagnosis.selection.robot_models import by_joint, model_of, with_kind
 from diagnosis.selection.scoring import Placed, Scorer, null_of
 from diagnosis.verdict.calibration import by_type, calibrated_numbers
-from diagnosis.verdict.explain import evidence_of
-from diagnosis.verdict.open_loop import gap_changes
+from diagnosis.verdict.evidence import evidence_of
+from diagnosis.verdict.measured import gap_changes
 from spot_log.read.run import Run
 from spot_model.effects.base import Effect
 from spot_model.effects.body.leg_mass import LegMass

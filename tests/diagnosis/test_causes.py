@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.causes import CALIBRATED, decide
-from diagnosis.verdict.explain import explain
+from diagnosis.verdict.evidence import explain
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 
 from .cases import NOMINAL

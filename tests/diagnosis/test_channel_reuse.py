@@ -5,10 +5,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from diagnosis.channels.body.dynamics import DynamicsSignals, residuals
-from diagnosis.channels.body.stance import StanceSignals, feet
+from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel import Channel
+from diagnosis.channels.dynamics import DynamicsSignals, residuals
+from diagnosis.channels.kinematics import StanceSignals, feet
 from diagnosis.channels.stack import stack
 from trainer.signals.recording import record
 

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.channels.body.load_to_motion import aligned
+from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel import Channel
+from diagnosis.channels.dynamics import aligned
 from diagnosis.channels.stack import stack
-from diagnosis.library.effects.friction import ViscousEntry
-from diagnosis.library.effects.rigid_body import LegMassEntry
+from diagnosis.library.drive import ViscousEntry
+from diagnosis.library.rigid_body import LegMassEntry
 from spot_log.read.run import CommandTable, StateTable
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
@@ -288,9 +288,9 @@ def test_logs_of_two_robots_are_refused(null_runs):
 
 
 def test_long_logs_are_thinned_and_tell_what_all_rows_tell(null_runs, monkeypatch):
-    monkeypatch.setattr("diagnosis.channels.thinning.LONG", 10**9)
+    monkeypatch.setattr("diagnosis.channels.LONG", 10**9)
     whole, _ = views_of(null_runs)
-    monkeypatch.setattr("diagnosis.channels.thinning.LONG", sum(len(run.states) for run in null_runs) // 3)
+    monkeypatch.setattr("diagnosis.channels.LONG", sum(len(run.states) for run in null_runs) // 3)
     thin, _ = views_of(null_runs)
     for name in (Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.LOAD_TO_MOTION, Channel.STANCE_KINEMATICS):
         every, some = whole[name], thin[name]

@@ -8,15 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.drive.actuator import actuator_view
+from diagnosis.channels import Channel
+from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library.base import LibraryEffect
-from diagnosis.library.extra_effect import chosen_library
-from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Board, lay_out
-from diagnosis.selection.places import Robot
+from diagnosis.library import LibraryEffect
+from diagnosis.library.registry import LIBRARY, chosen_library
+from diagnosis.selection.evidence import Board, Robot, lay_out
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from spot_model.effects.base import Motion, TorqueEffect
@@ -58,7 +56,7 @@ def test_what_cannot_be_done_is_said(
     (tmp_path / "half_done.py").write_text(
         "from dataclasses import dataclass\n"
         "from typing import Any\n"
-        "from diagnosis.library.base import LibraryEffect\n"
+        "from diagnosis.library import LibraryEffect\n"
         "from spot_model.effects.base import TorqueEffect, parameter\n"
         "nothing = 3\n"
         "class Bare(LibraryEffect):\n    name = 'bare'\n"

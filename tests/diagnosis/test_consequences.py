@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from diagnosis.closed_loop.consequences import consequences, remainder, worse_gaps
-from diagnosis.closed_loop.rollout import rollouts_under
 from diagnosis.closed_loop.run_numbers import Lasted, restricted_mean_s, run_numbers, time_to_fall
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import SensorNoise, rollouts_under, simulate
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, compared_by_sequence
 from diagnosis.document import Consequences, GapChange, QuantityChange
 from diagnosis.read.prepare import prepared

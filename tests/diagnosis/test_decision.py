@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel import Channel
+from diagnosis.channels import Channel
 from diagnosis.decision_constants import (
     GAP_SLOPE,
     LARGEST_ERRORS,
@@ -23,7 +23,7 @@ from diagnosis.decision_constants import (
 from diagnosis.document import Consequences, GapChange
 from diagnosis.verdict.assemble import status_of
 from diagnosis.verdict.measured import Measured
-from diagnosis.verdict.posterior import (
+from diagnosis.verdict.probability import (
     Belief,
     Hypothesis,
     believe,

@@ -9,13 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView
-from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view
+from diagnosis.channels import Array, Channel, ChannelView
+from diagnosis.channels.actuator import ActuatorSignals, actuator_view
 from diagnosis.channels.stack import stack
-from diagnosis.library.base import acts_last, effect_columns
-from diagnosis.library.extra_effect import entry_of
-from diagnosis.library.registry import LIBRARY
+from diagnosis.library import acts_last, effect_columns
+from diagnosis.library.registry import LIBRARY, entry_of
 from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter
 from spot_model.effects.friction import smooth_sign
 from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve

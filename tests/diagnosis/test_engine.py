@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.environment import run_all
-from diagnosis.closed_loop.rollout import Rollout, Rollouts, rollouts_under, simulate_all
-from diagnosis.closed_loop.surroundings import Surroundings
+from diagnosis.closed_loop.environment import Surroundings, run_all
+from diagnosis.closed_loop.simulation import Rollout, Rollouts, rollouts_under, simulate_all
 from spot_log.read.run import Run
 from spot_model.effects.command.command_jitter import CommandJitter
 from spot_model.effects.drive.coulomb_friction import CoulombFriction

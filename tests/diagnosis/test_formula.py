@@ -7,17 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.drive.actuator import actuator_view
+from diagnosis.channels import Channel
+from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import Formula, UnknownEffect
-from diagnosis.library.extra_effect import chosen_library
-from diagnosis.library.registry import LIBRARY
+from diagnosis.library.registry import LIBRARY, chosen_library
 from diagnosis.report.effect_file import effect_source, formula_text
-from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.evidence import Board, Robot, lay_out
 from diagnosis.selection.formula import find_formula
-from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from spot_model.effects.base import Motion, TorqueEffect

@@ -6,10 +6,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Views
-from diagnosis.library.effects.command_link import waits
-from diagnosis.verdict.explain import _legs
+from diagnosis.channels import Channel, Views
+from diagnosis.library.program import waits
+from diagnosis.verdict.evidence import _legs
 from trainer.signals.motor_torque import presliding
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel import Channel
+from diagnosis.channels import Channel
 from diagnosis.decision_constants import ODD_EXCESS, ORDINARY_EXCESS
-from diagnosis.verdict.left_over import excess, is_odd
+from diagnosis.verdict.probability import excess, is_odd
 
 LOAD, WRENCH = Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH
 

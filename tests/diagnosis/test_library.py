@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
+from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
-from diagnosis.library.base import Location
-from diagnosis.library.effects.order_spectrum import strongest_orders
+from diagnosis.library import Location
 from diagnosis.library.registry import LIBRARY
+from diagnosis.library.ripple import strongest_orders
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.effects.registry import BUILT_IN

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.likeness import likeness
-from diagnosis.selection.scoring import Placed, Scorer
-from diagnosis.verdict.explain import evidence_of
+from diagnosis.selection.scoring import Placed, Scorer, likeness
+from diagnosis.verdict.evidence import evidence_of
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 
 from .cases import NOMINAL

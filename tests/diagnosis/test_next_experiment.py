@@ -9,17 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from diagnosis.next.choose import design as choice
 from typer.testing import CliRunner
 
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
 from diagnosis.next import rounds as robot_rounds
-from diagnosis.next.choose import design as choice
-from diagnosis.next.choose.candidates import HEAT, Candidate, candidates, given
-from diagnosis.next.choose.design import Design, Proposal, in_words, judged
-from diagnosis.next.choose.information import Told, told_by
-from diagnosis.next.choose.robots import (
+from diagnosis.next.candidates import HEAT, Candidate, candidates, given
+from diagnosis.next.design import Design, Proposal, Told, in_words, judged, told_by
+from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
+from diagnosis.next.inputs import Inputs, save_inputs
+from diagnosis.next.page import ranking_page, story_page
+from diagnosis.next.robots import (
     N_WIDE,
     Robots,
     beliefs,
@@ -28,14 +30,21 @@ from diagnosis.next.choose.robots import (
     suspects,
     with_ordinary_errors,
 )
-from diagnosis.next.choose.signature import _roughness
-from diagnosis.next.choose.trial import refusals, try_on
-from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
-from diagnosis.next.inputs import Inputs, save_inputs
-from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.rounds import Lab, Limits, Ran, ask_robot, is_here, run_on_robot
+from diagnosis.next.rounds import (
+    SURE,
+    WHOLE,
+    Found,
+    Lab,
+    Limits,
+    Ran,
+    Story,
+    ask_robot,
+    is_here,
+    read_story,
+    run_on_robot,
+)
 from diagnosis.next.session import Session, found_in
-from diagnosis.next.story import SURE, WHOLE, Found, Story, read_story
+from diagnosis.next.trial import _roughness, refusals, try_on
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain

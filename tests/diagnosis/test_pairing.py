@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.read.pairing import _after_steps, rows_apart
+from diagnosis.read.prepare import _after_steps, rows_apart
 from spot_log.read.run import Run
 from spot_model.effects.drive.viscous_friction import ViscousFriction
 from spot_model.plant.delay import ConstantDelay

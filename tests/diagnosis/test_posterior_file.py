@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
-from diagnosis.verdict.posterior import Belief
 from diagnosis.verdict.posterior_file import LEAST, Possibility, Posterior, Term, is_right
+from diagnosis.verdict.probability import Belief
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.model_file import RobotModel
 

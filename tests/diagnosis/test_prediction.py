@@ -10,10 +10,17 @@ import pytest
 from pydantic import ValidationError
 
 from diagnosis.next.inputs import Inputs
-from diagnosis.next.predict.check import check_log, check_prediction
-from diagnosis.next.predict.prediction import MOTION, Forecast, Prediction, _forecast, load_prediction
+from diagnosis.next.prediction import (
+    MOTION,
+    Forecast,
+    Prediction,
+    _forecast,
+    check_log,
+    check_prediction,
+    load_prediction,
+)
+from diagnosis.next.rounds import Found
 from diagnosis.next.session import Session
-from diagnosis.next.story import Found
 from diagnosis.verdict.posterior_file import Posterior
 from spot_log.format.names import FOLLOWING_MODE
 from spot_log.format.records import RunHeader

@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.session import Session
-from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all, read_logs
+from diagnosis.read import apart_by_gains, find_policy, find_policy_file, read_all, read_logs
 from diagnosis.read.segments import cut
 from spot_log import read_run
 from spot_log.importing import Mapping, import_log

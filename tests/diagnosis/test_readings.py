@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from diagnosis.channels.body.contact_events import _crossing
-from diagnosis.channels.drive.sensor_noise import _high_squares, _knocks
-from diagnosis.channels.timing import hidden_share
-from diagnosis.library.effects.ground import GroundComplianceEntry
-from diagnosis.library.effects.joint_sensing import VelocityFilterEntry
-from diagnosis.library.effects.order_spectrum import slow_orders
+from diagnosis.channels.contact_events import _crossing
+from diagnosis.channels.program import hidden_share
+from diagnosis.channels.sensors import _high_squares, _knocks
+from diagnosis.library.contact import GroundComplianceEntry
+from diagnosis.library.joint_sensing import VelocityFilterEntry
+from diagnosis.library.ripple import slow_orders
 
 PERIOD_S = 0.003
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
+from diagnosis.selection.evidence import Robot
 from diagnosis.selection.normal_equations import solve_bounded
-from diagnosis.selection.places import Robot
 from spot_model.robot.facts import JOINT_NAMES
 
 ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))

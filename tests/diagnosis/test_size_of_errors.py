@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.nuisance_model import SMALLEST, size_of_errors
+from diagnosis.selection.robot_models import SMALLEST, size_of_errors
 
 
 def _board(names: Sequence[str], scale: Sequence[float], published: Sequence[float]) -> Any:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.channels.channel_view import ChannelView
-from diagnosis.channels.drive.actuator import actuator_view
+from diagnosis.channels import ChannelView
+from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report.output import write_all

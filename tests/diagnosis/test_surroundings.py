@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.environment import OWN, best_surroundings
-from diagnosis.closed_loop.rollout import Rollout, rollouts_under
+from diagnosis.closed_loop.environment import OWN, Surroundings, best_surroundings
 from diagnosis.closed_loop.shrink import features_by_sequence
-from diagnosis.closed_loop.surroundings import Surroundings
+from diagnosis.closed_loop.simulation import Rollout, rollouts_under
 from spot_log.read.run import Run
 from spot_model.effects.body.ground_compliance import GroundCompliance
 from spot_model.io.model_file import RobotModel

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES, GROUP_ODDS
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Board, lay_out
-from diagnosis.selection.places import Robot
+from diagnosis.selection.evidence import Board, Robot, lay_out
 from diagnosis.selection.search import Rival, ranked
-from diagnosis.verdict.cannot_show import cannot_show
+from diagnosis.verdict.advice import cannot_show
 from spot_model.effects.base import Effect
 from spot_model.effects.body.ground_friction import GroundFriction
 from spot_model.effects.drive.torque_offset import TorqueOffset

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from diagnosis import document
-from diagnosis.channels.channel import Channel
+from diagnosis.channels import Channel
 from diagnosis.document import (
     Difference,
     GapCell,

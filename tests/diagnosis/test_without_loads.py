@@ -7,14 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.channels.body.dynamics import wrench_of_joints
+from diagnosis.channels import Channel, Views
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Views
+from diagnosis.channels.dynamics import wrench_of_joints
 from diagnosis.channels.stack import stack
+from diagnosis.library import with_stand_in
 from diagnosis.library.registry import LIBRARY
-from diagnosis.library.through_motion import with_stand_in
-from diagnosis.verdict.explain import Explained, explain
+from diagnosis.verdict.evidence import Explained, explain
 from spot_log.read.run import Run
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.drive.viscous_friction import ViscousFriction

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.library.extra_effect import chosen_library
+from diagnosis.library.registry import chosen_library
 from spot_model.effects.registry import effect_class
 from spot_model.errors import BadInputError
 from spot_model.io.command_line import main

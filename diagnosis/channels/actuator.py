@@ -1,0 +1,297 @@
+"""Channel *set-point to load*: what the servo law asks against the load that is measured, joint by joint.
+
+Time convention: the load at a state's stamp was asked for a short time earlier, the load's lag. The lag is found from
+the steps that new set-points make, of which the log knows the instant, and the servo law is evaluated at the stamp less
+the lag: joints interpolated between states, and the command that was in effect then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from scipy.ndimage import binary_dilation, uniform_filter1d
+from scipy.signal import lfilter
+
+from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
+from diagnosis.channels.load_lag import load_lag_s, set_point_steps
+from diagnosis.channels.stack import Stack, white_noise
+from spot_model.effects.base import Effect, TorqueEffect
+from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
+from spot_model.robot.control import pd_torque
+from spot_model.robot.facts import N_JOINTS
+from trainer.signals.motor_torque import check_joints, direction, nominal_torque_nm, torque_after_nm
+
+STRIDE: Final = 2
+"""Every second row is kept: smoothed signals have nothing above half the rate."""
+COMMANDED: Final = ("position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad", "kd_nm_s_per_rad")
+STOP_MARGIN_RAD: Final = 0.02
+BEFORE_FLAG: Final = 5
+AFTER_FLAG: Final = 2
+"""States around a change of the contact flag that are left out: flags come late."""
+RATTLE_REACH: Final = 9
+"""States over which rattling is averaged, the reach of the smoothing filter."""
+RATTLE_RAD_S: Final = 0.25
+"""Root mean square of a velocity's second difference between states; a new set-point's step makes at most 0.2."""
+TIMES_USUAL: Final = 3.0
+"""Noisy velocities rattle all the time: only so many times the usual counts."""
+
+
+@dataclass(frozen=True)
+class ActuatorSignals:
+    """What the load may depend on, N rows at the full rate, at the load's instants. J joints."""
+
+    stack: Stack
+    position_rad: Array
+    velocity_rad_s: Array
+    still_velocity_rad_s: Array
+    """Smoothed, for what depends on the direction of motion."""
+    inertial_velocity_rad_s: Array
+    """Half a lag later: the velocity whose rate of change goes with the load over the lag's span."""
+    kd_nm_s_per_rad: Array
+    """Of the command in effect; 0 before the first."""
+    request_nm: Array
+    """The servo law."""
+    torque_nm: Array
+    """The servo law after the nominal model's torque effects: what its motors give."""
+    load_nm: Array
+    command_age_s: Array
+    """Since the command in effect was received. Shape (N,)."""
+    lag_s: float
+    effects: tuple[Effect, ...] = ()
+    """Of the nominal model."""
+    cache: dict[object, Any] = field(default_factory=dict, compare=False)
+    """Columns that are expensive to compute, by who computed them."""
+
+    stride: int = STRIDE
+    """Every so many rows one is kept."""
+
+    @property
+    def period_s(self) -> float:
+        """Time between rows."""
+        return self.stack.period_s
+
+    @property
+    def kept(self) -> slice:
+        """The rows of the channel."""
+        return slice(None, None, self.stride)
+
+    def thinned(self, every: int) -> tuple[ActuatorSignals, slice]:
+        """Signals of one of ``every`` rows, and these rows."""
+        return replace(self, stride=self.stride * every, cache={}), slice(None, None, every)
+
+    def finish(self, raw: Array) -> Array:
+        """A raw column of shape (N, J) as the channel's rows have it: smoothed, at those that are kept."""
+        return self.stack.smooth(raw, self.kept)
+
+    def finish_rate(self, raw: Array) -> Array:
+        """The derivative of a raw column, likewise."""
+        return self.stack.rate(raw, self.kept)
+
+    def loss_motion(self) -> LossMotion:
+        """The motion as the channel's rows have it, for losses between motor and load cell."""
+        return LossMotion(
+            velocity_rad_s=self.finish(self.velocity_rad_s),
+            acceleration_rad_s2=self.finish_rate(self.inertial_velocity_rad_s),
+            direction=self.finish(direction(self.still_velocity_rad_s)),
+        )
+
+    def torque_after_nm(self, effect: TorqueEffect) -> Array:
+        """The nominal motor torque after one more effect, at every joint. Shape (N, J)."""
+        run, period_s = self.stack.run, self.period_s
+        return _by_twelve(
+            lambda torque, position, velocity: torque_after_nm(effect, torque, position, velocity, run, period_s),
+            self.torque_nm,
+            self.position_rad,
+            self.velocity_rad_s,
+        )
+
+    def losses_nm(self, effect: Effect) -> Array:
+        """What the effect takes away between motor and load cell, at every joint, as the channel's rows have it."""
+        motion = self.loss_motion()
+        return _by_twelve(
+            lambda *columns: joint_losses_nm([effect], LossMotion(*columns)),
+            motion.velocity_rad_s,
+            motion.acceleration_rad_s2,
+            motion.direction,
+        )
+
+    def delayed(self, raw: Array, delay_s: float) -> Array:
+        """(N, J) as it was a delay ago, each recording by itself, zero before its start."""
+        whole, share = divmod(delay_s / self.period_s, 1.0)
+        taps = [*np.zeros(int(whole)), 1.0 - share, share]
+        return self.stack.by_run(lambda part: lfilter(taps, 1.0, part, axis=0), raw)
+
+    def integrated(self, raw: Array, decay_s: float) -> Array:
+        """Solution of dy/dt = raw − y/decay from zero at each recording's start, shape of ``raw``."""
+        keep = float(np.exp(-self.period_s / decay_s))
+        return self.stack.by_run(lambda part: lfilter([self.period_s], [1.0, -keep], part, axis=0), raw)
+
+
+def actuator_view(
+    stack: Stack, effects: Sequence[Effect], limits_rad: tuple[Array, Array] | None = None
+) -> ChannelView | ChannelOff:
+    """Build the channel *set-point to load*, with the nominal model's effects.
+
+    A load at a joint's stop is not the motor's: ``limits_rad`` are the stops, low and high, shape (J,), where known.
+    """
+    if missing := stack.missing({"load_nm": "torque", "position_rad": "position", "velocity_rad_s": "velocity"}):
+        return ChannelOff(Channel.SET_POINT_TO_LOAD, f"no measured joint {missing}")
+    if any(len(r.commands) == 0 for r in stack.recordings):
+        return ChannelOff(Channel.SET_POINT_TO_LOAD, "no commands")
+    lag_s, note = load_lag_s(stack)
+    signals = _signals(stack, effects, lag_s)
+    raw = signals.load_nm - signals.torque_nm
+    response = signals.finish(raw) + _losses_nm(effects, signals.loss_motion())
+    usable = np.repeat(stack.used[:, None], raw.shape[1], axis=1)
+    if limits_rad is not None:
+        low, high = limits_rad
+        usable &= (signals.position_rad > low + STOP_MARGIN_RAD) & (signals.position_rad < high - STOP_MARGIN_RAD)
+    usable &= ~_impacts(stack)
+    kept = stack.inner(usable)[::STRIDE]
+    return stack.joint_view(
+        Channel.SET_POINT_TO_LOAD,
+        signals.kept,
+        response,
+        stack.legs,
+        unit="N·m",
+        usable=kept,
+        noise=white_noise(raw, usable),
+        nuisance=signals.finish(_between_states(stack, lag_s))[:, :, None],
+        signals=signals,
+        notes=(note,) if note else (),
+    )
+
+
+def stand_in_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView:
+    """What the nominal drive gives, for logs without loads.
+
+    It tells nothing by itself. Effects take their columns from it, and show in the channels of the body, which compare
+    it with the motion.
+    """
+    bare = _signals(stack, effects, 0.0)
+    still = bare.still_velocity_rad_s
+    motion = LossMotion(still, stack.rate(bare.velocity_rad_s), direction(still))
+    load = bare.torque_nm - _losses_nm(effects, motion)
+    nothing = np.zeros_like(load[bare.kept])
+    return stack.joint_view(
+        Channel.SET_POINT_TO_LOAD,
+        bare.kept,
+        nothing,
+        stack.legs,
+        unit="N·m",
+        usable=np.repeat(stack.inner(stack.used)[bare.kept, None], nothing.shape[1], axis=1),
+        noise=np.ones(nothing.shape[1]),
+        signals=replace(bare, load_nm=load),
+        is_measured=False,
+    )
+
+
+def _losses_nm(effects: Sequence[Effect], motion: LossMotion) -> Array | float:
+    """What the nominal model's friction and rotors take between motor and load cell."""
+    losing = [effect for effect in effects if has_joint_loss(effect)]
+    for effect in losing:
+        check_joints(effect, motion.velocity_rad_s.shape[1])
+    return joint_losses_nm(losing, motion) if losing else 0.0
+
+
+def rattling(stack: Stack) -> Flags:
+    """Where a joint's velocity rattles, by impacts or a foot that skips over the ground; shape (N, J).
+
+    The load of one instant says little there of the mean acceleration between states, and no filter mends that.
+    """
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    second = np.zeros_like(velocity)
+    second[1:-1] = velocity[2:] - 2.0 * velocity[1:-1] + velocity[:-2]
+    size = np.sqrt(uniform_filter1d(second**2, RATTLE_REACH, axis=0))
+    usual = np.median(size[stack.used], axis=0) if stack.used.any() else np.zeros(velocity.shape[1])
+    return np.asarray(size > np.maximum(RATTLE_RAD_S, TIMES_USUAL * usual))
+
+
+def _impacts(stack: Stack) -> Flags:
+    """States at which a joint rattles, or its foot touches down or lifts off, shape (N, J)."""
+    hit, legs = rattling(stack), stack.legs
+    if stack.has("foot_contact"):
+        contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+        change = np.zeros_like(contact)
+        change[1:] = contact[1:] != contact[:-1]
+        reach = np.zeros((2 * BEFORE_FLAG + 1, 1), dtype=np.bool_)
+        reach[: BEFORE_FLAG + AFTER_FLAG + 1] = True
+        around = np.asarray(binary_dilation(change, reach))
+        hit[:, legs >= 0] |= around[:, legs[legs >= 0]]
+    return hit
+
+
+def _between_states(stack: Stack, lag_s: float) -> Array:
+    """What a rotor takes of a set-point's step within the period in which it comes, as far as states cannot tell.
+
+    A load is measured at the end of a period, when the step is in it or not yet; the mean acceleration over the period
+    has the part of it since it came. What a rotor's inertia makes of the difference is a nuisance. Shape (N, J), N·m.
+    """
+    parts: list[Array] = []
+    for recording in stack.recordings:
+        out = np.zeros((len(recording), recording.n_joints))
+        step, received_ns, state, later = set_point_steps(recording)
+        inside = (received_ns > recording.start_ns) & (state < len(recording)) & (later < 1.0)
+        share = later[inside]
+        seen = (share * recording.period_s >= lag_s).astype(np.float64)
+        np.add.at(out, state[inside], (seen - share)[:, None] * np.nan_to_num(step[inside]))
+        parts.append(out)
+    return np.concatenate(parts)
+
+
+def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:
+    """Signals a lag before each state: joints interpolated, and the servo law of the command in effect then."""
+    step_s, now = stack.step_s(), stack.filled(lambda r: r.velocity_rad_s)
+
+    def before(values: Array, by_s: float) -> Array:
+        earlier = np.concatenate([values[:1], values[:-1]])
+        return values + np.minimum(by_s / step_s, 1.0) * (earlier - values)
+
+    position, velocity = before(stack.filled(lambda r: r.position_rad), lag_s), before(now, lag_s)
+    commands: dict[str, list[Array]] = {name: [] for name in COMMANDED}
+    ages: list[Array] = []
+    for recording in stack.recordings:
+        row = recording.command_row(-lag_s)
+        # Before the first command nothing is asked for.
+        known, row = row >= 0, np.maximum(row, 0)
+        for name, parts in commands.items():
+            parts.append(np.where(known[:, None], getattr(recording.commands, name)[row], 0.0))
+        age_s = (recording.stamp_ns - recording.command_ns[row]) * 1e-9 - lag_s
+        ages.append(np.where(known, age_s, np.inf))
+    asked = {name: np.nan_to_num(np.concatenate(parts)) for name, parts in commands.items()}
+    request = pd_torque(
+        position_rad=position,
+        velocity_rad_s=velocity,
+        setpoint_position_rad=asked["position_rad"],
+        setpoint_velocity_rad_s=asked["velocity_rad_s"],
+        feedforward_nm=asked["load_nm"],
+        kp_nm_per_rad=asked["kp_nm_per_rad"],
+        kd_nm_s_per_rad=asked["kd_nm_s_per_rad"],
+    )
+    return ActuatorSignals(
+        stack=stack,
+        position_rad=position,
+        velocity_rad_s=velocity,
+        still_velocity_rad_s=stack.smooth(velocity),
+        inertial_velocity_rad_s=before(now, 0.5 * lag_s),
+        kd_nm_s_per_rad=asked["kd_nm_s_per_rad"],
+        request_nm=request,
+        torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.run, stack.period_s),
+        load_nm=stack.filled(lambda r: r.load_nm),
+        command_age_s=np.concatenate(ages),
+        lag_s=lag_s,
+        effects=tuple(effects),
+    )
+
+
+def _by_twelve(compute: Callable[..., Array], *columns: Array) -> Array:
+    """Effects know twelve joints: those of another robot are computed by twelve, the last ones beside zeros."""
+    n_joints, parts = columns[0].shape[1], []
+    for first in range(0, n_joints, N_JOINTS):
+        twelve = [c[:, first : first + N_JOINTS] for c in columns]
+        size = twelve[0].shape[1]
+        parts.append(compute(*(np.pad(c, ((0, 0), (0, N_JOINTS - size))) for c in twelve))[:, :size])
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

@@ -1,1 +1,0 @@
-"""Channels of the body: loads against motion, feet against the ground, the inertial unit."""

@@ -1,0 +1,150 @@
+"""How the logged body moves, and the nominal model's rigid body that tells what forces this takes.
+
+Accelerations are the inertial unit's where there is one; its packets are older than their state by their own stamps,
+and are brought forward. The model is without contact, friction and rotors: inverse dynamics seen from the links.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from diagnosis.channels import Array
+from diagnosis.channels.stack import Stack
+from spot_model.effects.base import Effect
+from spot_model.plant.model_fields import FIRST_JOINT_DOF, edit_model
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
+from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
+
+GRAVITY_M_S2: Final = 9.81
+GRAVITY_TOLERANCE_M_S2: Final = 2.0
+"""The mean vertical reading must be this near to gravity, or to none, to know whether it is in."""
+N_DOFS = FIRST_JOINT_DOF + facts.N_JOINTS
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What inverse dynamics start from, n rows; a correction of a sensor replaces one of these."""
+
+    world_from_body_wxyz: Array
+    angular_vel_in_body_rad_s: Array
+    linear_acc_in_world_m_s2: Array
+    angular_acc_in_body_rad_s2: Array
+    position_rad: Array
+    velocity_rad_s: Array
+    acceleration_rad_s2: Array
+    load_nm: Array
+
+
+class BodyModel:
+    """Spot's rigid body with the masses, centres of mass and inertias that a robot model's effects edit.
+
+    Their friction and armature do not count, since loads are measured behind them.
+    """
+
+    def __init__(self, effects: Sequence[Effect] = ()) -> None:
+        model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(collision="feet", visuals=False)))
+        edit_model(model, effects)
+        model.dof_frictionloss[:] = 0.0
+        model.dof_damping[:] = 0.0
+        model.dof_armature[:] = 0.0
+        off = mujoco.mjtDisableBit
+        model.opt.disableflags |= (
+            off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT | off.mjDSBL_SENSOR | off.mjDSBL_ACTUATION | off.mjDSBL_LIMIT
+        )
+        self._model = model
+        self._data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, self._data)
+        self.foot_radius_m = np.array([model.geom(f"{leg}_foot").size[0] for leg in facts.LEG_NAMES])
+        """Shape (4,)."""
+        self.foot_friction = np.array([model.geom(f"{leg}_foot").friction[0] for leg in facts.LEG_NAMES])
+        """Sliding friction coefficient, shape (4,)."""
+
+    def inverse_dynamics(self, x: Inputs) -> Array:
+        """Generalised forces that make this motion, gravity included; shape (n, 18).
+
+        Force on the body in the world, moment about the body's origin in the body, joint torques. The body's velocity
+        does not matter: the equations of motion are the same in every steadily moving frame.
+        """
+        n = len(x.position_rad)
+        at_rest = np.zeros((n, 3))
+        positions = np.concatenate([at_rest, x.world_from_body_wxyz, x.position_rad], axis=1)
+        velocities = np.concatenate([at_rest, x.angular_vel_in_body_rad_s, x.velocity_rad_s], axis=1)
+        accelerations = np.concatenate(
+            [x.linear_acc_in_world_m_s2, x.angular_acc_in_body_rad_s2, x.acceleration_rad_s2], axis=1
+        )
+        out = np.empty((n, N_DOFS))
+        data, model = self._data, self._model
+        qpos, qvel, qacc = data.qpos, data.qvel, data.qacc
+        # What is left of mj_inverse without contact, constraints, passive forces and rotors: a fifth faster.
+        for i in range(n):
+            qpos[:] = positions[i]
+            qvel[:] = velocities[i]
+            qacc[:] = accelerations[i]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_rne(model, data, 1, out[i])
+        return out
+
+
+def imu_gravity_m_s2(stack: Stack) -> float | None:
+    """Gravity in the inertial unit's readings: 9.81 where it reports the specific force, 0 where the acceleration.
+
+    None where there is no unit, or its mean is neither.
+    """
+    if not stack.has("imu.acceleration_m_s2") or not stack.used.any():
+        return None
+    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
+    reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
+    mean = float(np.mean(reading[stack.used, 2]))
+    return next((g for g in (GRAVITY_M_S2, 0.0) if abs(mean - g) < GRAVITY_TOLERANCE_M_S2), None)
+
+
+def full_rate_inputs(stack: Stack, load_nm: Array) -> Inputs:
+    """The motion at the states' stamps, not smoothed, its accelerations without gravity.
+
+    The body's acceleration is the inertial unit's where there is one, else the derivative of the estimator's velocity.
+    """
+    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
+    length = np.linalg.norm(attitude, axis=1, keepdims=True)
+    attitude = np.where(length > 0.5, attitude / np.maximum(length, 0.5), np.array([1.0, 0.0, 0.0, 0.0]))
+    turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
+    if stack.has("imu.angular_vel_rad_s"):
+        turn = forward(stack.filled(lambda r: r.imu.angular_vel_rad_s), stack)
+    gravity = imu_gravity_m_s2(stack)
+    if gravity is None:
+        acceleration = slope(stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s), stack.period_s)
+    else:
+        reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
+        acceleration = forward(np.asarray(reading), stack) - np.array([0.0, 0.0, gravity])
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    return Inputs(
+        world_from_body_wxyz=attitude,
+        angular_vel_in_body_rad_s=turn,
+        linear_acc_in_world_m_s2=acceleration,
+        angular_acc_in_body_rad_s2=slope(turn, stack.period_s),
+        position_rad=stack.filled(lambda r: r.position_rad),
+        velocity_rad_s=velocity,
+        acceleration_rad_s2=slope(velocity, stack.period_s),
+        load_nm=load_nm,
+    )
+
+
+def forward(values: Array, stack: Stack) -> Array:
+    """Readings of the inertial unit brought forward by their age, by the straight line to the next; same shape."""
+    share = stack.recordings[0].imu.age_s / stack.period_s
+    following = np.concatenate([values[1:], values[-1:]])
+    return np.asarray(values + share * (following - values))
+
+
+def slope(values: Array, period_s: float) -> Array:
+    """Derivative along the first axis by the fourth-order central difference: 0.3 % short at 30 Hz on a 3 ms stream."""
+    near = np.roll(values, -1, axis=0) - np.roll(values, 1, axis=0)
+    far = np.roll(values, -2, axis=0) - np.roll(values, 2, axis=0)
+    return np.asarray((8.0 * near - far) / (12.0 * period_s))

@@ -1,1 +1,0 @@
-"""Channels of the drive: what was asked of a joint against what it gave, its sensors and its supply."""

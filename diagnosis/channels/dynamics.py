@@ -1,0 +1,374 @@
+"""Inverse dynamics of the logged motion against the measured loads, for channels *load to motion* and *base wrench*.
+
+The nominal residual is computed at the full rate and then smoothed, since inverse dynamics are not linear; what a
+change of a parameter or a sensor adds to it is small, and computed from smoothed signals at the kept rows.
+
+With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). Channel
+*load to motion* looks at τ − h_leg where a leg swings, so f is none; channel *base wrench* puts the f of all legs into
+the body's rows.
+
+The feet's forces come from the loads of all four legs, whatever their contact flags say; force and moment are in the
+body's frame, about its origin.
+
+Time convention: a sampled torque loop, or a simulator, computes a load from positions at the start of its step, and
+the step's mean acceleration lies in the middle. Left alone, such an offset looks like a displaced weight or a wrong
+encoder; fitted freely, it takes part of real effects with it. So the choice is between conventions only: all of one
+instant, or a load that is older by the lag that channel *set-point to load* measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.channels import Array, Channel, ChannelView, Flags
+from diagnosis.channels.actuator import rattling
+from diagnosis.channels.body_model import GRAVITY_M_S2, BodyModel, Inputs, full_rate_inputs, imu_gravity_m_s2
+from diagnosis.channels.stack import Stack, white_noise
+from spot_model.effects.base import Effect
+from spot_model.plant.model_fields import FIRST_JOINT_DOF
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_and_jacobian
+from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
+from trainer.signals.smoothing import REACH
+
+STRIDE: Final = 4
+"""Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
+NEEDED: Final = {
+    "position_rad": "joint positions",
+    "velocity_rad_s": "joint velocities",
+    "odom_from_body_wxyz": "attitude",
+    "angular_vel_of_body_in_odom_rad_s": "turn rate",
+}
+CARRIES: Final = 0.1
+"""Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the model and the loads disagree on."""
+
+    joint_nm: Array
+    """Load less what the model needs if no foot touches. Shape (n, 12)."""
+    base: Array
+    """Force (N) and moment (N·m) by which the feet's forces exceed what the body needs, body frame. Shape (n, 6)."""
+    foot_force_n: Array
+    """Ground's force on each foot by the loads, body frame. Shape (n, 4, 3)."""
+
+    def of(self, channel: Channel) -> Array:
+        """What channel *load to motion* or *base wrench* shows."""
+        return self.joint_nm if channel == Channel.LOAD_TO_MOTION else self.base
+
+
+@dataclass(frozen=True)
+class DynamicsSignals:
+    """Signals of channels *load to motion* and *base wrench*."""
+
+    stack: Stack
+    effects: tuple[Effect, ...]
+    """Of the nominal model."""
+    model: BodyModel
+    rows: NDArray[np.intp]
+    """Rows of the stack that are kept, shape (n,)."""
+    inputs: Inputs
+    load_rate_nm_s: Array
+    """Shape (n, 12)."""
+    position_rate_rad_s: Array
+    """Of the joints' positions, shape (n, 12): their velocity, whatever is reported as such."""
+    position_curvature_rad_s2: Array
+    """Rate of that."""
+    contact: Flags
+    """Feet on the ground at the full rate, by flags; where logs have none, by the forces on the feet. Shape (N, 4)."""
+    nominal: Residuals
+    """Smoothed, at the kept rows."""
+    reference: Residuals
+    """Of the smoothed signals: what changed residuals are compared with."""
+    force: Array
+    """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
+    place: tuple[Array, Array]
+    """Contact points and their Jacobians; like the force the same for many changes of inputs."""
+    imu_gravity_m_s2: float | None
+    """In the inertial unit's readings; None where accelerations are not by one."""
+    drive: ChannelView | None = None
+    """What the nominal drive gives, where it stands in for loads that no log has."""
+    cache: dict[object, Any] = field(default_factory=dict, compare=False)
+
+    def thinned(self, every: int) -> tuple[DynamicsSignals, Flags]:
+        """Signals of one of ``every`` rows, and these rows."""
+        keep = self.rows % (STRIDE * every) == 0
+        drive = None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every))
+        rows = {name: _of_rows(getattr(self, name), keep) for name in BY_ROW}
+        return replace(self, **rows, drive=drive, cache={}), keep
+
+    def with_inputs(self, key: object, **changes: Array) -> Residuals:
+        """Residuals of the nominal model for other inputs; kept under ``key``."""
+        if key not in self.cache:
+            self.cache[key] = residuals(
+                self.model,
+                replace(self.inputs, **changes),
+                force=self.force if changes.keys() <= {"load_nm"} else None,
+                place=None if changes.keys() & {"position_rad", "world_from_body_wxyz"} else self.place,
+            )
+        found: Residuals = self.cache[key]
+        return found
+
+    def correction(self, channel: Channel, key: object, **changes: Array) -> Array:
+        """What the channel shows less what it would show for other inputs; shape (n, R)."""
+        return self.reference.of(channel) - self.with_inputs(key, **changes).of(channel)
+
+    def shifted_s(self) -> Residuals:
+        """Change of the residuals for each second that positions and attitude were older when the loads acted."""
+        age_s = 1e-3
+        turned = self.inputs.angular_vel_in_body_rad_s * (0.5 * age_s)
+        step = np.concatenate([np.ones((len(turned), 1)), -turned], axis=1)
+        earlier = multiply_wxyz(self.inputs.world_from_body_wxyz, step / np.linalg.norm(step, axis=1, keepdims=True))
+        moved = self.with_inputs(
+            "shifted",
+            position_rad=self.inputs.position_rad - age_s * self.inputs.velocity_rad_s,
+            world_from_body_wxyz=np.asarray(earlier),
+        )
+        change = {f.name: getattr(moved, f.name) - getattr(self.reference, f.name) for f in fields(Residuals)}
+        return Residuals(**{name: value / age_s for name, value in change.items()})
+
+    def with_effect(self, key: object, effect: Effect) -> Residuals:
+        """Residuals of the nominal model with one more model effect; kept under ``key``."""
+        if key not in self.cache:
+            model = BodyModel((*self.effects, effect))
+            same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
+            self.cache[key] = residuals(model, self.inputs, place=self.place if same else None)
+        found: Residuals = self.cache[key]
+        return found
+
+
+BY_ROW: Final = (
+    *("rows", "inputs", "nominal", "reference", "force", "place"),
+    *("load_rate_nm_s", "position_rate_rad_s", "position_curvature_rad_s2"),
+)
+"""Fields of :class:`DynamicsSignals` with a value for each kept row."""
+
+
+def _of_rows(values: Any, keep: Flags) -> Any:
+    """Some rows of an array, or of all arrays that a tuple or a dataclass holds."""
+    if isinstance(values, tuple):
+        return tuple(v[keep] for v in values)
+    if isinstance(values, (Inputs, Residuals)):
+        return replace(values, **{f.name: getattr(values, f.name)[keep] for f in fields(values)})
+    return values[keep]
+
+
+def missing_for_dynamics(stack: Stack) -> str:
+    """What logs lack for channels *load to motion* and *base wrench*, loads apart; empty if nothing."""
+    if stack.joint_names != facts.JOINT_NAMES:
+        return "no body model of this robot"
+    if stack.too_coarse():
+        return stack.too_coarse()
+    if missing := stack.missing(NEEDED):
+        return f"no {missing}"
+    if not stack.has("linear_vel_of_body_in_odom_m_s") and not stack.has("imu.acceleration_m_s2"):
+        return "neither the body's velocity nor an inertial unit"
+    return ""
+
+
+def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
+    """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
+    rows = kept_rows(stack)
+    raw = full_rate_inputs(stack, stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm)
+    inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name), rows) for f in fields(Inputs)})
+    length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
+    inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
+    position_rate = stack.rate(raw.position_rad)
+    model = BodyModel(effects)
+    full = residuals(model, raw)
+    nominal = Residuals(*(stack.smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
+    force = model.inverse_dynamics(inputs)
+    place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
+    has_flags = stack.has("foot_contact")
+    contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
+    return DynamicsSignals(
+        stack=stack,
+        effects=tuple(effects),
+        model=model,
+        rows=rows,
+        inputs=inputs,
+        load_rate_nm_s=stack.rate(raw.load_nm, rows),
+        position_rate_rad_s=position_rate[rows],
+        position_curvature_rad_s2=stack.rate(position_rate, rows),
+        contact=contact.astype(np.bool_),
+        nominal=nominal,
+        reference=residuals(model, inputs, force=force, place=place),
+        force=force,
+        place=place,
+        imu_gravity_m_s2=imu_gravity_m_s2(stack),
+        drive=drive,
+    )
+
+
+def kept_rows(stack: Stack, reach: int = REACH) -> NDArray[np.intp]:
+    """One of :data:`STRIDE` rows, where the filter reaches nothing that is not used."""
+    every = np.arange(stack.n) % STRIDE == 0
+    return np.flatnonzero(every & stack.inner(stack.used, reach, reach))
+
+
+def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:
+    """Feet (N, 4) that the ground pushes up by more than :data:`CARRIES` of the robot's weight; all at full rate."""
+    up = rotate_wxyz(inputs.world_from_body_wxyz[:, None, :], foot_force_n)[..., 2]
+    return np.asarray(stack.smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
+
+
+def residuals(
+    model: BodyModel, inputs: Inputs, *, force: Array | None = None, place: tuple[Array, Array] | None = None
+) -> Residuals:
+    """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
+    if force is None:
+        force = model.inverse_dynamics(inputs)
+    joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
+    wrench = feet_wrench(inputs, joint, model.foot_radius_m, place)
+    needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
+    return Residuals(joint_nm=joint, base=wrench.sum(axis=1)[:, :6] - needed, foot_force_n=wrench[:, :, :3])
+
+
+def feet_wrench(
+    inputs: Inputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
+) -> Array:
+    """Force and moment on the body of the feet's forces that a joint residual (n, 12) stands for, leg by leg.
+
+    Shape (n, 4, 6), body frame, about the body's origin; ``place`` where it is known already.
+    """
+    n = len(joint_nm)
+    point, jacobian = place or contact_point_and_jacobian(
+        inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m
+    )
+    torque = -joint_nm.reshape(n, facts.N_LEGS, 3)
+    # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
+    transposed = np.swapaxes(jacobian, -1, -2)
+    force = np.linalg.solve(transposed + 1e-6 * np.eye(3), torque[..., None])[..., 0]
+    return np.concatenate([force, np.cross(point, force)], axis=2)
+
+
+def contact_point_and_jacobian(
+    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array, legs: slice = slice(None)
+) -> tuple[Array, Array]:
+    """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
+
+    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
+    """
+    centre, jacobian = foot_position_and_jacobian(position_rad, legs)
+    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (len(position_rad), 3)))
+    arm = foot_radius_m[None, legs, None] * down[:, None, :]
+    axes = leg_axes(position_rad, legs)
+    turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
+    return centre + arm, jacobian + turned
+
+
+def wrench_of_joints(signals: DynamicsSignals) -> Array:
+    """Force and moment on the body for each newton metre that a joint's load exceeds the model's; shape (n, 12, 6)."""
+    if "wrench_of_joints" not in signals.cache:
+        n = len(signals.rows)
+        out = np.empty((n, facts.N_JOINTS, 6))
+        for k in range(3):
+            joint = np.broadcast_to(np.arange(facts.N_JOINTS) % 3 == k, (n, facts.N_JOINTS)).astype(np.float64)
+            out[:, k::3] = feet_wrench(signals.inputs, joint, signals.model.foot_radius_m, signals.place)
+        signals.cache["wrench_of_joints"] = out
+    found: Array = signals.cache["wrench_of_joints"]
+    return found
+
+
+def leg_axes(position_rad: Array, legs: slice = slice(None)) -> Array:
+    """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
+    hx = position_rad[:, 0::3][:, legs]
+    zero, one = np.zeros_like(hx), np.ones_like(hx)
+    along = np.stack([one, zero, zero], axis=-1)
+    across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)
+    return np.stack([along, across, across], axis=2)
+
+
+AFTER_LIFT_OFF: Final = 6
+BEFORE_TOUCH_DOWN: Final = 7
+"""States by which a swing is shortened at its ends: impacts are smoothed over."""
+LIGHT_N: Final = 25.0
+"""A foot that by the legs' loads carries more than this stands, whatever its flag says: flags come late."""
+JOINT_FLOOR_NM: Final = 0.15
+"""What differentiated velocities and a rigid model leave at least."""
+JOINT_SHARE: Final = 0.03
+"""Of a joint's load in the air; links bend, and accelerations come a millisecond late."""
+BASE_ROWS: Final = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
+BASE_FLOOR: Final = np.array([1.5, 1.5, 2.5, 0.8, 1.5, 0.8])
+"""What a rigid model and smoothed impacts leave at least, N and N·m."""
+EDGE: Final = 4
+"""States around a change of any contact flag that channel *base wrench* leaves out."""
+JOINT_SCALE_NM: Final = 0.4
+BASE_SCALE: Final = np.array([3.0, 3.0, 5.0, 1.5, 3.0, 1.5])
+"""Usual size of the residuals, so that joints and base weigh alike; N·m, N, N·m."""
+LEGS: Final = np.repeat(np.arange(facts.N_LEGS), 3)
+
+
+def motion_views(signals: DynamicsSignals, lag_s: float) -> tuple[ChannelView, ChannelView]:
+    """Build both channels; ``lag_s`` is the load's by channel *set-point to load*, 0 where it is unknown."""
+    stack, contact = signals.stack, signals.contact
+    in_air = stack.inner(~contact, AFTER_LIFT_OFF, BEFORE_TOUCH_DOWN)[signals.rows]
+    swinging = in_air & (np.linalg.norm(signals.nominal.foot_force_n, axis=2) < LIGHT_N)
+    steady = stack.inner(contact, EDGE, EDGE) | stack.inner(~contact, EDGE, EDGE)
+    calm = np.all(steady[signals.rows], axis=1)
+    _, _, residuals = aligned(signals, swinging, calm, lag_s)
+    # A foot that skips over the ground is carried by no flag, and shakes its whole leg.
+    rattles = rattling(stack)[signals.rows].reshape(-1, facts.N_LEGS, 3).any(axis=2)
+    usable = np.repeat(swinging & ~rattles, 3, axis=1)
+    load = signals.inputs.load_nm
+    moved = [float(np.sqrt(np.mean(load[rows, i] ** 2))) if rows.any() else 0.0 for i, rows in enumerate(usable.T)]
+    floor = np.maximum(JOINT_FLOOR_NM, JOINT_SHARE * np.array(moved))
+    # The rows are already smoothed, so the noise found in them is what smoothing leaves.
+    joints = stack.joint_view(
+        Channel.LOAD_TO_MOTION,
+        signals.rows,
+        residuals.joint_nm,
+        LEGS,
+        unit="N·m",
+        usable=usable,
+        noise=np.maximum(white_noise(residuals.joint_nm, usable, is_smoothed=True), floor),
+        signals=signals,
+    )
+    usable = np.repeat(calm[:, None], len(BASE_ROWS), axis=1)
+    base = stack.view(
+        Channel.BASE_WRENCH,
+        signals.rows,
+        residuals.base,
+        rows=BASE_ROWS,
+        unit="N, N·m",
+        usable=usable,
+        noise=np.maximum(white_noise(residuals.base, usable, is_smoothed=True), BASE_FLOOR),
+        leg_of_joint=LEGS,
+        signals=signals,
+    )
+    return joints, base
+
+
+def aligned(signals: DynamicsSignals, swinging: Flags, calm: Flags, lag_s: float) -> tuple[float, float, Residuals]:
+    """Choose the convention that leaves least over swinging joints (n, 4) and the body's rows where calm (n,).
+
+    Returns:
+        How much older than the motion the loads are, and the positions at which they acted, s; the residuals without
+        what these offsets make.
+    """
+    drift = feet_wrench(signals.inputs, signals.load_rate_nm_s, signals.model.foot_radius_m).sum(axis=1)
+    shifted, nominal = signals.shifted_s(), signals.nominal
+    found: list[tuple[float, float, Residuals]] = []
+    for load_s, position_s in ((0.0, 0.0), (0.5 * lag_s, lag_s)):
+        residuals = Residuals(
+            joint_nm=nominal.joint_nm + load_s * signals.load_rate_nm_s + position_s * shifted.joint_nm,
+            base=nominal.base + load_s * drift + position_s * shifted.base,
+            foot_force_n=nominal.foot_force_n,
+        )
+        found.append((load_s, position_s, residuals))
+    return min(found, key=lambda each: _size_left(each[2], swinging, calm))
+
+
+def _size_left(residuals: Residuals, swinging: Flags, calm: Flags) -> float:
+    """Mean size of the residuals, which outliers do not rule."""
+    base = np.abs(residuals.base[calm] / BASE_SCALE)
+    joint = np.abs(residuals.joint_nm[np.repeat(swinging, 3, axis=1)])
+    every = np.concatenate([base.ravel(), joint.ravel() / JOINT_SCALE_NM])
+    return float(np.mean(np.minimum(every, 5.0))) if len(every) else 0.0

@@ -1,1 +1,0 @@
-"""The effects that the diagnosis knows, by what they belong to."""

@@ -1,0 +1,209 @@
+"""Masses, fixed or swinging, centres of mass and inertias: inverse dynamics by their own derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+from scipy.signal import bilinear, lfilter, lfilter_zi
+
+from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
+from diagnosis.channels.body_model import GRAVITY_M_S2, full_rate_inputs
+from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.library import WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location
+from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
+from spot_model.effects.base import Effect
+from spot_model.effects.body.body_inertia import BodyInertia
+from spot_model.effects.body.com_offset import ComOffset
+from spot_model.effects.body.leg_mass import LegMass
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.rotation import rotate_inverse_wxyz
+
+KNOTS_M: Final = (0.1, 0.2, 0.3)
+"""Places of a point mass on a link whose columns give those of all others."""
+PLACE_M: Final = ((-0.5, -0.2, -0.3), (0.5, 0.2, 0.5))
+"""Lowest and highest place of a payload."""
+SWINGS: Final = ("frequency_hz", "damping", "bounces")
+"""Numbers of a mass that swings, which no simulated payload has."""
+
+
+def derivative(view: ChannelView, effect: Effect, step: float) -> Array:
+    """What one unit of a model effect's parameter adds to the response; shape (n, R).
+
+    With the true model the response would be none, so the nominal one shows the step's change with the sign turned.
+    """
+    s: DynamicsSignals = view.signals
+    changed = s.with_effect((effect.name, effect.joints, tuple(effect.values.items())), effect)
+    return (s.reference.of(view.name) - changed.of(view.name)) / step
+
+
+class _BodyEntry(LibraryEffect):
+    channels = (Channel.BASE_WRENCH,)
+    location = Location.ROBOT
+
+
+class LegMassEntry(LibraryEffect):
+    """Mass of the links that the joints move, scaled: spread as the link's own, or a point so far down from the joint.
+
+    The torque of a swing goes with the square of that distance: half a kilogram at the foot is as hard to swing as two
+    halfway up.
+    """
+
+    title = "mass of leg links"
+    effect = LegMass
+    channels = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
+    coefficients = (Coefficient("scale", "1", -0.6, 4.0),)
+    nearby: ClassVar[Grid] = {"down_m": (0.8, 1.25)}
+    confused_with = ("payload_mass", "encoder_offset", "load_sensor_gain")
+    split_by = Experiment("swing_legs", "Walk fast: swinging legs weigh their links.", WALK)
+
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Spread as the link's own mass, which is one number less, and points halfway down and near the link's end."""
+        return ({}, {"down_m": 0.15}, {"down_m": 0.3})
+
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        """Points nearby."""
+        return super().neighbours(shape) if shape else ()
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The torque that mass and inertia of what is added take, for each time the links' own mass."""
+        names = tuple(np.array(JOINT_NAMES)[joints].tolist())
+        if not shape:
+            return derivative(view, LegMass(joints=names, scale=1.1), 0.1)[:, :, None]
+        down_m = shape["down_m"]
+        # A point's weight, moment and inertia go with powers of its distance up to the second: three places tell all.
+        parts = [derivative(view, LegMass(joints=names, scale=1.1, down_m=k), 0.1) for k in KNOTS_M]
+        shares = [np.prod([(down_m - k) / (at - k) for k in KNOTS_M if k != at]) for at in KNOTS_M]
+        return np.asarray(sum(share * part for share, part in zip(shares, parts, strict=True)))[:, :, None]
+
+
+class PayloadEntry(_BodyEntry):
+    """A mass on the body, with its place."""
+
+    title = "payload"
+    effect = PayloadMass
+    coefficients = (
+        Coefficient("mass_kg", "kg", -5.0, 20.0),
+        Coefficient("moment_x_kg_m", "kg·m", -5.0, 5.0),
+        Coefficient("moment_y_kg_m", "kg·m", -3.0, 3.0),
+        Coefficient("moment_z_kg_m", "kg·m", -5.0, 5.0),
+    )
+    contains = ("com_offset",)
+    confused_with = ("com_offset", "load_sensor_gain", "leg_mass")
+    split_by = STAND
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """One kilogram at the body's origin, and one kilogram-metre of first moment along each axis."""
+        mass = derivative(view, PayloadMass(mass_kg=1.0), 1.0)
+        places = np.eye(3) * 0.1
+        along = [PayloadMass(mass_kg=1.0, x_m=float(x), y_m=float(y), z_m=float(z)) for x, y, z in places]
+        moments = [(derivative(view, effect, 1.0) - mass) / 0.1 for effect in along]
+        return np.stack([mass, *moments], axis=2)
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Mass and place; a place only where there is mass enough to have one."""
+        mass = float(coefficients[0])
+        if abs(mass) < 0.2:
+            return {"mass_kg": mass}
+        x, y, z = (float(v) for v in np.clip(coefficients[1:4] / mass, *PLACE_M))
+        return {"mass_kg": mass, "x_m": x, "y_m": y, "z_m": z}
+
+
+class ComEntry(_BodyEntry):
+    """The body's centre of mass elsewhere."""
+
+    title = "centre of mass of the body"
+    effect = ComOffset
+    coefficients = (
+        Coefficient("x_m", "m", -0.2, 0.2),
+        Coefficient("y_m", "m", -0.1, 0.1),
+        Coefficient("z_m", "m", -0.1, 0.1),
+    )
+    confused_with = ("payload_mass", "imu_tilt", "load_sensor_gain")
+    split_by = MIRROR
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """A centimetre along each axis, per metre."""
+        along = (ComOffset(x_m=0.01), ComOffset(y_m=0.01), ComOffset(z_m=0.01))
+        return np.stack([derivative(view, effect, 0.01) for effect in along], axis=2)
+
+
+class InertiaEntry(_BodyEntry):
+    """The body's inertia scaled."""
+
+    title = "rotational inertia of the body"
+    effect = BodyInertia
+    coefficients = (Coefficient("scale", "1", -0.7, 2.0),)
+    confused_with = ("com_offset", "payload_mass")
+    split_by = MIRROR
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The moment that the inertia takes."""
+        return derivative(view, BodyInertia(scale=1.1), 0.1)[:, :, None]
+
+
+class SwingingMassEntry(_BodyEntry):
+    """A mass on a spring, or a pendulum: a payload whose share of the body's acceleration passes a resonance.
+
+    The body feels m·(a + g) of a mass that is fixed. One that swings at ω with damping ζ passes a on by
+    (2ζω·s + ω²) / (s² + 2ζω·s + ω²): whole when slow, more at its own frequency, and none when fast. A pendulum does so
+    across, a mass on a spring along the vertical too. It rings on after a start or a turn, in no phase with the stride.
+
+    It is seen, not simulated: a simulator gets the same mass, fixed.
+    """
+
+    name = "swinging_mass"
+    title = "mass that swings on the body (simulated as if fixed)"
+    effect = PayloadMass
+    coefficients = (Coefficient("mass_kg", "kg", 0.0, 20.0), *PayloadEntry.coefficients[1:])
+    least: ClassVar[Mapping[str, float]] = {"mass_kg": 0.3}
+    contains = ("payload_mass", "com_offset")
+    confused_with = ("payload_mass", "com_offset", "leg_mass")
+    split_by = STAND
+    grid: ClassVar[Grid] = {
+        "frequency_hz": (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6),
+        "damping": (0.05, 0.2),
+        "bounces": (0.0, 1.0),
+    }
+    nearby: ClassVar[Grid] = {"frequency_hz": (0.85, 0.93, 1.07, 1.16), "damping": WIDE_STEPS}
+
+    def show(self, views: Views) -> tuple[Channel, ...]:
+        """Only by an inertial unit's acceleration: that of a differentiated velocity is ten times as noisy."""
+        view = views.get(Channel.BASE_WRENCH)
+        return super().show(views) if view is not None and view.signals.imu_gravity_m_s2 is not None else ()
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """Force of one kilogram at the body's origin, and moments of one kilogram-metre along each axis."""
+        s: DynamicsSignals = view.signals
+        force = passed_on_m_s2(s, shape)
+        none = np.zeros_like(force)
+        moments = [np.concatenate([none, np.cross(axis, force)], axis=1) for axis in np.eye(3)]
+        return np.stack([np.concatenate([force, none], axis=1), *moments], axis=2)
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Mass, place and how it swings."""
+        return {**PayloadEntry().values(coefficients, {}), **{name: float(shape[name]) for name in SWINGS}}
+
+    def make(self, values: Mapping[str, float], joints: tuple[str, ...]) -> Effect:
+        """The same mass, fixed."""
+        return PayloadMass(joints=joints, **{k: v for k, v in values.items() if k not in SWINGS})
+
+
+def passed_on_m_s2(s: DynamicsSignals, shape: Shape) -> Array:
+    """Force of each kilogram on the body, body frame, at the kept rows. Shape (n, 3)."""
+    stack = s.stack
+    if "specific_force" not in s.cache:
+        raw = full_rate_inputs(stack, np.zeros(0))
+        up = raw.linear_acc_in_world_m_s2 + np.array([0.0, 0.0, GRAVITY_M_S2])
+        s.cache["specific_force"] = stack.smooth(np.asarray(rotate_inverse_wxyz(raw.world_from_body_wxyz, up)))
+    force = s.cache["specific_force"].copy()
+    omega, axes = 2.0 * np.pi * shape["frequency_hz"], slice(0, 3 if shape["bounces"] else 2)
+    damped = 2.0 * shape["damping"] * omega
+    above, below = bilinear([damped, omega**2], [1.0, damped, omega**2], fs=1.0 / stack.period_s)
+    at_rest = lfilter_zi(above, below)[:, None]
+    force[:, axes] = stack.by_run(
+        lambda part: lfilter(above, below, part, axis=0, zi=at_rest * part[:1])[0], force[:, axes]
+    )
+    return np.asarray(force[s.rows])

@@ -1,1 +1,0 @@
-"""Choosing: candidates simulated on robots that the logs allow, checked, and ranked by what they tell."""

@@ -1,1 +1,0 @@
-"""Predictions: what the robot will do on a command that was never run."""

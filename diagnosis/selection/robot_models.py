@@ -1,0 +1,155 @@
+"""This robot's ordinary errors as effects: what stands in every model that is compared, and in its model file."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from diagnosis.channels import Array, Shape
+from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.library import LibraryEffect, Location, acts_last
+from diagnosis.selection.evidence import Board, Robot
+from diagnosis.selection.fitted import joint_words
+from diagnosis.selection.ordinary_errors import ErrorKind
+from diagnosis.selection.scoring import Scored, by_term
+from spot_model.effects.base import Effect, ModelEffect
+from spot_model.io.model_file import RobotModel
+from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
+
+SMALLEST = 0.02
+"""Errors under this share of their published range are left out of a model: they change nothing."""
+
+
+def with_errors(model: RobotModel, board: Board, pulls: Array, effects: Container[str] | None = None) -> RobotModel:
+    """The model with ordinary errors that change how the robot moves, within the bounds of each parameter.
+
+    ``pulls`` are in usual sizes, shape (Q,); ``effects`` names those that are added, None for all.
+    """
+    size = pulls * board.ordinary.scale
+    for kind in board.ordinary.kinds:
+        name = kind.effect.name
+        if ERROR_SCALES[name].acts_in_closed_loop and (effects is None or name in effects):
+            model = with_kind(model, board.robot, kind, kind.coefficients(size))
+    return model
+
+
+def size_of_errors(board: Board, pulls: Array) -> float:
+    """How large a robot's ordinary errors (in usual sizes, shape (Q,)) are, in published standard deviations.
+
+    The geometric mean over kinds that act in closed loops, so that a fault which one kind takes up hardly counts.
+    """
+    size = np.abs(pulls) * board.ordinary.scale / board.ordinary.published
+    names = np.array(board.ordinary.names)
+    acting = [kind.effect.name for kind in board.ordinary.kinds if ERROR_SCALES[kind.effect.name].acts_in_closed_loop]
+    by_kind = [float(np.sqrt(np.mean(size[names == name] ** 2))) for name in acting]
+    return float(np.exp(np.mean(np.log(np.maximum(by_kind, SMALLEST))))) if by_kind else 1.0
+
+
+def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None = None) -> RobotModel:
+    """The nominal model with this robot's ordinary errors and the effects, as fitted without a fold or to everything.
+
+    Raises:
+        BadInputError: A value is out of its effect's bounds.
+    """
+    pulls, coefficients = scored.pulls, scored.coefficients
+    if fold is not None:
+        pulls, coefficients = scored.fold_pulls[fold], by_term(scored.terms, scored.spread[fold])
+    named = {t.effect.name for t in scored.terms}
+    others = {kind.effect.name for kind in board.ordinary.kinds} - named
+    model = with_errors(nominal, board, pulls, others)
+    for term, own in sorted(zip(scored.terms, coefficients, strict=True), key=lambda pair: acts_last(pair[0].effect)):
+        model = term.effect.add_to(model, term.effect.values(own, term.shape), joint_words(board.robot, term))
+    # Errors of what is a difference here are counted from it: a joint may have less of it than the others.
+    return with_errors(model, board, pulls, named)
+
+
+def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array) -> RobotModel:
+    """The model with errors of one kind; coefficients by unit, shape (U, C)."""
+    effect = kind.effect
+    if robot.joint_names == JOINT_NAMES and effect.location is Location.JOINT and len(effect.coefficients) == 1:
+        model = _with_less(model, effect, coefficients[:, 0])
+    scales = np.array([ERROR_SCALES[effect.name].scales.get(c.name, np.inf) for c in effect.coefficients])
+    values = {}
+    for unit, own in enumerate(coefficients):
+        if np.any(np.abs(own) > SMALLEST * scales):
+            values[unit] = _within(effect, effect.values(*_parts(effect, own, kind.at)))
+    if effect.location is Location.JOINT and not issubclass(effect.effect, ModelEffect) and values:
+        return _side_by_side(model, robot, effect, values)
+    for unit, own_values in values.items():
+        joints = robot.named(robot.units(effect.location)[unit] > 0.5)
+        model = effect.add_to(model, own_values, ("all",) if len(joints) == robot.n_joints else joints)
+    return model
+
+
+def _with_less(model: RobotModel, effect: LibraryEffect, change: Array) -> RobotModel:
+    """The model's own effects of a kind lowered where the change is below what an effect added to them can have.
+
+    The effect has one coefficient and is local to joints; change by joint, shape (12,).
+    """
+    c = effect.coefficients[0]
+    known = {p.name: p for p in effect.effect.parameters()}
+    if not c.is_free or c.name not in known:
+        return model
+    p, less = known[c.name], np.minimum(change - c.low, 0.0)
+    effects: list[Effect] = []
+    for e in model.effects:
+        if not isinstance(e, effect.effect) or not less[e.mask].any():
+            effects.append(e)
+            continue
+        before = np.broadcast_to(getattr(e, p.name), (1, N_JOINTS))[0]
+        after = np.where(e.mask, np.maximum(before + less, p.low), p.null)
+        less = np.where(e.mask, less - (after - before), less)
+        for value in np.unique(after[e.mask]):
+            joints = tuple(name for name, v, on in zip(JOINT_NAMES, after, e.mask, strict=True) if on and v == value)
+            values: dict[str, Any] = {p.name: float(value)}
+            effects.append(replace(e, joints=joints, **values))
+    return replace(model, effects=tuple(effects))
+
+
+def _parts(effect: LibraryEffect, own: Array, at: Shape) -> tuple[Array, Shape]:
+    """Coefficients within their bounds; where the size is in the shape, the shape times the coefficient."""
+    low = np.array([c.low for c in effect.coefficients])
+    high = np.array([c.high for c in effect.coefficients])
+    fixed = low == high
+    shape = dict(at)
+    if fixed.any():
+        shape = {k: v * max(0.0, float(own[fixed][0])) for k, v in at.items()}
+    return np.clip(own, low, high), shape
+
+
+def _within(effect: LibraryEffect, values: Mapping[str, float]) -> dict[str, float]:
+    bounds = {p.name: (p.low, p.high) for p in effect.effect.parameters()}
+    return {k: float(np.clip(v, *bounds[k])) for k, v in values.items()}
+
+
+def _side_by_side(
+    model: RobotModel, robot: Robot, effect: LibraryEffect, values: dict[int, dict[str, float]]
+) -> RobotModel:
+    """One effect with a number for each joint: a step costs no more than one effect's."""
+    some = next(iter(values.values()))
+    made: Effect = effect.effect()
+    nulls = {p.name: p.null for p in made.parameters()}
+    columns: dict[str, Any] = {k: np.full((1, robot.n_joints), nulls[k]) for k in some}
+    for unit, own in values.items():
+        for k, v in own.items():
+            columns[k][0, unit] = v
+    return model.with_effects(replace(made, **columns))
+
+
+def by_joint(model: RobotModel, joint_names: tuple[str, ...]) -> RobotModel:
+    """The same model with plain numbers alone, one effect a joint where numbers differ: what goes into a file."""
+    effects: list[Effect] = []
+    for effect in model.effects:
+        if all(np.ndim(v) == 0 for v in effect.values.values()):
+            effects.append(effect)
+            continue
+        nulls = {p.name: p.null for p in effect.parameters()}
+        for j, name in enumerate(joint_names):
+            row = {k: np.broadcast_to(v, (1, len(joint_names)))[0] for k, v in effect.values.items()}
+            own: dict[str, Any] = {k: float(v[j]) for k, v in row.items()}
+            if any(v != nulls[k] for k, v in own.items()):
+                effects.append(replace(effect, joints=(name,), **own))
+    return replace(model, effects=tuple(effects))

@@ -1,0 +1,120 @@
+"""What the residual channels say, without any simulation: the evidence, and the sets of effects that it favours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.channels import Array, ChannelOff, Ints, Views
+from diagnosis.channels.build import build_views
+from diagnosis.channels.stack import Stack, stack
+from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
+from diagnosis.library import LibraryEffect
+from diagnosis.library.registry import LIBRARY
+from diagnosis.selection.calibrated import learn_scales
+from diagnosis.selection.evidence import Board, Robot, lay_out
+from diagnosis.selection.normal_equations import one_thread
+from diagnosis.selection.scoring import Scored, Scorer
+from diagnosis.selection.search import Selection, search, selection_of
+from diagnosis.selection.unexplained import Remainder, remainder
+from spot_log.read.run import Run
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
+from trainer.signals.recording import record
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Evidence and what was chosen from it."""
+
+    stack: Stack
+    views: Views
+    off: tuple[ChannelOff, ...]
+    board: Board
+    selection: Selection
+
+    @property
+    def n_runs(self) -> int:
+        """Logs."""
+        return len(self.stack.recordings)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the chosen effects."""
+        best = self.selection.best
+        return tuple(t.effect.name for t in best.terms) if best is not None else ()
+
+    def left_over(self) -> list[Array]:
+        """What the chosen effects and ordinary errors leave in each block."""
+        terms = self.selection.best.terms if self.selection.best is not None else ()
+        return Scorer(self.board, terms).residuals(CLEARLY_ORDINARY)
+
+    def remainder(self) -> Remainder:
+        """How much of that signals predict."""
+        best = self.selection.best
+        explained = best.explained if best is not None else np.zeros(len(self.board.blocks))
+        return remainder(self.board, self.stack, self.left_over(), explained, best.score if best is not None else 0.0)
+
+    def with_effects(self, best: Scored | None, library: Mapping[str, LibraryEffect]) -> Explained:
+        """The same evidence with another set of effects."""
+        if best is None or not best.terms:
+            return replace(self, selection=Selection(None, (), (), self.selection.first))
+        return replace(self, selection=selection_of(self.board, best, self.selection.first, library))
+
+
+def explain(
+    runs: Sequence[Run],
+    nominal: RobotModel,
+    policy: Policy | None,
+    library: Mapping[str, LibraryEffect],
+    say: Say,
+    limits_rad: tuple[Array, Array] | None = None,
+) -> Explained:
+    """Channels, evidence, scales of this robot's ordinary errors, and the best set of effects.
+
+    Raises:
+        BadInputError: The logs feed no channel at all.
+    """
+    with one_thread():
+        logs, views, off, board = evidence_of(runs, nominal, policy, library, limits_rad)
+        say(f"trying {len(library)} effects on {len(board.blocks)} signals of {len(views)} channels")
+        return Explained(logs, views, off, board, search(board, library, say))
+
+
+def evidence_of(
+    runs: Sequence[Run],
+    nominal: RobotModel,
+    policy: Policy | None,
+    library: Mapping[str, LibraryEffect],
+    limits_rad: tuple[Array, Array] | None = None,
+) -> tuple[Stack, Views, tuple[ChannelOff, ...], Board]:
+    """Logs on one grid, channels that are on and off, and the evidence with this robot's scales of ordinary errors.
+
+    Raises:
+        BadInputError: The logs feed no channel at all.
+    """
+    logs = stack([record(run) for run in runs])
+    views, off = build_views(logs, nominal, policy=policy, limits_rad=limits_rad)
+    if not views:
+        told = "; ".join(f"{c.name}: {c.reason}" for c in off)
+        raise BadInputError(f"these logs feed no channel ({told}); map joint velocities, loads or set-points as well")
+    robot = Robot(logs.recordings[0].joint_names, _legs(views))
+    names = sorted({r.sequence for r in logs.recordings})
+    by_run = len(names) < 2
+    folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
+    fold_names = [r.run_id for r in logs.recordings] if by_run else names
+    every = {**LIBRARY, **library}
+    board = lay_out(views, robot, folds, fold_names, library=every, scales=ERROR_SCALES, period_s=logs.period_s)
+    learn_scales(board)
+    return logs, views, tuple(off), board
+
+
+def _legs(views: Views) -> Ints:
+    """Leg of each joint, from a channel that knows: those without a body model do not."""
+    every = [view.leg_of_joint for view in views.values()]
+    return next((legs for legs in every if legs.max(initial=-1) >= 0), every[0])
