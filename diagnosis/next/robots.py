@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Robot
 from diagnosis.selection.ordinary_errors import ErrorKind, error_sets
 from diagnosis.selection.robot_models import with_kind
 from diagnosis.verdict.posterior_file import Possibility, Posterior

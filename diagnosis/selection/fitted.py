@@ -11,7 +11,8 @@ import numpy as np
 from diagnosis.channels import Array
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.document import Number
-from diagnosis.selection.evidence import Board, Robot
+from diagnosis.library import Robot
+from diagnosis.selection.evidence import Board
 from diagnosis.selection.scoring import Placed, Scored, Scorer, without
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import describe_joints

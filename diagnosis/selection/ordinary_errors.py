@@ -17,8 +17,7 @@ import numpy as np
 from diagnosis.channels import Array, Channel, Flags, Ints, Shape
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.decision_constants import ErrorScale
-from diagnosis.library import LibraryEffect, Location
-from diagnosis.selection.evidence import Robot
+from diagnosis.library import LibraryEffect, Location, Robot
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from trainer.signals.motor_torque import direction, nominal_torque_nm, presliding

@@ -10,8 +10,8 @@ import numpy as np
 
 from diagnosis.channels import Array, Shape
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import LibraryEffect, Location, acts_last
-from diagnosis.selection.evidence import Board, Robot
+from diagnosis.library import LibraryEffect, Location, Robot, acts_last
+from diagnosis.selection.evidence import Board
 from diagnosis.selection.fitted import joint_words
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, by_term

@@ -18,9 +18,9 @@ import numpy as np
 from diagnosis.channels import Array, Flags
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import CalibratedNumber, Number
-from diagnosis.library import LibraryEffect, Location
+from diagnosis.library import LibraryEffect, Location, Robot
 from diagnosis.selection.calibrated import calibrated, free_types, posterior_covariance
-from diagnosis.selection.evidence import Board, Robot
+from diagnosis.selection.evidence import Board
 from diagnosis.selection.fitted import Z_90, with_formula_error
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, Scorer

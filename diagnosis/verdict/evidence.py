@@ -11,10 +11,10 @@ from diagnosis.channels import Array, ChannelOff, Ints, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
-from diagnosis.library import LibraryEffect
+from diagnosis.library import LibraryEffect, Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import learn_scales
-from diagnosis.selection.evidence import Board, Robot, lay_out
+from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.scoring import Scored, Scorer
 from diagnosis.selection.search import Selection, search, selection_of

@@ -27,7 +27,7 @@ from diagnosis.document import (
     UnknownEffect,
     Verdict,
 )
-from diagnosis.selection.evidence import Robot
+from diagnosis.library import Robot
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
 from spot_model.effects.drive.coulomb_friction import CoulombFriction

@@ -14,9 +14,10 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.document import CalibratedNumber, GapChange
+from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import calibrated, posterior_covariance
-from diagnosis.selection.evidence import Board, Robot
+from diagnosis.selection.evidence import Board
 from diagnosis.selection.fitted import without_effect
 from diagnosis.selection.robot_models import by_joint, model_of, with_kind
 from diagnosis.selection.scoring import Placed, Scorer, null_of

@@ -12,9 +12,9 @@ from diagnosis.channels import Channel
 from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import LibraryEffect
+from diagnosis.library import LibraryEffect, Robot
 from diagnosis.library.registry import LIBRARY, chosen_library
-from diagnosis.selection.evidence import Board, Robot, lay_out
+from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from spot_model.effects.base import Motion, TorqueEffect

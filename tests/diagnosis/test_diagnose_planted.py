@@ -7,9 +7,10 @@ from diagnosis.channels import Channel
 from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import learn_scales
-from diagnosis.selection.evidence import Board, Robot, lay_out
+from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from diagnosis.selection.unexplained import describe, nats_by_joint, remainder

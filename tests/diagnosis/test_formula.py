@@ -12,9 +12,10 @@ from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import Formula, UnknownEffect
+from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY, chosen_library
 from diagnosis.report.effect_file import effect_source, formula_text
-from diagnosis.selection.evidence import Board, Robot, lay_out
+from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.formula import find_formula
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search

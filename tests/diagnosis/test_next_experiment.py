@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from diagnosis.next.choose import design as choice
 from typer.testing import CliRunner
 
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
+from diagnosis.next import design as choice
 from diagnosis.next import rounds as robot_rounds
 from diagnosis.next.candidates import HEAT, Candidate, candidates, given
 from diagnosis.next.design import Design, Proposal, Told, in_words, judged, told_by

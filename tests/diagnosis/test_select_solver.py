@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Robot
 from diagnosis.selection.normal_equations import solve_bounded
 from spot_model.robot.facts import JOINT_NAMES
 

@@ -11,8 +11,9 @@ from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Board, Robot, lay_out
+from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.search import ranked
 from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.io.model_file import RobotModel

@@ -9,8 +9,9 @@ from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES, GROUP_ODDS
+from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Board, Robot, lay_out
+from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.search import Rival, ranked
 from diagnosis.verdict.advice import cannot_show
 from spot_model.effects.base import Effect
