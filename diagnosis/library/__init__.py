@@ -5,14 +5,14 @@ from __future__ import annotations
 import enum
 import itertools
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
+from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.dynamics import DynamicsSignals, wrench_of_joints
 from diagnosis.library.experiments import SPRINT, Experiment
