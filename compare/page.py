@@ -12,8 +12,8 @@ from compare.cause import Cause
 from compare.differences import SIGNALS, TITLES, Differences, SignalDifference
 from compare.figures import COLOURS, joint_map, liveliest, over_time
 from compare.tracks import STEP_S, Track
+from spot_log.page.chart import stance
 from spot_log.page.look import boxed, framed, headed
-from spot_log.page.stance import stance
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 

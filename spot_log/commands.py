@@ -31,8 +31,7 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")] = False,
 ) -> None:
     """Summarise a log: gait, falls, rates, gaps, ages, delays, drops, temperatures, events."""
-    from spot_log.page.details import detail_lines
-    from spot_log.page.summary import summary_lines
+    from spot_log.page.summary import detail_lines, summary_lines
 
     told = log_info(read_run(file))
     if as_json:
@@ -54,7 +53,7 @@ def export(
 ) -> None:
     """Write a log as flat tables, one file a topic, for data frames and plotting programs; or as a ROS 2 bag."""
     if file_format == "rosbag2":
-        from spot_log.tools.rosbag2 import write_rosbag2
+        from spot_log.tools.export import write_rosbag2
 
         typer.echo(write_rosbag2(read_run(file), out))
         return

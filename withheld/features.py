@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log import Run
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array

@@ -31,8 +31,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import Scenario
 from spot_log.format.records import RunHeader, WireState
-from spot_log.format.vendor_record import state_record_from_wire
-from spot_log.format.vendor_state import robot_state_from_wire
+from spot_log.format.vendor_state import robot_state_from_wire, state_record_from_wire
 from spot_log.read.reader import read_run
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import RunWriter

@@ -13,7 +13,7 @@ from diagnosis.channels import Array, ChannelView, Flags, Ints
 from diagnosis.channels.stack import Stack
 from diagnosis.closed_loop.run_numbers import given_power_w, known_mean
 from diagnosis.document import GapCell
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 
 QUANTILES: Final = (np.arange(25) + 0.5) / 25
 """Of which a run's digest in a cell is made; their mean difference is the Wasserstein distance."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, find_objects, label, uniform_filter1d
 
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_log.tools.measures import NEVER_NS
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque

@@ -9,8 +9,7 @@ import numpy as np
 
 from diagnosis.document import CalibratedNumber, Consequences, Dependence, Stretch
 from diagnosis.report.words import number
-from spot_log.page.frame import HALF, Frame
-from spot_log.page.svg import disc, heat, line, nice_ticks, rect, svg, text
+from spot_log.page.svg import HALF, Frame, disc, heat, line, nice_ticks, rect, svg, text
 from spot_log.read.run import Run
 
 WIDTH: Final = 480

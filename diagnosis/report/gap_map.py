@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.document import GapCell
-from spot_log.page.frame import HALF
-from spot_log.page.svg import disc, heat, on_heat, rect, svg, text
+from spot_log.page.svg import HALF, disc, heat, on_heat, rect, svg, text
 
 SIGNALS: Final = ("load error", "load", "velocity", "position")
 REGIMES: Final = (

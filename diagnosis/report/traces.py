@@ -13,8 +13,7 @@ import numpy as np
 from diagnosis.channels import Array
 from diagnosis.report.bars import axes
 from diagnosis.verdict.diagnose import Diagnosis
-from spot_log.page.frame import HALF, Frame
-from spot_log.page.svg import line, svg, thinned
+from spot_log.page.svg import HALF, Frame, line, svg, thinned
 from spot_log.read.run import Run
 from trainer.signals.policy_ticks import policy_ticks
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
-from typing import Final, cast
+from typing import Final
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from google.protobuf.descriptor import FileDescriptor
-from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
+from mcap_protobuf.schema import build_file_descriptor_set
 
 from spot_protos import log_pb2
 
@@ -34,7 +31,7 @@ class Topic:
 
     def schema_data(self) -> bytes:
         """Serialised FileDescriptorSet of the message's file and all that it imports."""
-        return _descriptor_set(cast("FileDescriptor", self.message_type.DESCRIPTOR.file))
+        return build_file_descriptor_set(self.message_type).SerializeToString()
 
 
 HEADER: Final = Topic(1, "/header", log_pb2.Header)
@@ -55,20 +52,3 @@ VIEWER_TOPICS: Final = (JOINT_STATES, TRANSFORMS, ODOMETRY, EVENT_TEXT, SCENE)
 """What Foxglove shows without set-up; nothing of ours reads them back."""
 
 ALL_TOPICS: Final = OWN_TOPICS + VIEWER_TOPICS
-
-
-@cache
-def _descriptor_set(root: FileDescriptor) -> bytes:
-    files = FileDescriptorSet()
-    for descriptor in _with_dependencies(root, set()):
-        descriptor.CopyToProto(files.file.add())
-    return files.SerializeToString()
-
-
-def _with_dependencies(descriptor: FileDescriptor, seen: set[str]) -> Iterator[FileDescriptor]:
-    if descriptor.name in seen:
-        return
-    seen.add(descriptor.name)
-    for dependency in descriptor.dependencies:
-        yield from _with_dependencies(dependency, seen)
-    yield descriptor

@@ -1,18 +1,56 @@
-"""Write a foreign recording as a log; signals that it lacks stay empty and are listed."""
+"""Write a foreign recording as a log: a state a row, and a command, tick or poll where they are mapped.
+
+Signals that the recording lacks stay empty and are listed.
+"""
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping as Columns
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from spot_log.format.records import RunHeader
 from spot_log.importing.mapping import Mapping
-from spot_log.importing.rows import Record, records_of
-from spot_log.importing.signals import Recording
+from spot_log.importing.recording import Recording
 from spot_log.write.run_writer import RunWriter, check_can_start
+from spot_model.errors import BadInputError
 from spot_model.io.whole import whole_file
+from spot_model.robot.rotation import rotate_wxyz
+from spot_model.robot.state import Array
+from spot_protos import log_pb2
 
+SLOW_PERIOD_NS = 100_000_000
+STATE_FIELDS = {
+    "position": "position_rad",
+    "velocity": "velocity_rad_s",
+    "load": "load_nm",
+    "position_of_body_in_odom": "position_of_body_in_odom_m",
+    "odom_from_body": "odom_from_body_wxyz",
+}
+IMU_FIELDS = {
+    "acceleration_of_imu_in_link": "acceleration_of_imu_in_link_m_s2",
+    "angular_vel_of_link_in_link": "angular_vel_of_link_in_link_rad_s",
+}
+SET_POINT_FIELDS = {
+    "setpoint_position": "position_rad",
+    "setpoint_velocity": "velocity_rad_s",
+    "feedforward": "load_nm",
+}
+GAIN_FIELDS = {"kp": "kp_nm_per_rad", "kd": "kd_nm_s_per_rad"}
+TICK_FIELDS = {name: name for name in ("velocity_command", "action", "observation")}
+BATTERY_FIELDS = {
+    "battery_voltage": "battery_voltage_v",
+    "battery_current": "battery_current_a",
+    "battery_charge": "battery_charge_percent",
+}
+"""Signals of a mapping, and the fields of the log's records that they fill."""
 _COMPLETE = (
     "velocity",
     "load",
@@ -29,6 +67,8 @@ _COMPLETE = (
     "motor_temperature",
 )
 
+Record = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState
+
 
 @dataclass(frozen=True)
 class Imported:
@@ -42,7 +82,7 @@ class Imported:
 
 
 def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -> Imported:
-    """Write the recording ``source`` as the log ``result``: a state a row, and a command, tick or poll where mapped.
+    """Write the recording ``source`` as the log ``result``.
 
     Raises:
         BadInputError: A signal is missing or differs from the mapping. Nothing is left behind.
@@ -98,3 +138,97 @@ def _write(result: Path, header: RunHeader, records: list[Record]) -> None:
     except BaseException:
         writer.abandon()
         raise
+
+
+def records_of(recording: Recording) -> list[Record]:
+    """What the log will hold, oldest first. Raises BadInputError, OSError."""
+    records = [*_states(recording), *_commands(recording), *_ticks(recording), *_slow_states(recording)]
+    return sorted(records, key=lambda record: record.host_stamp_ns)
+
+
+def _states(recording: Recording) -> list[Record]:
+    columns = _columns(recording, STATE_FIELDS)
+    for name, unit in (("linear_vel_of_body", "m_s"), ("angular_vel_of_body", "rad_s")):
+        velocity = _in_odom(recording, name)
+        if velocity is not None:
+            columns[f"{name}_in_odom_{unit}"] = velocity.tolist()
+    if recording.has("foot_contact"):
+        contact = recording.signal("foot_contact") > 0.5
+        if contact.shape[1] != len(recording.mapping.foot_names):
+            names = ", ".join(recording.mapping.foot_names)
+            raise BadInputError(f"signal foot_contact has {contact.shape[1]} columns; foot_names are {names}")
+        columns["foot_contact"] = contact.tolist()
+    imu = _columns(recording, IMU_FIELDS)
+    if imu:
+        imu["robot_stamp_ns"] = recording.stamps_ns.tolist()
+        columns["imu"] = [[log_pb2.ImuPacket(**row)] for row in _rows(imu)]
+    return _records(log_pb2.State, recording.stamps_ns, columns)
+
+
+def _commands(recording: Recording) -> list[Record]:
+    columns = _columns(recording, SET_POINT_FIELDS)
+    if not columns:
+        return []
+    columns |= _columns(recording, GAIN_FIELDS)
+    columns["key"] = range(1, len(recording.stamps_ns) + 1)
+    return _records(log_pb2.Command, recording.stamps_ns, columns)
+
+
+def _ticks(recording: Recording) -> list[Record]:
+    columns = _columns(recording, TICK_FIELDS)
+    if not columns:
+        return []
+    columns["index"] = range(len(recording.stamps_ns))
+    unknown = {"state_age_s": math.nan, "inference_s": math.nan, "compute_s": math.nan}
+    return _records(log_pb2.Tick, recording.stamps_ns, columns, mode="imported", **unknown)
+
+
+def _slow_states(recording: Recording) -> list[Record]:
+    """A poll every 0.1 s at most: these signals are slow, whatever the rate of the recording."""
+    battery = {field: recording.signal(name)[:, 0] for name, field in BATTERY_FIELDS.items() if recording.has(name)}
+    has_motors = recording.has("motor_temperature")
+    if not battery and not has_motors:
+        return []
+    stamps_ns = recording.stamps_ns
+    slots = stamps_ns // SLOW_PERIOD_NS
+    chosen = np.flatnonzero(np.diff(slots, prepend=slots[0] - 1))
+    columns: dict[str, Sequence[Any]] = {
+        field: battery[field][chosen].tolist() if field in battery else [math.nan] * len(chosen)
+        for field in BATTERY_FIELDS.values()
+    }
+    if has_motors:
+        temperatures = recording.signal("motor_temperature")[chosen].tolist()
+        columns["motor_temperature_c"] = [
+            dict(zip(recording.mapping.joint_names, row, strict=True)) for row in temperatures
+        ]
+    return _records(log_pb2.SlowState, stamps_ns[chosen], columns, motors_powered=True)
+
+
+def _in_odom(recording: Recording, name: str) -> Array | None:
+    """A velocity of the body in the axes of odom, shape (n, 3); None where it is not mapped."""
+    if recording.has(f"{name}_in_odom"):
+        return recording.signal(f"{name}_in_odom")
+    if not recording.has(f"{name}_in_body"):
+        return None
+    if not recording.has("odom_from_body"):
+        raise BadInputError(f"signal {name}_in_body needs the signal odom_from_body, which tells how the body lies")
+    return np.asarray(rotate_wxyz(recording.signal("odom_from_body"), recording.signal(f"{name}_in_body")))
+
+
+def _columns(recording: Recording, fields: Columns[str, str]) -> dict[str, Sequence[Any]]:
+    """Those signals that are mapped, by the field of the record."""
+    return {field: recording.signal(name).tolist() for name, field in fields.items() if recording.has(name)}
+
+
+def _records(
+    kind: type[Any], stamps_ns: NDArray[np.int64], columns: Columns[str, Sequence[Any]], **same: Any
+) -> list[Record]:
+    """One record a row."""
+    return [
+        kind(robot_stamp_ns=stamp_ns, host_stamp_ns=stamp_ns, **row, **same)
+        for stamp_ns, row in zip(stamps_ns.tolist(), _rows(columns), strict=True)
+    ]
+
+
+def _rows(columns: Columns[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]

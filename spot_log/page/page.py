@@ -12,8 +12,7 @@ from spot_log.page.figures import FIGURES, Figure
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
-from spot_log.tools.info import LogInfo
-from spot_log.tools.log_info import log_info
+from spot_log.tools.log_info import LogInfo, log_info
 from spot_model.io.whole import check_new, write_new
 
 MAX_EVENT_ROWS: Final = 300

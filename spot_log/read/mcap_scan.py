@@ -6,23 +6,134 @@ by the pattern of its head, and goes on there.
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
+from io import BytesIO
 from typing import Final, NamedTuple
 
+import lz4.frame as lz4  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Header, Schema
 
 from spot_log.format.topics import ALL_TOPICS
-from spot_log.read.mcap_chunk import PARSE_ERRORS, RECORD_HEAD, Budget, Chunk, find_chunk, read_chunk, read_string
-from spot_log.write.mcap_tail import MAGIC
+from spot_log.write.mcap_file import MAGIC
+
+RECORD_HEAD: Final = struct.Struct("<BQ")
+CHUNK_HEAD: Final = struct.Struct("<QQQII")
+COMPRESSIONS: Final = ("zstd", "lz4", "")
+MAX_CHUNK_BYTES: Final = 1 << 26
+"""Our own have 1 MiB; a few bytes could ask for more memory than a robot's computer has."""
+
+PARSE_ERRORS: Final = (struct.error, ValueError, OverflowError, zstandard.ZstdError, MemoryError, McapError)
+_U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
+# Opcode and length, two times, size, check sum: then comes the compression's name, which marks a chunk.
+_MARK_OFFSET: Final = RECORD_HEAD.size + 28
+_MARK: Final = re.compile(b"|".join(re.escape(_U32.pack(len(name)) + name.encode()) for name in COMPRESSIONS if name))
+
+
+FREE_BYTES: Final = 16 << 20
+MAX_EXPANSION: Final = 64
+"""Our own logs hold four to eight times their size."""
+
+
+class Budget:
+    """How much one file may expand to: a few kB must neither fill a computer's memory nor keep it busy for minutes."""
+
+    def __init__(self, file_bytes: int) -> None:
+        """Allow :data:`FREE_BYTES`, and :data:`MAX_EXPANSION` times the file's size."""
+        self.limit = self.left = FREE_BYTES + MAX_EXPANSION * file_bytes
+
+    def take(self, size: int) -> bool:
+        """Whether this many more bytes are allowed; after a refusal, none are."""
+        self.left = self.left - size if size <= self.left else 0
+        return self.left > 0
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether nothing more is allowed."""
+        return self.left <= 0
+
+
+class Chunk(NamedTuple):
+    """The uncompressed content of a chunk, and the offset of the record after it."""
+
+    content: bytes
+    end: int
+
+
+def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
+    """Read the chunk at ``offset`` by its own head, whatever the record's head says; else tell what is wrong.
+
+    Every attempt is charged to ``budget``, also a failed one.
+    """
+    at = offset + RECORD_HEAD.size
+    try:
+        _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, at)
+        compression = data[at + CHUNK_HEAD.size : at + CHUNK_HEAD.size + min(name_length, 8)].decode()
+        at += CHUNK_HEAD.size + name_length
+        (length,) = _U64.unpack_from(data, at)
+    except PARSE_ERRORS:
+        return "its head is cut"
+    start, end = at + 8, at + 8 + length
+    if compression not in COMPRESSIONS or len(compression) != name_length:
+        return f"its compression {compression[:16]!r} is not one of zstd, lz4 and none"
+    if end > len(data):
+        return "it is cut"
+    if size > MAX_CHUNK_BYTES:
+        return f"its size of {size} bytes is more than {MAX_CHUNK_BYTES}"
+    try:
+        content = _decompress(compression, data[start:end], size, budget)
+    except (*PARSE_ERRORS, RuntimeError) as error:
+        return f"it cannot be decompressed ({error})"
+    if len(content) != size:
+        return f"it holds {len(content)} bytes and says {size}"
+    if crc and zlib.crc32(content) != crc:
+        return "its check sum does not hold"
+    return Chunk(content, end)
+
+
+def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> bytes:
+    """Decompress at most ``size`` bytes. What is known to be wrong before costs nothing; all else is paid for."""
+    if compression == "":
+        return data
+    if compression == "zstd":
+        declared = zstandard.get_frame_parameters(data).content_size
+        is_known = declared != zstandard.CONTENTSIZE_UNKNOWN
+    else:
+        declared = int(lz4.get_frame_info(data)["content_size"])
+        is_known = declared > 0
+    if is_known and declared != size:
+        raise ValueError(f"frame of {declared} bytes in a chunk of {size}")
+    if not budget.take(size + len(data)):
+        raise ValueError(f"the file would expand to more than {budget.limit} bytes")
+    if compression == "zstd":
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    return bytes(lz4.LZ4FrameDecompressor().decompress(data, max_length=size))
+
+
+def find_chunk(data: bytes, offset: int, budget: Budget) -> tuple[int, Chunk] | None:
+    """Find the next whole chunk that starts at or after ``offset``, by the mark in its head; None if there is none."""
+    # One pass for all marks: a search for each would go through the whole file again for one that is not there.
+    for mark in _MARK.finditer(data, offset + _MARK_OFFSET):
+        start = mark.start() - _MARK_OFFSET
+        chunk = read_chunk(data, start, budget)
+        if isinstance(chunk, Chunk):
+            return start, chunk
+        if budget.is_spent:
+            return None
+    return None
+
 
 MESSAGE_BYTES: Final = 256
 """What a message costs in memory beside its content."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
-_U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
 
 
 class RawMessage(NamedTuple):
@@ -135,14 +246,12 @@ class _Scanner:
         if opcode == Opcode.ATTACHMENT:
             self._attachment(start, end)
         elif opcode == Opcode.HEADER:
-            _, at = read_string(data, start, end)
-            _, at = read_string(data, at, end)
-            return at <= end
-        else:
-            # Messages outside chunks have no check sum, and this program writes none: what looks like one is an index
-            # whose kind is damaged.
-            return opcode == Opcode.METADATA
-        return True
+            header = _stream(data, start, end)
+            Header.read(header)
+            return header.count <= end - start
+        # Messages outside chunks have no check sum, and this program writes none: what looks like one is an index
+        # whose kind is damaged.
+        return opcode in (Opcode.ATTACHMENT, Opcode.METADATA)
 
     def _chunk_record(self, offset: int) -> tuple[int, bool] | None:
         chunk = read_chunk(self._data, offset, self._budget)
@@ -183,16 +292,15 @@ class _Scanner:
                 if topic is None:
                     self._scan.lost[f"channel {channel}"] += 1
                     continue
-                schema = self._schemas.get(self._schema_of_channel[channel], "")
+                name = self._schemas.get(self._schema_of_channel[channel], "")
                 body = content[start + message_head_size : offset]
-                append(RawMessage(topic, schema, sequence, log_ns, publish_ns, body))
+                append(RawMessage(topic, name, sequence, log_ns, publish_ns, body))
             elif opcode == Opcode.CHANNEL:
-                (channel,), (schema_id,) = _U16.unpack_from(content, start), _U16.unpack_from(content, start + 2)
-                topics[channel], _ = read_string(content, start + 4, offset)
-                self._schema_of_channel[channel] = schema_id
+                declared = Channel.read(_stream(content, start, offset))
+                topics[declared.id], self._schema_of_channel[declared.id] = declared.topic, declared.schema_id
             elif opcode == Opcode.SCHEMA:
-                (schema_id,) = _U16.unpack_from(content, start)
-                self._schemas[schema_id], _ = read_string(content, start + 2, offset)
+                schema = Schema.read(_stream(content, start, offset))
+                self._schemas[schema.id] = schema.name
 
     def _message_index(self, start: int, length: int) -> None:
         (channel,), (size,) = _U16.unpack_from(self._data, start), _U32.unpack_from(self._data, start + 2)
@@ -206,10 +314,13 @@ class _Scanner:
         if crc and zlib.crc32(self._data[start : end - 4]) != crc:
             self._scan.damage.append(f"attachment at byte {start}: its check sum does not hold")
             return
-        name, at = read_string(self._data, start + 16, end)
-        _, at = read_string(self._data, at, end)
-        (size,) = _U64.unpack_from(self._data, at)
-        self._scan.attachments[name] = self._data[at + 8 : at + 8 + size]
+        attachment = Attachment.read(_stream(self._data, start, end))
+        self._scan.attachments[attachment.name] = attachment.data
+
+
+def _stream(data: bytes, start: int, end: int) -> ReadDataStream:
+    """A record's body for ``mcap``'s own records to read."""
+    return ReadDataStream(BytesIO(data[start:end]))
 
 
 def _is_record_head(data: bytes, offset: int) -> bool:

@@ -14,10 +14,9 @@ from spot_log.errors import LogReadError, MissingHeaderError, NotAnMcapError, Sc
 from spot_log.format import codec
 from spot_log.format.records import SCHEMA_NAME, RunHeader
 from spot_log.format.topics import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
-from spot_log.read.columns import gather, widest
+from spot_log.read.columns import UnusualError, gather, widest, wire_columns
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
 from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
-from spot_log.read.wire_columns import UnusualError, wire_columns
 from spot_log.write.run_writer import HEADER_ATTACHMENT
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES

@@ -1,16 +1,17 @@
 """The datagrams between the loop and the log's process: packed by the one, unpacked by the other.
 
 Each starts with its kind and the number of its topic's messages so far, those that were dropped included, so that the
-receiver can count every loss. States stay the vendor's wire bytes; commands and ticks are packed by hand, because
-building a protobuf costs several times as much; the rest is protobuf.
+receiver can count every loss. States stay the vendor's wire bytes; commands and ticks are packed by their tables'
+columns, because building a protobuf costs several times as much; the rest is protobuf.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import IntEnum
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -18,8 +19,8 @@ from google.protobuf.message import Message
 
 from spot_log.format import codec
 from spot_log.format.records import CommandRecord, EventRecord, Record, TickRecord, WireState
-from spot_log.format.tables import TickTable
-from spot_log.format.vendor_record import state_record_from_wire
+from spot_log.format.tables import CommandTable, Table, TickTable
+from spot_log.format.vendor_state import state_record_from_wire
 from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.state import RobotState, SlowState
 from spot_protos import log_pb2
@@ -45,20 +46,9 @@ TOPIC_OF_KIND: Final = {
     Kind.SLOW_STATE: "slow_state",
     Kind.EVENT: "event",
 }
-
 MAX_DATAGRAM_BYTES: Final = 192 * 1024
 _HEAD: Final = struct.Struct("<BI")
 _STATE_HEAD: Final = struct.Struct("<BIq")
-_COMMAND_HEAD: Final = struct.Struct("<BIIqqqq")
-# A tick's numbers stand in its head, its texts and arrays behind it, each with its length in the head.
-_NUMBER_CODES: Final = {"i": "q", "f": "d", "b": "?"}
-_TICK_TYPES: Final = {name: column.dtype for name, column in TickTable.columns().items()}
-_TICK_NUMBERS: Final = [n for n, c in TickTable.columns().items() if c.parts is None and c.dtype.kind in _NUMBER_CODES]
-_TICK_PARTS: Final = {name: dtype for name, dtype in _TICK_TYPES.items() if name not in _TICK_NUMBERS}
-_TICK_CODES: Final = "".join(_NUMBER_CODES[_TICK_TYPES[name].kind] for name in _TICK_NUMBERS) + "H" * len(_TICK_PARTS)
-_TICK_HEAD: Final = struct.Struct(f"<BI{_TICK_CODES}")
-_tick_numbers: Final = attrgetter(*_TICK_NUMBERS)
-_COMMAND_ARRAYS: Final = 6
 
 
 class Datagram(NamedTuple):
@@ -67,6 +57,80 @@ class Datagram(NamedTuple):
     kind: Kind
     sequence: int
     message: log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event | log_pb2.Footer
+
+
+class _Layout:
+    """A record's numbers stand in the datagram's head, its texts and arrays behind it, their lengths in the head."""
+
+    _CODES: Final = {"i": "q", "f": "d", "b": "?"}
+
+    def __init__(
+        self, kind: Kind, table: type[Table], places: Mapping[str, str] = MappingProxyType({}), width: int | None = None
+    ) -> None:
+        """Pack the columns of ``table``.
+
+        Args:
+            kind: Of the datagrams.
+            table: Whose columns are packed.
+            places: Attributes of the record whose names are not the columns', by column.
+            width: Of every array, where it is fixed.
+        """
+        columns = table.columns()
+        self._width = width
+        self._kind = kind
+        self._numbers = [n for n, c in columns.items() if c.parts is None and c.dtype.kind in self._CODES]
+        self._parts = {name: c.dtype for name, c in columns.items() if name not in self._numbers}
+        codes = "".join(self._CODES[columns[name].dtype.kind] for name in self._numbers)
+        self._head = struct.Struct(f"<BI{codes}{'H' * len(self._parts)}")
+        self._numbers_of = attrgetter(*(places.get(name, name) for name in self._numbers))
+        self._parts_of = attrgetter(*(places.get(name, name) for name in self._parts))
+
+    def pack(self, sequence: int, record: Record) -> bytes:
+        """The datagram of a record. Raises ValueError where an array has another width."""
+        values = self._parts_of(record)
+        if self._width is not None and any(len(value) != self._width for value in values):
+            raise ValueError(f"arrays of {[len(value) for value in values]} values; expected {self._width} in each")
+        given = zip(values, self._parts.values(), strict=True)
+        parts = [v.encode() if dtype.kind == "U" else np.asarray(v, dtype=dtype).tobytes() for v, dtype in given]
+        head = self._head.pack(self._kind, sequence, *self._numbers_of(record), *map(len, parts))
+        return b"".join((head, *parts))
+
+    def unpack(self, datagram: bytes) -> dict[str, Any]:
+        """The record's fields by name."""
+        _, _, *values = self._head.unpack_from(datagram)
+        fields: dict[str, Any] = dict(zip(self._numbers, values, strict=False))
+        offset = self._head.size
+        for (name, dtype), length in zip(self._parts.items(), values[len(self._numbers) :], strict=True):
+            part = datagram[offset : offset + length]
+            fields[name] = part.decode() if dtype.kind == "U" else np.frombuffer(part, dtype=dtype).tolist()
+            offset += length
+        return fields
+
+
+_COMMAND: Final = _Layout(
+    Kind.COMMAND,
+    CommandTable,
+    {
+        **{
+            name: f"command.{name}"
+            for name in ("key", "end_robot_stamp_ns", "position_rad", "velocity_rad_s", "load_nm")
+        },
+        **{name: f"command.gains.{name}" for name in ("kp_nm_per_rad", "kd_nm_s_per_rad")},
+    },
+    width=N_JOINTS,
+)
+_TICK: Final = _Layout(Kind.TICK, TickTable)
+_OWN: Final[dict[type[Record], tuple[Kind, Callable[[Any], Message]]]] = {
+    RobotState: (Kind.STATE, codec.state_to_proto),
+    SlowState: (Kind.SLOW_STATE, codec.slow_state_to_proto),
+    EventRecord: (Kind.EVENT, codec.event_to_proto),
+}
+_PARSED: Final = {
+    Kind.STATE: log_pb2.State,
+    Kind.SLOW_STATE: log_pb2.SlowState,
+    Kind.EVENT: log_pb2.Event,
+    Kind.CLOSE: log_pb2.Footer,
+}
 
 
 def pack(sequence: int, record: Record) -> bytes:
@@ -78,52 +142,11 @@ def pack(sequence: int, record: Record) -> bytes:
     if isinstance(record, WireState):
         return _STATE_HEAD.pack(Kind.STATE_WIRE, sequence, record.host_stamp_ns) + record.wire
     if isinstance(record, CommandRecord):
-        return _pack_command(sequence, record)
+        return _COMMAND.pack(sequence, record)
     if isinstance(record, TickRecord):
-        return _pack_tick(sequence, record)
+        return _TICK.pack(sequence, record)
     kind, to_proto = _OWN[type(record)]
     return _HEAD.pack(kind, sequence) + to_proto(record).SerializeToString()
-
-
-_OWN: Final[dict[type[Record], tuple[Kind, Callable[[Any], Message]]]] = {
-    RobotState: (Kind.STATE, codec.state_to_proto),
-    SlowState: (Kind.SLOW_STATE, codec.slow_state_to_proto),
-    EventRecord: (Kind.EVENT, codec.event_to_proto),
-}
-
-
-def _pack_command(sequence: int, record: CommandRecord) -> bytes:
-    command = record.command
-    gains = command.gains
-    arrays = np.array(
-        (
-            record.requested_position_rad,
-            command.position_rad,
-            command.velocity_rad_s,
-            command.load_nm,
-            gains.kp_nm_per_rad,
-            gains.kd_nm_s_per_rad,
-        ),
-        dtype=np.float64,
-    )
-    if arrays.shape != (_COMMAND_ARRAYS, N_JOINTS):
-        raise ValueError(f"command {command.key} has arrays of shape {arrays.shape[1:]}; expected ({N_JOINTS},)")
-    head = _COMMAND_HEAD.pack(
-        Kind.COMMAND,
-        sequence,
-        command.key,
-        record.host_stamp_ns,
-        record.robot_stamp_ns,
-        record.state_robot_stamp_ns,
-        command.end_robot_stamp_ns,
-    )
-    return head + arrays.tobytes()
-
-
-def _pack_tick(sequence: int, record: TickRecord) -> bytes:
-    parts = [_tick_part(getattr(record, name), dtype) for name, dtype in _TICK_PARTS.items()]
-    head = _TICK_HEAD.pack(Kind.TICK, sequence, *_tick_numbers(record), *map(len, parts))
-    return b"".join((head, *parts))
 
 
 def pack_close(footer: log_pb2.Footer) -> bytes:
@@ -154,51 +177,9 @@ def unpack(datagram: bytes) -> Datagram:
         _, _, host_stamp_ns = _STATE_HEAD.unpack_from(datagram)
         return Datagram(kind, sequence, state_record_from_wire(datagram[_STATE_HEAD.size :], host_stamp_ns))
     if kind is Kind.COMMAND:
-        return Datagram(kind, sequence, _unpack_command(datagram))
+        return Datagram(kind, sequence, log_pb2.Command(**_COMMAND.unpack(datagram)))
     if kind is Kind.TICK:
-        return Datagram(kind, sequence, _unpack_tick(datagram))
+        return Datagram(kind, sequence, log_pb2.Tick(**_TICK.unpack(datagram)))
     message = _PARSED[kind]()
     message.ParseFromString(datagram[_HEAD.size :])
     return Datagram(kind, sequence, message)
-
-
-_PARSED: Final = {
-    Kind.STATE: log_pb2.State,
-    Kind.SLOW_STATE: log_pb2.SlowState,
-    Kind.EVENT: log_pb2.Event,
-    Kind.CLOSE: log_pb2.Footer,
-}
-
-
-def _unpack_command(datagram: bytes) -> log_pb2.Command:
-    _, _, key, host_ns, robot_ns, state_ns, end_ns = _COMMAND_HEAD.unpack_from(datagram)
-    arrays = np.frombuffer(datagram, dtype=np.float64, offset=_COMMAND_HEAD.size)
-    requested, position, velocity, load, kp, kd = arrays.reshape(_COMMAND_ARRAYS, N_JOINTS).tolist()
-    return log_pb2.Command(
-        key=key,
-        host_stamp_ns=host_ns,
-        robot_stamp_ns=robot_ns,
-        state_robot_stamp_ns=state_ns,
-        end_robot_stamp_ns=end_ns,
-        requested_position_rad=requested,
-        position_rad=position,
-        velocity_rad_s=velocity,
-        load_nm=load,
-        kp_nm_per_rad=kp,
-        kd_nm_s_per_rad=kd,
-    )
-
-
-def _unpack_tick(datagram: bytes) -> log_pb2.Tick:
-    _, _, *values = _TICK_HEAD.unpack_from(datagram)
-    fields: dict[str, Any] = dict(zip(_TICK_NUMBERS, values, strict=False))
-    offset = _TICK_HEAD.size
-    for (name, dtype), length in zip(_TICK_PARTS.items(), values[len(_TICK_NUMBERS) :], strict=True):
-        part = datagram[offset : offset + length]
-        fields[name] = part.decode() if dtype.kind == "U" else np.frombuffer(part, dtype=dtype).tolist()
-        offset += length
-    return log_pb2.Tick(**fields)
-
-
-def _tick_part(value: Any, dtype: np.dtype[Any]) -> bytes:
-    return bytes(value.encode()) if dtype.kind == "U" else np.asarray(value, dtype=dtype).tobytes()

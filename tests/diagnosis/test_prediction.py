@@ -22,7 +22,7 @@ from diagnosis.next.prediction import (
 from diagnosis.next.rounds import Found
 from diagnosis.next.session import Session
 from diagnosis.verdict.posterior_file import Posterior
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.errors import BadInputError

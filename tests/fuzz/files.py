@@ -148,8 +148,8 @@ def _mappings() -> tuple[Any, ...]:
 
 def recording(data: bytes) -> None:
     """A foreign recording, by its first byte as CSV or NPZ through one of some mappings, up to a log's records."""
-    from spot_log.importing.rows import records_of
-    from spot_log.importing.signals import Recording
+    from spot_log.importing.importer import records_of
+    from spot_log.importing.recording import Recording
 
     first = (data[:1] or b"\0")[0]
     source = folder() / ("input.csv" if first < 0x40 else "input.npz")

@@ -20,7 +20,7 @@ NOW_NS = 1_700_000_000_000_000_000
 
 def file_of(data: bytes) -> bytes:
     """The file that an input means."""
-    from spot_log.write.mcap_tail import MAGIC
+    from spot_log.write.mcap_file import MAGIC
 
     kind, rest = (data[:1] or b"\0")[0] % 2, data[1:]
     return MAGIC + HEADER_RECORD + chunk_of(rest) if kind else rest
@@ -69,7 +69,7 @@ def recover(log: bytes) -> None:
 
 def log_seeds() -> list[bytes]:
     """The content of a chunk with one record of each topic, a file of it, and a log of ours without its index."""
-    from spot_log.write.mcap_tail import MAGIC
+    from spot_log.write.mcap_file import MAGIC
 
     content = b"".join(message_record(*message) for message in own_messages())
     header = content[: len(message_record(*own_messages()[0]))]

@@ -12,8 +12,7 @@ def vendor_state(data: bytes) -> None:
     """A message of the state stream, as the loop and as the log decode it, and what the safety core makes of it."""
     from google.protobuf.message import DecodeError
 
-    from spot_log.format.vendor_record import state_record_from_wire
-    from spot_log.format.vendor_state import robot_state_from_wire
+    from spot_log.format.vendor_state import robot_state_from_wire, state_record_from_wire
     from spot_runtime.control.safety.states import StateMemory, screen_state
     from spot_runtime.safety_limits import SafetyLimits
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from spot_log import Run, read_run
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
 from spot_model.policy.policy import Policy

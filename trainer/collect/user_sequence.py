@@ -10,7 +10,7 @@ import typer
 from numpy.typing import NDArray
 
 from spot_log import Run, read_run
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
 

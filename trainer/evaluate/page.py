@@ -10,11 +10,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from spot_log.page.cells import facts
-from spot_log.page.chart import Series, chart
-from spot_log.page.frame import HALF
+from spot_log.page.chart import Series, chart, stance
 from spot_log.page.look import boxed, framed, headed
-from spot_log.page.stance import stance
-from spot_log.page.svg import esc, legend
+from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot.facts import LEG_NAMES
 
 STEADY: Final = 0.01

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_log.read.run import Run, StateTable, TickTable
 from spot_model.plant.start import StartState
 from spot_model.policy.observation import observed

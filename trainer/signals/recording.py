@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_log.read.run import CommandTable, Run, SlowTable, TickTable
 from spot_log.tools.measures import NEVER_NS, receipts_ns
 from spot_model.errors import SpotRlError

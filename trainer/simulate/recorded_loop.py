@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.effects.base import CommandEffect, SoftwareEffect

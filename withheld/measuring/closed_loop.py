@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from spot_log import Run
-from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.events import FOLLOWING_MODE
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions

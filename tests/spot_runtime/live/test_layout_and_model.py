@@ -14,8 +14,8 @@ import pytest
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from spot_log.format.scene import joint_transforms, spot_scene
 from spot_log.format.topics import ALL_TOPICS
+from spot_log.format.viewer import joint_transforms, spot_scene
 from spot_model.robot import facts
 
 LAYOUT = json.loads((Path(__file__).resolve().parents[3] / "deploy" / "spot-rl.foxglove.json").read_text("utf-8"))

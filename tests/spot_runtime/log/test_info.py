@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from spot_log import read_run
-from spot_log.page.details import histogram_lines
-from spot_log.page.summary import summarise
+from spot_log.page.summary import histogram_lines, summarise
 from spot_log.tools import measures
 from spot_log.tools.log_info import histogram, log_info
 

@@ -7,9 +7,8 @@ import re
 import numpy as np
 
 from spot_log.page.cells import Html, facts, note, table
-from spot_log.page.chart import Series, Shade, chart, histogram
+from spot_log.page.chart import Series, Shade, chart, histogram, stance
 from spot_log.page.look import boxed, framed, headed
-from spot_log.page.stance import stance
 
 EVIL = "<b>&</b>"
 

@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from spot_log import read_run
-from spot_log.tools.rosbag2 import write_rosbag2
+from spot_log.tools.export import write_rosbag2
 from spot_model.io.command_line import main
 from spot_model.io.whole import OutputExistsError
 

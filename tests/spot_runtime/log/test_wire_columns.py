@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spot_log.format.tables import ImuTable, StateTable
-from spot_log.read.columns import gather
-from spot_log.read.wire_columns import UnusualError, wire_columns
+from spot_log.read.columns import UnusualError, gather, wire_columns
 from spot_protos import log_pb2
 
 WIDTHS = {"joints": 12, "feet": 4}

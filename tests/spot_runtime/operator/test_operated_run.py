@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spot_log import Run, read_run
-from spot_log.page.details import detail_lines
+from spot_log.page.summary import detail_lines
 from spot_log.tools.log_info import log_info
 from spot_model.policy.contract import sha256_hex
 from spot_protos import fake_admin_pb2, operator_pb2, run_link_pb2

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from spot_log.page.cells import table
 from spot_log.page.chart import Series, chart
-from spot_log.page.frame import HALF
 from spot_log.page.look import boxed, framed, headed
-from spot_log.page.svg import esc, legend
+from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot import facts
 from spot_model.text import counted
 from trainer.sysid.identify.identify import Identification
