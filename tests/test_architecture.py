@@ -170,8 +170,8 @@ def test_a_field_of_the_tick_is_at_most_four_files() -> None:
     # The four: the message, the record, the table, and who fills the record.
     names = set(TickTable.columns())
     assert names == {field.name for field in fields(TickRecord)} == set(log_pb2.Tick.DESCRIPTOR.fields_by_name)
-    # What carries ticks from the loop to a table, and to a flat file, names none of them.
-    carriers = ("write/hand_off.py", "read/columns.py", "read/reader.py", "read/flat_tables.py", "format/codec.py")
+    # What carries ticks from the loop to a table names none of them.
+    carriers = ("write/hand_off.py", "read/columns.py", "read/reader.py", "format/codec.py")
     own = ("inference_s", "compute_s", "state_age_s", "skipped", "command_key", "velocity_command")
     for carrier in carriers:
         text = (ROOT / "spot_log" / carrier).read_text(encoding="utf-8")
