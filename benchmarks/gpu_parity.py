@@ -18,14 +18,12 @@ from spot_model.io.model_file import load_model
 from spot_model.plant.start import StartState
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
-from trainer.backends.plant_backend import PlantBackend
-from trainer.backends.random_draws import Draws
 from trainer.config.task_config import RandomisationConfig, TaskConfig
+from trainer.signals.distances import SequenceReference
 from trainer.signals.features import features_of_run
 from trainer.signals.policy_ticks import Script
-from trainer.sysid.distance.measures import SequenceReference
-from trainer.task.initial_state import draw_initial_state, draw_simulations
-from trainer.task.randomised_effects import training_effects
+from trainer.task.draws import Draws, draw_initial_state, draw_simulations, training_effects
+from trainer.task.plant_backend import PlantBackend
 
 RANDOMISATION = RandomisationConfig(
     replaced_effects=("command_delay",),

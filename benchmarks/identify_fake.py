@@ -35,7 +35,7 @@ from collect_on_fakes import collect_on_fakes  # noqa: E402
 from fake_robot.scenario.scenario import Scenario, load_scenario  # noqa: E402
 from spot_model.robot.facts import PAPER_IDENTIFIED, PaperActuator  # noqa: E402
 from trainer.collect.collect_run import Collection  # noqa: E402
-from trainer.sysid.identify.result import ResultData  # noqa: E402
+from trainer.sysid.result import ResultData  # noqa: E402
 
 SEED: Final = 20241121
 N_DRAWN: Final = 5

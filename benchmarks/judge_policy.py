@@ -14,8 +14,8 @@ from pathlib import Path
 
 from spot_model.policy.policy import load_policy
 from trainer.evaluate import trials
-from trainer.evaluate.report import evaluate
 from trainer.evaluate.setting import Setting
+from trainer.evaluate.trials import evaluate
 
 
 def main() -> None:

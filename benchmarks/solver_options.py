@@ -1,7 +1,7 @@
 """What would a physics step of training cost with other options of MuJoCo, and how far would robots go another way?
 
-Claim it supports: the choice of options in `trainer/backends/cpu.py`. 512 robots of the training task, after sixty
-periods of a policy, continue for twelve periods under the same random set-points with each option in turn. Prints
+Claim it supports: the choice of options in `trainer/task/plant_backend.py`. 512 robots of the training task, after
+sixty periods of a policy, continue for twelve periods under the same random set-points with each option in turn. Prints
 CPU time of a step (the least of the rounds), and how far joints are from the model with MuJoCo's warm start: the
 median and the largest of the robots, each by its worst joint. One thread.
 
@@ -27,7 +27,7 @@ from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from trainer.config.train_config import config_from_data
-from trainer.task.make_task import make_task
+from trainer.task.task import make_task
 
 PERIODS, SUBSTEPS = 12, 4
 Off = mujoco.mjtDisableBit

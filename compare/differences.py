@@ -10,7 +10,7 @@ import numpy as np
 from compare.tracks import Array, Track
 from spot_model.robot import facts
 from spot_model.robot.rotation import yaw_rad
-from trainer.sysid.distance.measures import wasserstein_sorted
+from trainer.signals.distances import wasserstein_sorted
 
 SIGNALS: Final = {"position_rad": "rad", "velocity_rad_s": "rad/s", "load_nm": "N·m", "set_point_rad": "rad"}
 TITLES: Final = {

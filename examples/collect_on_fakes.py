@@ -15,8 +15,7 @@ import yaml
 
 from fake_robot.scenario.scenario import load_scenario
 from fake_robot.start.process import FakeProcess
-from trainer.collect.collect_run import Collection, Part
-from trainer.collect.plan import PlannedRun
+from trainer.collect.collect_run import Collection, Part, PlannedRun
 
 SEED_STEP: Final = 1_000
 """Between the scenario's seed in one repeat and in the next: repeats differ by noise and delays, as on a robot."""

@@ -22,14 +22,13 @@ from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
 from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
 from spot_model.robot.rotation import rotate_wxyz
-from trainer.collect.plan import USER_SEQUENCE
+from trainer.collect.collect_run import USER_SEQUENCE
 from trainer.simulate.engine import Place
 from trainer.simulate.recorded_loop import RecordedLoop, Told
 from trainer.simulate.rollout import RolloutOptions
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
-from trainer.sysid.search.problem import Problem, build_problem
-from trainer.sysid.search.search import candidates_engine, evaluate
+from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
+from trainer.sysid.logs import LoggedRun
+from trainer.sysid.search import Problem, build_problem, candidates_engine, evaluate
 
 Array = NDArray[np.float64]
 BASELINE_S: Final = 10.0

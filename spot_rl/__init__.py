@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from spot_rl.learning import evaluate, export, train
     from spot_rl.logs import diagnose, identify, read_run
     from spot_rl.simulation import compare, load_model, load_policy, simulate
-    from trainer.sysid.identify.result import ResultData
+    from trainer.sysid.result import ResultData
 
 __all__ = [
     "Comparison",
@@ -65,7 +65,7 @@ _WHERE = {
     "diagnose": ("spot_rl.logs", "diagnosis"),
     "Verdict": ("diagnosis.document", "diagnosis"),
     "identify": ("spot_rl.logs", "sysid"),
-    "ResultData": ("trainer.sysid.identify.result", "sysid"),
+    "ResultData": ("trainer.sysid.result", "sysid"),
     "make_env": ("spot_rl.environment", "gym"),
     "SpotEnv": ("spot_rl.environment", "gym"),
     "train": ("spot_rl.learning", "train"),

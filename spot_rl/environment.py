@@ -18,11 +18,9 @@ from spot_model.robot import facts
 from spot_rl.learning import training_config
 from spot_rl.paths import AnyPath
 from spot_rl.simulation import model_of
-from trainer.backends.plant_backend import PlantBackend
-from trainer.backends.random_draws import Draws
 from trainer.config.train_config import TrainConfig
-from trainer.task.initial_state import draw_simulations
-from trainer.task.randomised_effects import training_effects
+from trainer.task.draws import Draws, draw_simulations, training_effects
+from trainer.task.plant_backend import PlantBackend
 from trainer.task.task import Task
 
 ID: Final = "spot_rl/Velocity-v0"

@@ -98,8 +98,8 @@ def evaluate(
     """
     from spot_model.policy.policy import Policy
     from spot_rl.simulation import load_policy, model_of
-    from trainer.evaluate.report import evaluate as run_trials
     from trainer.evaluate.setting import Setting
+    from trainer.evaluate.trials import evaluate as run_trials
 
     n, seed = whole(n, "n", 1), whole(seed, "seed")
     loaded = policy if isinstance(policy, Policy) else load_policy(policy)

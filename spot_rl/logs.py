@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from spot_log.read.run import Run
     from spot_model.io.model_file import RobotModel
     from spot_model.policy.policy import Policy
-    from trainer.sysid.identify.result import ResultData
-    from trainer.sysid.search.config import SysidConfig
+    from trainer.sysid.config import SysidConfig
+    from trainer.sysid.result import ResultData
 
 
 def read_run(path: AnyPath) -> Run:
@@ -159,8 +159,8 @@ def identify(
     from spot_model.policy.policy import load_policy
     from spot_rl.simulation import policy_file
     from trainer.simulate.options import EngineName, place_of
-    from trainer.sysid.identify.run_identification import run_identification
-    from trainer.sysid.logs.read_logs import read_logs
+    from trainer.sysid.identify import run_identification
+    from trainer.sysid.logs import read_logs
 
     # As multiprocessing itself asks: a worker that still imports the script must start no workers.
     if getattr(current_process(), "_inheriting", False):
@@ -177,7 +177,7 @@ def identify(
 
 def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int | None) -> SysidConfig:
     from spot_model.errors import BadInputError
-    from trainer.sysid.search.config import SysidConfig, config_from_data, load_config
+    from trainer.sysid.config import SysidConfig, config_from_data, load_config
 
     if config is None:
         settings = SysidConfig()

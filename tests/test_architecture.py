@@ -180,8 +180,8 @@ def test_a_field_of_the_tick_is_at_most_four_files() -> None:
 
 def test_a_reward_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("torch")
-    from trainer.config.reward_config import RewardWeights
-    from trainer.task.reward_terms import reward_term
+    from trainer.config.task_config import RewardWeights
+    from trainer.task.rewards import reward_term
 
     (tmp_path / "thrown_away_rewards.py").write_text("def calm(moment, shape):\n    return 1.0\n")
     monkeypatch.syspath_prepend(str(tmp_path))

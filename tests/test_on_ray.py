@@ -26,10 +26,9 @@ from tests.diagnosis.standing_starts import POLICY, scripts
 from tests.withheld.blind.test_run import finish, jobs
 from trainer.simulate.engine import Engine, EngineError, Place, Tell
 from trainer.simulate.rollout import RolloutOptions
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.search.config import SearchConfig, SysidConfig
-from trainer.sysid.search.problem import Problem, build_problem
-from trainer.sysid.search.search import SearchState, candidates_engine, run_search
+from trainer.sysid.config import SearchConfig, SysidConfig
+from trainer.sysid.logs import LoggedRun
+from trainer.sysid.search import Problem, SearchState, build_problem, candidates_engine, run_search
 from withheld.blind.execute import Job
 from withheld.blind.ledger import read_ledger
 from withheld.blind.run import run_cases

@@ -28,7 +28,7 @@ from spot_log.read.run import Run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
-from trainer.sysid.distance.measures import SequenceReference
+from trainer.signals.distances import SequenceReference
 
 Array = NDArray[np.float64]
 

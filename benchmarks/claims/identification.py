@@ -29,10 +29,10 @@ from fake_robot.scenario.scenario import Scenario
 from spot_model.policy.policy import load_policy
 from spot_rl.fake_spot import FakeSpot
 from trainer.simulate.engine import Place
-from trainer.sysid.identify.identify import identify, prepare
-from trainer.sysid.logs.read_logs import read_logs
-from trainer.sysid.search.config import config_from_data
-from trainer.sysid.search.search import candidates_engine
+from trainer.sysid.config import config_from_data
+from trainer.sysid.identify import identify, prepare
+from trainer.sysid.logs import read_logs
+from trainer.sysid.search import candidates_engine
 
 SEQUENCES = ("forward", "six_directions")
 

@@ -22,10 +22,9 @@ from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.shared.threads import available_threads
 from trainer.signals.policy_ticks import Script
 from trainer.simulate import recorded_loop
-from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
+from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell, available_threads
 from trainer.simulate.recorded_loop import RecordedLoop, Told
 
 SUBSTEPS: Final = 2

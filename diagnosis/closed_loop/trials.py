@@ -29,9 +29,9 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.text import counted
+from trainer.signals.distances import SequenceReference
 from trainer.signals.policy_ticks import Script, scripts_of
 from trainer.simulate.engine import Tell
-from trainer.sysid.distance.measures import SequenceReference
 
 
 @dataclass(frozen=True)

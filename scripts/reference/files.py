@@ -6,7 +6,7 @@ from spot_model.io.model_file import BUILT_IN, ModelFileData
 from spot_model.io.velocity_sequence import BUILT_IN as SEQUENCES
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.card import PolicyCard
-from trainer.sysid.search.config import ParameterConfig, SysidConfig
+from trainer.sysid.config import ParameterConfig, SysidConfig
 
 from .words import keys_table, page, plain, sections
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from trainer.config.reward_config import RewardWeights
+from trainer.config.task_config import RewardWeights
 from trainer.config.train_config import TrainConfig
 from trainer.task.rewards import TERMS
 

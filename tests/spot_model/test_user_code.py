@@ -14,7 +14,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.command_line import main
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.registry import HalRequest, find_adapter
-from trainer.task.reward_terms import reward_term
+from trainer.task.rewards import reward_term
 from withheld.cases.source import source_of
 
 BROKEN = {

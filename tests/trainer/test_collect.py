@@ -14,10 +14,19 @@ from spot_log.write.run_writer import RunWriter
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.policy import load_policy
-from trainer.collect.collect_run import Collection, parse_gains, run_arguments
-from trainer.collect.plan import PAPER_SEQUENCES, USER_SEQUENCE, FoundRun, missing_runs, plan_runs, sequence_sources
+from trainer.collect.collect_run import (
+    PAPER_SEQUENCES,
+    USER_SEQUENCE,
+    Collection,
+    FoundRun,
+    missing_runs,
+    parse_gains,
+    plan_runs,
+    run_arguments,
+    sequence_sources,
+    write_gain_variant,
+)
 from trainer.collect.user_sequence import TOLERANCE, sequence_of_commands
-from trainer.export.gain_variant import write_gain_variant
 
 from .sysid.conftest import oscillator_bytes
 

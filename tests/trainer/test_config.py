@@ -3,8 +3,7 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.config.overrides import resolve_path
-from trainer.config.train_config import TrainConfig, config_from_data, config_yaml, load_config
+from trainer.config.train_config import TrainConfig, config_from_data, config_yaml, load_config, resolve_path
 
 MINIMAL = {"name": "t", "iterations": 1}
 

@@ -11,13 +11,12 @@ from spot_model.effects.body.ground_friction import GroundFriction
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
-from trainer.evaluate import report
+from trainer.evaluate import trials
 from trainer.evaluate.command import _evaluated
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import _an_hour, evaluation_page
-from trainer.evaluate.report import evaluate
 from trainer.evaluate.setting import FOOT_GEOMS, Setting
-from trainer.evaluate.trials import _grid
+from trainer.evaluate.trials import _grid, evaluate
 from trainer.simulate.recording import Recording, roll_out
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
@@ -137,14 +136,14 @@ def test_an_interrupted_evaluation_goes_on_and_takes_no_trials_of_another(
         return {"trials": 3}
 
     steps = {name: (1.0, lambda name=name: trial(name)) for name in ("first", "second")}
-    monkeypatch.setattr(report, "_trials", lambda *_: steps)
+    monkeypatch.setattr(trials, "_trials", lambda *_: steps)
     setting, kept = Setting(load_policy(POLICY)), tmp_path / "out" / "unfinished.json"
     with pytest.raises(KeyboardInterrupt):
         _evaluated(setting, 3, kept)
     for other, n in ((replace(setting, seed=1), 3), (setting, 4)):
         with pytest.raises(BadInputError, match="interrupted evaluation of another"):
             _evaluated(other, n, kept)
-    assert _evaluated(setting, 3, kept) == {**report.about(setting), "first": {"trials": 3}, "second": {"trials": 3}}
+    assert _evaluated(setting, 3, kept) == {**trials.about(setting), "first": {"trials": 3}, "second": {"trials": 3}}
     assert ran == ["first", "second", "second"]
     kept.write_text("{")
     with pytest.raises(BadInputError, match="cannot be read"):

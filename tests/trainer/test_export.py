@@ -12,9 +12,8 @@ from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.train_config import TrainConfig
 from trainer.export.export import export_policy
-from trainer.play.follow import NewestPolicy
 from trainer.ppo.checkpoint import find_checkpoint
-from trainer.ppo.checkpoint_policy import actor_layers, check_agreement, run_torch
+from trainer.ppo.checkpoint_policy import NewestPolicy, actor_layers, check_agreement, run_torch
 from trainer.ppo.train import train
 
 
@@ -69,7 +68,7 @@ def test_the_file_is_one_file_and_is_not_overwritten(run: Path, tmp_path: Path) 
 def test_a_training_is_followed_from_checkpoint_to_checkpoint(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trainer.play.follow.LOOKED_EVERY_S", 0.0)
+    monkeypatch.setattr("trainer.ppo.checkpoint_policy.LOOKED_EVERY_S", 0.0)
     newest = find_checkpoint(run)
     shutil.copy(newest, tmp_path / "checkpoint_000001.pt")
     shutil.copy(run / "run.json", tmp_path)

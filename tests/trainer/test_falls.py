@@ -6,8 +6,7 @@ import pytest
 from spot_model.policy.policy import load_policy
 from spot_model.robot.mjcf import default_height_m
 from trainer.evaluate.setting import Setting
-from trainer.simulate.falls import Fall, touching_ground
-from trainer.simulate.recording import roll_out
+from trainer.simulate.recording import Fall, roll_out, touching_ground
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 

@@ -9,10 +9,9 @@ import torch
 from torch.overrides import TorchFunctionMode
 
 from spot_model.io.model_file import RobotModel, load_model
-from trainer.backends.plant_backend import PlantBackend
-from trainer.backends.random_draws import Draws
 from trainer.config.task_config import RandomisationConfig, TaskConfig
-from trainer.task.initial_state import draw_simulations
+from trainer.task.draws import Draws, draw_simulations
+from trainer.task.plant_backend import PlantBackend
 from trainer.task.task import Task
 
 pytest.importorskip("mujoco_warp")

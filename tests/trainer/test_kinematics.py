@@ -2,12 +2,10 @@ import numpy as np
 import torch
 
 from spot_model.plant.plant import Plant
-from trainer.backends.plant_backend import PlantBackend
-from trainer.backends.random_draws import Draws
 from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
-from trainer.task.ground import Ground
-from trainer.task.initial_state import draw_initial_state, draw_simulations
-from trainer.task.kinematics import foot_motion
+from trainer.task.draws import Draws, draw_initial_state, draw_simulations
+from trainer.task.feet import Ground, foot_motion
+from trainer.task.plant_backend import PlantBackend
 
 
 def test_feet_are_where_mujoco_has_them() -> None:

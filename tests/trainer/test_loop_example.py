@@ -19,7 +19,7 @@ from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.logs import LoggedRun
 
 from .sysid.conftest import oscillator_bytes
 from .sysid.test_read_logs import as_log

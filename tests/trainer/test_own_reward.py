@@ -10,12 +10,9 @@ import torch
 from pydantic import ValidationError
 
 from spot_model.errors import BadInputError
-from trainer.config.overrides import apply_overrides
-from trainer.config.reward_config import RewardShape, RewardWeights
-from trainer.config.task_config import LateRewards, TaskConfig
-from trainer.config.train_config import TrainConfig
-from trainer.task.reward_terms import reward_term
-from trainer.task.rewards import TERMS
+from trainer.config.task_config import LateRewards, RewardShape, RewardWeights, TaskConfig
+from trainer.config.train_config import TrainConfig, apply_overrides
+from trainer.task.rewards import TERMS, reward_term
 
 OWN = '''
 import torch
@@ -81,7 +78,7 @@ def test_it_can_be_set_on_the_command_line() -> None:
 
 def test_a_task_pays_it(module: str) -> None:
     from trainer.config.train_config import config_from_data
-    from trainer.task.make_task import make_task
+    from trainer.task.task import make_task
 
     plain = {"name": "own", "iterations": 1, "n_envs": 2, "seed": 1}
     with_own = {**plain, "task": {"rewards": {"my_rewards:low_body": 10.0}}}

@@ -7,12 +7,9 @@ from spot_model.effects.base import Motion
 from spot_model.io.model_file import load_model
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
-from trainer.backends.backend import InitialState, SimulationDraws
-from trainer.backends.plant_backend import PlantBackend
-from trainer.backends.random_draws import Draws
-from trainer.config.reward_config import RewardWeights
-from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
-from trainer.task.initial_state import draw_initial_state
+from trainer.config.task_config import RandomisationConfig, RewardWeights, TaskConfig, TerrainConfig
+from trainer.task.draws import Draws, draw_initial_state
+from trainer.task.plant_backend import InitialState, PlantBackend, SimulationDraws
 
 N = 3
 PERIODS = 12

@@ -12,7 +12,7 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy
 from spot_tools.run.gamepad import PadReading
 from trainer.play.command import play
-from trainer.play.drawing import columns, gait_diagram
+from trainer.play.film import columns, gait_diagram
 from trainer.play.steering import PUSH, STAND, KeySteering, parse_velocity, stick_steering
 from trainer.play.walk import PUSH_M_S, Walk
 from trainer.play.window import check_display

@@ -4,7 +4,7 @@ import math
 import pytest
 import torch
 
-from trainer.config.reward_config import RewardShape, RewardWeights
+from trainer.config.task_config import RewardShape, RewardWeights
 from trainer.task.rewards import TERMS, Moment
 
 SHAPE = RewardShape()

@@ -3,7 +3,7 @@ import torch
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from trainer.ppo.symmetry import mirror_action, mirror_observation
+from trainer.ppo.ppo import mirror_action, mirror_observation
 
 
 def test_mirroring_twice_gives_the_same_back() -> None:

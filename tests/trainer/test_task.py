@@ -6,11 +6,10 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from spot_model.robot import facts
-from trainer.backends.backend import InitialState, PlantState
 from trainer.config.train_config import TrainConfig, config_from_data
 from trainer.ppo.vec_env import TaskVecEnv, TrainingDivergedError
-from trainer.task.make_task import make_task
-from trainer.task.task import PERIOD_S, Task
+from trainer.task.plant_backend import InitialState, PlantState
+from trainer.task.task import PERIOD_S, Task, make_task
 
 N = 4
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from trainer.config.train_config import TrainConfig
-from trainer.task import make_task
+from trainer.task import task as make_task
 from trainer.task.task import StepResult
 from trainer.task.task_parts import TaskParts
 

@@ -12,13 +12,12 @@ from proof.training.speed import bench_train
 from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from tests.trainer.conftest import TINY
-from trainer.backends.random_draws import Draws
 from trainer.config.task_config import RandomisationConfig
 from trainer.config.train_config import TrainConfig, load_config
 from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
 from trainer.ppo.train import make_runner, resume, train
-from trainer.task.make_task import check_device
-from trainer.task.randomised_effects import training_effects
+from trainer.task.draws import Draws, training_effects
+from trainer.task.task import check_device
 
 
 @pytest.fixture(scope="module")

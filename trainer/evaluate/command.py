@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from trainer.simulate.device import check_device
-from trainer.simulate.options import Device
+from trainer.simulate.options import Device, check_device
 
 if TYPE_CHECKING:
     from trainer.evaluate.setting import Setting
@@ -84,8 +83,8 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
     from spot_model.errors import BadInputError
     from spot_model.io.progress import Progress
     from spot_model.io.whole import write_over
-    from trainer.evaluate.report import about
-    from trainer.evaluate.report import evaluate as run_trials
+    from trainer.evaluate.trials import about
+    from trainer.evaluate.trials import evaluate as run_trials
 
     same = {**about(setting), "robots": n}
     try:

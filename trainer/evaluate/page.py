@@ -39,7 +39,7 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
     """The page's text.
 
     Args:
-        result: Of :func:`trainer.evaluate.report.evaluate`.
+        result: Of :func:`trainer.evaluate.trials.evaluate`.
         file: Name of the policy's file, by which people know it; its contract may have the name of another.
     """
     data = (

@@ -13,6 +13,8 @@ from typing import Any, Final
 from spot_model.errors import BadInputError
 from trainer.foreign.description import (
     BREADTH_FIRST,
+    JOINT_FIELDS,
+    LAST_ACTION,
     ForeignPolicy,
     Term,
     by_joint,
@@ -20,10 +22,10 @@ from trainer.foreign.description import (
     history_length,
     mapping,
     matching,
+    meaning_of,
     number,
 )
 from trainer.foreign.environment import action_clip, command_ranges, gains_of, get, pair, rate_of
-from trainer.foreign.terms import JOINT_FIELDS, LAST_ACTION, meaning_of
 
 _ABSOLUTE: Final = "joint_pos"
 """The function that gives joint positions as they are; the term of that name usually calls ``joint_pos_rel``."""

@@ -13,9 +13,16 @@ from typing import Final
 from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
-from trainer.foreign.description import ForeignPolicy, Term, canonical_joints, history_length
+from trainer.foreign.description import (
+    JOINT_FIELDS,
+    MJLAB_NAMES,
+    ForeignPolicy,
+    Term,
+    canonical_joints,
+    history_length,
+    meaning_of,
+)
 from trainer.foreign.environment import DEFAULT_COMMANDS
-from trainer.foreign.terms import JOINT_FIELDS, MJLAB_NAMES, meaning_of
 
 REQUIRED: Final = (
     "joint_names",

@@ -56,7 +56,7 @@ def play(
         raise BadInputError(f"--seconds {seconds}: it must be 0.1 to 3600")
     following = None
     if policy.is_dir():
-        from trainer.play.follow import NewestPolicy
+        from trainer.ppo.checkpoint_policy import NewestPolicy
 
         following = NewestPolicy(policy, lambda name: typer.echo(f"now {name}", err=True))
     loaded = load_policy(policy) if following is None else following.load()

@@ -10,7 +10,7 @@ import mujoco
 import mujoco.viewer
 
 from spot_model.errors import BadInputError
-from trainer.play.drawing import columns, gait_diagram
+from trainer.play.film import columns, gait_diagram
 from trainer.play.walk import VelocityAt, Walk
 
 LATE_S = 1.0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,8 @@ from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
-from trainer.ppo.checkpoint import config_of, read_checkpoint
-from trainer.shared.run_folder import read_run_record
+from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint
+from trainer.ppo.run_folder import read_run_record
 
 OPSET = 18
 NORMALISER_FLOOR = 1.0e-2
@@ -152,3 +154,33 @@ def _inputs(n: int) -> np.ndarray[Any, np.dtype[np.float32]]:
 def _torch(layers: Layers, inputs: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, np.dtype[np.float32]]:
     with torch.no_grad():
         return run_torch(layers, torch.from_numpy(inputs)).numpy()
+
+
+LOOKED_EVERY_S = 2.0
+
+
+class NewestPolicy:
+    """Looks for a newer checkpoint now and then."""
+
+    def __init__(self, run: Path, tell: Callable[[str], None]) -> None:
+        self._run, self._tell = run, tell
+        self._seen: Path | None = None
+        self._looked_s = -LOOKED_EVERY_S
+
+    def load(self) -> Policy:
+        """The newest.
+
+        Raises:
+            BadInputError: The run has no checkpoint yet.
+        """
+        self._seen = find_checkpoint(self._run)
+        self._tell(self._seen.name)
+        return checkpoint_policy(self._seen)
+
+    def newer(self) -> Policy | None:
+        """One that is newer than the last; None if there is none, or it was looked for a moment ago."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s < LOOKED_EVERY_S:
+            return None
+        self._looked_s = now_s
+        return None if find_checkpoint(self._run) == self._seen else self.load()

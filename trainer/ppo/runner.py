@@ -17,7 +17,7 @@ from trainer.config.train_config import PpoConfig, TrainConfig
 from trainer.ppo.ppo import DeviceGaussian, DevicePpo
 from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
-from trainer.shared.threads import available_threads
+from trainer.simulate.engine import available_threads
 
 
 class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types

@@ -12,12 +12,12 @@ import torch
 from spot_model.errors import BadInputError
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, load_networks, read_checkpoint, restore
+from trainer.ppo.run_folder import make_run_folder
 from trainer.ppo.runner import PpoRunner
 from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
-from trainer.shared.run_folder import make_run_folder
-from trainer.simulate.device import check_device
-from trainer.task.make_task import make_tasks
+from trainer.simulate.options import check_device
+from trainer.task.task import make_tasks
 
 
 def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") -> Path:

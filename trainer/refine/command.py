@@ -33,12 +33,11 @@ def refine(
 
     check_new(out)
     typer.echo("loading torch …", err=True)
+    from trainer.ppo.run_folder import command_line
     from trainer.refine.config import load_refine_config
-    from trainer.refine.gains import gains_of, with_gains
+    from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
     from trainer.refine.judge import in_words
-    from trainer.refine.network import policy_of, read_layers
     from trainer.refine.search import Problem, compare, search
-    from trainer.shared.run_folder import command_line
     from trainer.simulate.engine import Place
 
     settings = load_refine_config(config)

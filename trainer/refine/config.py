@@ -13,7 +13,7 @@ from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.config.range import Range
+from trainer.config.task_config import Range
 
 
 class RobotConfig(Settings):

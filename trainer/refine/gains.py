@@ -10,11 +10,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import onnx
 import torch
 from numpy.typing import NDArray
+from onnx import numpy_helper
 
+from spot_model.errors import BadInputError
+from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
 from spot_model.policy.observation import COLUMNS, OBSERVATION
-from trainer.ppo.checkpoint_policy import Layers
+from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.ppo.checkpoint_policy import Layers, check_agreement, onnx_bytes, run_torch
 
 Array = NDArray[np.float64]
 
@@ -86,3 +91,38 @@ def with_gains(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
 
 def _joints(names: Sequence[str], end: str, kind: str) -> tuple[int, ...]:
     return tuple(i for i, name in enumerate(names) if name[0] == end[0] and name.endswith(kind))
+
+
+def read_layers(data: bytes, source: str) -> Layers:
+    """Weight (out, in) and bias (out,) of each layer of a policy that ``spot-rl export`` wrote.
+
+    Raises:
+        BadInputError: The network is of another kind.
+    """
+    weights = {i.name: numpy_helper.to_array(i) for i in onnx.load_from_string(data).graph.initializer}
+    layers: Layers = []
+    while f"weight_{len(layers)}" in weights and f"bias_{len(layers)}" in weights:
+        k = len(layers)
+        layers.append((torch.tensor(weights[f"weight_{k}"]), torch.tensor(weights[f"bias_{k}"])))
+    if not layers or len(weights) != 2 * len(layers):
+        raise BadInputError(
+            f"policy {source} has the weights {', '.join(sorted(weights)) or 'none'}; "
+            "only networks that spot-rl export wrote can be refined"
+        )
+    return layers
+
+
+def policy_of(layers: Layers, contract: PolicyContract, record: TrainingRecord | None = None) -> tuple[Policy, bytes]:
+    """A policy with these layers and, but for its stored pair and record, this contract; and its file's bytes."""
+    observation = torch.tensor([contract.stored_pair.observation], dtype=torch.float32)
+    with torch.no_grad():
+        action = run_torch(layers, observation)[0]
+    pair = StoredPair(
+        observation=contract.stored_pair.observation,
+        action=tuple(float(v) for v in action),
+        tolerance=contract.stored_pair.tolerance,
+    )
+    changed = contract.model_copy(update={"stored_pair": pair, "training": record or contract.training})
+    data = onnx_bytes(layers, changed)
+    check_agreement(layers, data)
+    return policy_from_bytes(data, source="refinement"), data

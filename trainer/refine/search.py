@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.refine.config import RefineConfig
-from trainer.refine.gains import gains_of, with_gains
+from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
 from trainer.refine.judge import Judgement, judge
-from trainer.refine.network import policy_of, read_layers
-from trainer.shared.generations import Generation, Generations
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
+from trainer.simulate.generations import Generation, Generations
 
 Array = NDArray[np.float64]
 

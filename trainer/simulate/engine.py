@@ -16,7 +16,13 @@ from typing import Any, Final, Generic, TypeVar
 from typing_extensions import Self
 
 from spot_model.errors import BadInputError, SpotRlError
-from trainer.shared.threads import available_threads
+
+
+def available_threads() -> int:
+    """One for each CPU, or as few as ``OMP_NUM_THREADS`` says: on shared CPUs, threads wait for each other."""
+    available, wanted = len(os.sched_getaffinity(0)), os.environ.get("OMP_NUM_THREADS", "")
+    return min(available, int(wanted)) if wanted.isdecimal() and int(wanted) else available
+
 
 SharedT = TypeVar("SharedT")
 JobT = TypeVar("JobT")

@@ -29,10 +29,10 @@ def sysid(
 
     loaded = load_policy(policy)
     typer.echo("loading the simulator …", err=True)
-    from trainer.sysid.identify.result import OUTPUTS
-    from trainer.sysid.identify.run_identification import run_identification
-    from trainer.sysid.logs.read_logs import read_logs
-    from trainer.sysid.search.config import default_config, load_config
+    from trainer.sysid.config import default_config, load_config
+    from trainer.sysid.identify import run_identification
+    from trainer.sysid.logs import read_logs
+    from trainer.sysid.result import OUTPUTS
 
     check_new(*(out / name for name in OUTPUTS))
     settings = load_config(config) if config is not None else default_config(device)

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import functools
 import itertools
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from importlib.metadata import entry_points
+from typing import Any, Final
 
 import torch
 
-from trainer.config.reward_config import RewardShape
+from spot_model.errors import BadInputError
+from spot_model.user_code import users_code
+from trainer.config.task_config import ENTRY_POINT_GROUP, RewardShape
 
 Tensor = torch.Tensor
 
@@ -267,4 +271,29 @@ TERMS: Final[dict[str, Term]] = {
         power,
     )
 }
-"""Every term by its key in :class:`trainer.config.reward_config.RewardWeights`."""
+"""Every term by its key in :class:`trainer.config.task_config.RewardWeights`."""
+
+
+def reward_term(name: str) -> Term:
+    """The function called ``name``: it takes a :class:`~trainer.task.rewards.Moment` and the config's shape numbers.
+
+    Raises:
+        BadInputError: There is none, or what is there cannot be called.
+    """
+    if name in TERMS:
+        return TERMS[name]
+    installed = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
+    with users_code(f"reward {name!r}", "check module and function name"):
+        if name in installed:
+            return _checked(name, installed[name].load())
+        if ":" in name:
+            return _checked(name, pkgutil.resolve_name(name))
+    known = ", ".join(sorted([*TERMS, *installed]))
+    raise BadInputError(f"reward {name!r} is unknown; allowed: {known}, or module:function for one of your own")
+
+
+def _checked(name: str, found: Any) -> Term:
+    if not callable(found):
+        raise BadInputError(f"reward {name!r} is {found!r}; allowed: a function of a moment and the shape numbers")
+    term: Term = found
+    return term

@@ -6,8 +6,8 @@ from typing import Any
 
 import torch
 
-from trainer.backends.random_draws import Draws
 from trainer.config.task_config import CommandConfig
+from trainer.task.draws import Draws
 
 Tensor = torch.Tensor
 

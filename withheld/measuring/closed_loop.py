@@ -16,7 +16,7 @@ from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.simulate.recorded_loop import RecordedLoop, Told
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.logs import LoggedRun
 from withheld.features import Walk, walk_of_run
 
 STEP_S: Final = 1e-3

@@ -13,7 +13,7 @@ from spot_log import Run, read_run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array
-from trainer.sysid.distance.measures import SequenceReference, wasserstein_sorted
+from trainer.signals.distances import SequenceReference, wasserstein_sorted
 from withheld.features import GAPS, Gap, Walk, walk_of_run
 from withheld.measuring.closed_loop import simulate
 from withheld.plan import Made, MakesRuns, Reality, RecordingPlan

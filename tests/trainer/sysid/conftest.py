@@ -19,7 +19,7 @@ from spot_model.robot.facts import PaperActuator
 from spot_model.robot.mjcf import MjcfOptions
 from tests.trainer.sysid.simulated_log import SimulatedRobot, simulate_logs
 from trainer.simulate.recorded_loop import SensorNoise
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.logs import LoggedRun
 
 OTHER_PHYSICS = MjcfOptions(
     timestep_s=0.0015,

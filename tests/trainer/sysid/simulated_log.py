@@ -16,7 +16,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, default_height_m
 from trainer.simulate.recorded_loop import RecordedLoop, SensorNoise, Told
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.logs import LoggedRun
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
-from trainer.sysid.search.config import SysidConfig, config_from_data, load_config
+from trainer.sysid.config import SysidConfig, config_from_data, load_config
 
 SPACE = SysidConfig().space()
 

@@ -9,8 +9,8 @@ import pytest
 from spot_model.errors import BadInputError
 from spot_model.plant.delay import LogNormalDelay, read_delay_csv
 from spot_model.robot.facts import PAPER_IDENTIFIED
-from trainer.sysid.logs.delays import delay_histogram, measure_delays, write_delay_csv
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.logs import LoggedRun
+from trainer.sysid.measured import delay_histogram, measure_delays, write_delay_csv
 
 from .conftest import MakeLogs
 

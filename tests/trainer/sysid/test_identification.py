@@ -16,16 +16,13 @@ from spot_model.plant.delay import read_delay_csv
 from spot_model.policy.policy import load_policy
 from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
-from trainer.sysid.identify.identify import prepare
-from trainer.sysid.identify.result import ResultData
-from trainer.sysid.identify.run_identification import run_identification, summary
-from trainer.sysid.logs.delays import MeasuredDelays
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.logs.measured import with_measured
-from trainer.sysid.logs.read_logs import LogSet
-from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
-from trainer.sysid.search.problem import build_problem
-from trainer.sysid.search.surrogate import score_intervals
+from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
+from trainer.sysid.identify import prepare, run_identification, summary
+from trainer.sysid.logs import LoggedRun, LogSet
+from trainer.sysid.measured import MeasuredDelays, with_measured
+from trainer.sysid.result import ResultData
+from trainer.sysid.search import build_problem
+from trainer.sysid.verdict import score_intervals
 
 QUICK = SysidConfig(
     search=SearchConfig(generations=2, population=4),

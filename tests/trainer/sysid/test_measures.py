@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trainer.sysid.distance.measures import SequenceReference, score_of_distances
+from trainer.signals.distances import SequenceReference, score_of_distances
 
 
 def runs(n: int, shift: float = 0.0, seed: int = 0) -> list[NDArray[np.float32]]:

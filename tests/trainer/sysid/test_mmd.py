@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trainer.sysid.distance.mmd import (
+from trainer.signals.distances import (
     BANDWIDTH_FACTORS,
     FourierFeatures,
     embedding_distance,

@@ -12,9 +12,9 @@ from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot.facts import PAPER_IDENTIFIED
 from trainer.signals.recording import record
 from trainer.simulate.recorded_loop import SensorNoise
-from trainer.sysid.logs import noise as estimate
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.logs.noise import observation_noise, write_noise
+from trainer.sysid import measured as estimate
+from trainer.sysid.logs import LoggedRun
+from trainer.sysid.measured import observation_noise, write_noise
 
 from .conftest import MakeLogs, oscillator_bytes
 

@@ -9,8 +9,7 @@ import pytest
 from spot_log.read.run import Run, RunFooter, TickTable
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.logs.read_logs import choose_compared, read_logs, run_from_log
+from trainer.sysid.logs import LoggedRun, choose_compared, read_logs, run_from_log
 
 from .conftest import MakeLogs, oscillator_bytes
 

@@ -13,8 +13,8 @@ from trainer.simulate.rollout import (
     in_whole_steps,
     roll_out,
 )
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.search.config import SysidConfig
+from trainer.sysid.config import SysidConfig
+from trainer.sysid.logs import LoggedRun
 
 SPACE = SysidConfig().space()
 

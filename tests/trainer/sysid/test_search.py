@@ -9,10 +9,9 @@ import pytest
 from spot_model.errors import BadInputError
 from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.search.config import SearchConfig, SysidConfig
-from trainer.sysid.search.problem import Problem, build_problem
-from trainer.sysid.search.search import SearchState, candidates_engine, run_search
+from trainer.sysid.config import SearchConfig, SysidConfig
+from trainer.sysid.logs import LoggedRun
+from trainer.sysid.search import Problem, SearchState, build_problem, candidates_engine, run_search
 
 SEARCH = SearchConfig(generations=4, population=4, seed=3)
 

@@ -7,12 +7,11 @@ import pytest
 
 from spot_model.robot.facts import PAPER_IDENTIFIED, PaperActuator
 from trainer.signals.recording import record
-from trainer.sysid.identify.verdict import Estimate, ParameterVerdict, is_narrow, judge
-from trainer.sysid.logs.logged_run import LoggedRun
-from trainer.sysid.search.config import SysidConfig
-from trainer.sysid.torque.fit import TorqueFit, fit_torque
-from trainer.sysid.torque.model import NUISANCE_NAMES, TorqueModel, friction_direction
-from trainer.sysid.torque.torque_samples import TorqueSamples, torque_samples
+from trainer.sysid.config import SysidConfig
+from trainer.sysid.logs import LoggedRun
+from trainer.sysid.torque_fit import TorqueFit, fit_torque
+from trainer.sysid.torque_model import NUISANCE_NAMES, TorqueModel, TorqueSamples, friction_direction, torque_samples
+from trainer.sysid.verdict import Estimate, ParameterVerdict, is_narrow, judge
 
 from .conftest import OTHER_PHYSICS, MakeLogs
 

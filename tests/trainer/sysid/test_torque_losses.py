@@ -8,11 +8,10 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.facts import PAPER_IDENTIFIED
 from trainer.signals.recording import record
-from trainer.sysid.search.config import SysidConfig
-from trainer.sysid.torque.fit import fit_torque
-from trainer.sysid.torque.losses import SIMPSON, fit_losses, window_starts
-from trainer.sysid.torque.model import TorqueModel
-from trainer.sysid.torque.torque_samples import TorqueSamples, torque_samples
+from trainer.sysid.config import SysidConfig
+from trainer.sysid.torque_fit import fit_torque
+from trainer.sysid.torque_losses import SIMPSON, fit_losses, window_starts
+from trainer.sysid.torque_model import TorqueModel, TorqueSamples, torque_samples
 
 from .conftest import OTHER_PHYSICS, MakeLogs
 

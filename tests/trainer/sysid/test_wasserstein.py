@@ -5,7 +5,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from trainer.sysid.distance.measures import wasserstein_sorted
+from trainer.signals.distances import wasserstein_sorted
 
 
 def wasserstein_1d(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -14,9 +14,9 @@ from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot import facts
 from spot_model.text import counted
-from trainer.sysid.identify.identify import Identification
-from trainer.sysid.identify.result import ResultData
-from trainer.sysid.identify.verdict import ParameterVerdict
+from trainer.sysid.identify import Identification
+from trainer.sysid.result import ResultData
+from trainer.sysid.verdict import ParameterVerdict
 
 OVERLAY_JOINTS: Final = ("fr_kn", "hr_kn")
 """Joints of the overlay: front and hind right knee, as in the paper's comparison figure."""

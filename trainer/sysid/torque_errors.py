@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from trainer.sysid.search.space import SearchSpace
-from trainer.sysid.torque.model import NUISANCE_NAMES, TorqueModel
-from trainer.sysid.torque.torque_samples import TorqueSamples
+from trainer.sysid.config import SearchSpace
+from trainer.sysid.torque_model import NUISANCE_NAMES, TorqueModel, TorqueSamples
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from spot_model.io.model_file import save_model
-from trainer.sysid.identify.identify import Identification
-from trainer.sysid.identify.verdict import CONFIDENCE, ParameterVerdict
-from trainer.sysid.logs.delays import delay_histogram, write_delay_csv
-from trainer.sysid.logs.noise import write_noise
-from trainer.sysid.search.config import SysidConfig
+from trainer.sysid.config import SysidConfig
+from trainer.sysid.identify import Identification
+from trainer.sysid.measured import delay_histogram, write_delay_csv, write_noise
+from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict
 
 SCHEMA: Final = "spot-rl/sysid-result/1"
 RESULT_NAME: Final = "result.json"

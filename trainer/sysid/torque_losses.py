@@ -17,10 +17,16 @@ from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.plant.joint_losses import LossMotion, joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
-from trainer.sysid.search.space import SearchSpace
-from trainer.sysid.torque.errors import cluster_covariances
-from trainer.sysid.torque.model import MIN_SPEED_RAD_S, TURNING_TIME_S, TorqueModel, shifted_motion
-from trainer.sysid.torque.torque_samples import BEND_WEIGHTS, TorqueSamples
+from trainer.sysid.config import SearchSpace
+from trainer.sysid.torque_errors import cluster_covariances
+from trainer.sysid.torque_model import (
+    BEND_WEIGHTS,
+    MIN_SPEED_RAD_S,
+    TURNING_TIME_S,
+    TorqueModel,
+    TorqueSamples,
+    shifted_motion,
+)
 
 Array = NDArray[np.float64]
 

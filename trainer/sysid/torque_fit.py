@@ -15,10 +15,9 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from trainer.sysid.torque.errors import FitErrors, effective_freedom, fit_errors
-from trainer.sysid.torque.losses import LossFit, fit_losses
-from trainer.sysid.torque.model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel
-from trainer.sysid.torque.torque_samples import TorqueSamples
+from trainer.sysid.torque_errors import FitErrors, effective_freedom, fit_errors
+from trainer.sysid.torque_losses import LossFit, fit_losses
+from trainer.sysid.torque_model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel, TorqueSamples
 
 Array = NDArray[np.float64]
 
@@ -45,7 +44,7 @@ class TorqueFit:
     """Parameters that this fit moved, shape (n,)."""
     errors: FitErrors
     nuisance: Array
-    """In the order of :data:`~trainer.sysid.torque.model.NUISANCE_NAMES`."""
+    """In the order of :data:`~trainer.sysid.torque_model.NUISANCE_NAMES`."""
     residual_nm: float
     """Robust scale of what remains."""
 

@@ -3,21 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from spot_log import Run
 from spot_log.format.tables import StateTable
 from spot_model.errors import BadInputError
+from spot_model.plant.start import StartState
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_runtime.stops import Reaction, StopReason
 from trainer.signals.log_files import read_each
-from trainer.signals.policy_ticks import fall_stamp_ns, followed
-from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.signals.policy_ticks import fall_stamp_ns, followed, start_of
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedRun(Run):
+    """A run of one policy through one command sequence: its policy ticks, its commands by key, its states in order."""
+
+    notes: tuple[str, ...] = ()
+    """What was cut or is missing, in words."""
+    has_policy_gains: bool = True
+    """Whether it ran at the gains of the policy file that was given; otherwise only its torques are of use."""
+
+    @classmethod
+    def of(cls, run: Run, **changes: Any) -> LoggedRun:
+        """The run with some of its fields, or of those that a log does not have, replaced."""
+        return cls(**{**{f.name: getattr(run, f.name) for f in fields(Run)}, **changes})
+
+    @property
+    def source(self) -> str:
+        """The file, for messages."""
+        return str(self.path)
+
+    @property
+    def sequence(self) -> str:
+        """Name of the command sequence."""
+        return self.header.command_sequence or "unnamed"
+
+    @property
+    def repeat(self) -> int:
+        """Which repeat of the sequence."""
+        return self.header.repeat
+
+    @property
+    def policy_sha256(self) -> str:
+        """Digest of the policy's file."""
+        return self.header.policy_sha256
+
+    @property
+    def duration_s(self) -> float:
+        """From the first policy tick to the last."""
+        stamps = self.ticks.robot_stamp_ns
+        return float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
+
+    def start(self) -> StartState:
+        """The robot at the first policy tick."""
+        return start_of(self)
+
 
 MIN_TICKS: Final = 250
 """A run shorter than 5 s says too little."""

@@ -1,1 +1,0 @@
-"""What training, refinement and identification share: configs, progress, run folders."""

@@ -1,1 +1,0 @@
-"""Distances between distributions of robot and simulator signals."""

@@ -1,1 +1,0 @@
-"""An identification from logs to report."""

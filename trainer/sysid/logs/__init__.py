@@ -1,1 +1,0 @@
-"""Robot logs as identification reads them."""

@@ -1,1 +1,0 @@
-"""The search over parameters by CMA-ES."""

@@ -1,1 +1,0 @@
-"""Fit of the actuator model to commanded and measured torque."""
