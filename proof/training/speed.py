@@ -81,14 +81,14 @@ def _iterate(runner: PpoRunner, device: str) -> tuple[float, float, float]:
 
 def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
     """Seconds of one policy period of physics alone, from where training stands."""
-    parts = runner.env.task
+    env = runner.env
     pose = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
-    setpoints = [pose.repeat(size, 1) for size in parts.sizes]
+    setpoints = [pose.repeat(size, 1) for size in env.sizes]
 
     def advance() -> None:
-        parts.side_by_side(lambda i: parts.parts[i].backend.step(setpoints[i]))
+        env.side_by_side(lambda i: env.parts[i].backend.step(setpoints[i]))
 
-    period = Captured(advance, parts.generators, is_recorded=device != "cpu")
+    period = Captured(advance, env.generators, is_recorded=device != "cpu")
     with torch.inference_mode():
         for _ in range(WARM_UP_ITERATIONS):
             period()

@@ -56,7 +56,7 @@ ELSEWHERE = {
         '"--video", str(film), "--seconds", "0.1", "--velocity", "1,0,0"',
     ),
     "spot-rl train --config policies/walk.yaml --set logger=wandb": (
-        "trainer/test_logger.py",
+        "trainer/test_training_log.py",
         'make_log("wandb")',
     ),
     "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import torch
 import yaml
@@ -13,10 +13,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.whole import whole_file
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
-from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
-
-if TYPE_CHECKING:
-    from trainer.ppo.runner import PpoRunner
+from trainer.config.train_config import TrainConfig, config_from_data
 
 SCHEMA: Final = "spot-rl/checkpoint/1"
 CONTRACT: Final = {
@@ -31,21 +28,11 @@ CONTRACT: Final = {
 """What a checkpoint's networks were trained to see and to say, and what their word means to the servos."""
 
 
-def save_checkpoint(path: Path, runner: PpoRunner, iterations_done: int) -> None:
-    """Write networks, optimiser, environment and generators; an interrupted write leaves no half file."""
-    content = {
-        "schema": SCHEMA,
-        "contract": CONTRACT,
-        "config": config_yaml(runner.config),
-        "iterations_done": iterations_done,
-        "algorithm": runner.alg.save(),
-        "environment": runner.env.snapshot(),
-        "torch_generator": torch.get_rng_state(),
-        "cuda_generator": torch.cuda.get_rng_state() if torch.cuda.is_available() else None,
-    }
+def write_checkpoint(path: Path, content: dict[str, Any], *, replace: bool = False) -> None:
+    """Write a checkpoint's content beside its schema and contract; an interrupted write leaves no half file."""
     packed = io.BytesIO()
-    torch.save(content, packed)  # torch words a full disk as a defect of its own
-    with whole_file(path, replace=True) as part:
+    torch.save({"schema": SCHEMA, "contract": CONTRACT, **content}, packed)  # torch words a full disk as its own defect
+    with whole_file(path, replace=replace) as part:
         part.write_bytes(packed.getbuffer())
 
 
@@ -79,12 +66,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def save_networks(checkpoint: Path, out: Path) -> None:
     """Write a small checkpoint that only ``start_from`` and ``export`` can use: no optimiser, no environment."""
     content = read_checkpoint(checkpoint)
-    keys = ("actor_state_dict", "critic_state_dict")
-    small = {key: content[key] for key in ("schema", "contract", "config", "iterations_done")}
-    packed = io.BytesIO()
-    torch.save({**small, "algorithm": {key: content["algorithm"][key] for key in keys}}, packed)
-    with whole_file(out) as part:
-        part.write_bytes(packed.getbuffer())
+    networks = {key: content["algorithm"][key] for key in ("actor_state_dict", "critic_state_dict")}
+    kept = {key: content[key] for key in ("config", "iterations_done")}
+    write_checkpoint(out, {**kept, "algorithm": networks})
 
 
 def config_of(content: dict[str, Any], source: str) -> TrainConfig:
@@ -106,39 +90,3 @@ def find_checkpoint(run: Path) -> Path:
     if not checkpoints:
         raise BadInputError(f"run {run} has no checkpoint_*.pt; give a run folder that 'spot-rl train' made, or a file")
     return checkpoints[-1]
-
-
-def load_networks(runner: PpoRunner, content: dict[str, Any], source: str) -> None:
-    """Take over the networks only, for a run that starts from another one.
-
-    Raises:
-        BadInputError: The networks have other sizes.
-    """
-    if runner.config.ppo.start_std is not None:
-        content["algorithm"]["actor_state_dict"]["distribution.std_param"].fill_(runner.config.ppo.start_std)
-    try:
-        runner.alg.load(content["algorithm"], {"actor": True, "critic": True}, strict=True)
-    except RuntimeError as error:
-        raise BadInputError(f"checkpoint {source}: its networks do not fit the config's ppo.hidden: {error}") from error
-
-
-def restore(runner: PpoRunner, content: dict[str, Any]) -> None:
-    """Put a runner into the state in which the checkpoint was written.
-
-    Raises:
-        BadInputError: The checkpoint holds networks alone, or robots whose state this version's do not have.
-    """
-    if "environment" not in content:
-        raise BadInputError("this checkpoint holds networks alone; start a new run from it with --set start_from=FILE")
-    runner.alg.load(content["algorithm"], None, strict=True)
-    try:
-        runner.env.restore(content["environment"])
-    except (KeyError, ValueError) as error:
-        raise BadInputError(
-            f"this checkpoint's robots cannot go on: {error}. It is another version's; resume it with the revision in "
-            "the run's run.json, or start a new run from its networks with --set start_from=FILE"
-        ) from error
-    runner.current_learning_iteration = int(content["iterations_done"])
-    torch.set_rng_state(content["torch_generator"])
-    if content["cuda_generator"] is not None and torch.cuda.is_available():
-        torch.cuda.set_rng_state(content["cuda_generator"])

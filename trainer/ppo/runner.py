@@ -7,27 +7,32 @@ import copy
 import io
 import os
 import time
+from pathlib import Path
 from typing import Any
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
 
+from spot_model.errors import BadInputError
 from spot_model.plant.gpu.captured import Captured
-from trainer.config.train_config import PpoConfig, TrainConfig
+from trainer.config.train_config import PpoConfig, TrainConfig, config_yaml
+from trainer.ppo.checkpoint import write_checkpoint
 from trainer.ppo.ppo import DeviceGaussian, DevicePpo
-from trainer.ppo.training_log import TrainingLog
+from trainer.ppo.training_log import StopRequest, TrainingInterruptedError, TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.simulate.engine import available_threads
 
 
 class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
-    """rsl-rl's runner with our loop and log; checkpoints are :mod:`trainer.ppo.checkpoint`'s."""
+    """rsl-rl's runner with our loop, log and checkpoints; only the first of several processes writes."""
 
-    def __init__(self, env: TaskVecEnv, config: TrainConfig, log: TrainingLog, device: str) -> None:
+    def __init__(self, env: TaskVecEnv, config: TrainConfig, folder: Path, device: str) -> None:
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(env, rsl_config(config.ppo), log_dir=None, device=device)
         self.config = config
-        self.logger = log
+        self.folder = folder
+        self.logger = TrainingLog(folder, config, is_writer=self.gpu_global_rank == 0)
+        self.stop_request = StopRequest()
         ppo = config.ppo
         self.alg.env = env
         self.alg.mirror_weight = ppo.mirror_loss
@@ -38,7 +43,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         # A normaliser gets a new tensor at each update, and processes exchange gradients; neither is recorded.
         uses_graphs = ppo.cuda_graphs and device != "cpu" and not ppo.normalise_observations
         self.alg.uses_graphs = uses_graphs and not self.is_distributed
-        self._collect = Captured(self._collect_steps, env.task.generators, is_recorded=uses_graphs)
+        self._collect = Captured(self._collect_steps, env.generators, is_recorded=uses_graphs)
 
     def run(self, iterations: int, *, is_fresh: bool) -> None:
         """Learn for so many iterations; a fresh run spreads the ends of its first episodes."""
@@ -49,12 +54,12 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
             self.alg.broadcast_parameters()
         first = self.current_learning_iteration
         try:
-            self.logger.init_logging_writer()
-            with self.logger.stop_request.listening():
+            self.logger.open()
+            with self.stop_request.listening():
                 for iteration in range(first, first + iterations):
                     self._iterate(iteration)
         finally:
-            self.logger.stop_logging_writer()
+            self.logger.close()
 
     def collect(self) -> None:
         """Fill the storage with one iteration's steps, returns included; a GPU may still be at it on return."""
@@ -84,15 +89,85 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         collected = time.perf_counter()
         losses = self.alg.update()
         self.current_learning_iteration = iteration
+        steps = self.config.n_envs * self.config.ppo.steps_per_iteration * self.gpu_world_size
+        learned = time.perf_counter()
         self.logger.log(
-            iteration,
-            collect_time=collected - start,
-            learn_time=time.perf_counter() - collected,
-            loss_dict=losses,
-            learning_rate=float(self.alg.learning_rate),
-            action_std=float(self.alg.get_policy().distribution.std_param.detach().mean()),
+            {
+                "iteration": iteration,
+                "steps": (iteration + 1) * steps,
+                "collect_s": collected - start,
+                "learn_s": learned - collected,
+                "steps_per_s": steps / (learned - start),
+                "learning_rate": float(self.alg.learning_rate),
+                "action_std": float(self.alg.get_policy().distribution.std_param.detach().mean()),
+                **{f"loss/{key}": value for key, value in losses.items()},
+                **self.env.drain_stats(),
+                "unix_s": time.time(),
+            }
         )
-        self.logger.checkpoint(self, iteration)
+        self.save_if_due(iteration + 1)
+
+    def save_if_due(self, done: int) -> None:
+        """Write a checkpoint after ``done`` iterations if it is time, the end, or the user asked to stop.
+
+        Raises:
+            TrainingInterruptedError: The user asked to stop; the checkpoint is written.
+        """
+        total, path = self.config.iterations, self.folder / f"checkpoint_{done:06d}.pt"
+        is_due = self.stop_request.is_made or done % self.config.save_every == 0 or done == total
+        if is_due and self.gpu_global_rank == 0 and not path.exists():
+            content = {
+                "config": config_yaml(self.config),
+                "iterations_done": done,
+                "algorithm": self.alg.save(),
+                "environment": self.env.snapshot(),
+                "torch_generator": torch.get_rng_state(),
+                "cuda_generator": torch.cuda.get_rng_state() if torch.cuda.is_available() else None,
+            }
+            write_checkpoint(path, content, replace=True)
+        if self.stop_request.is_made and done < total:
+            raise TrainingInterruptedError(
+                f"stopped after iteration {done} of {total}; {path} is saved: go on with "
+                f"spot-rl train --resume {self.folder}"
+            )
+
+    def load_networks(self, content: dict[str, Any], source: str) -> None:
+        """Take over a checkpoint's networks only, for a run that starts from another one.
+
+        Raises:
+            BadInputError: The networks have other sizes.
+        """
+        if self.config.ppo.start_std is not None:
+            content["algorithm"]["actor_state_dict"]["distribution.std_param"].fill_(self.config.ppo.start_std)
+        try:
+            self.alg.load(content["algorithm"], {"actor": True, "critic": True}, strict=True)
+        except RuntimeError as error:
+            raise BadInputError(
+                f"checkpoint {source}: its networks do not fit the config's ppo.hidden: {error}"
+            ) from error
+
+    def restore(self, content: dict[str, Any]) -> None:
+        """Go back to the state in which a checkpoint was written.
+
+        Raises:
+            BadInputError: The checkpoint holds networks alone, or robots whose state this version's do not have.
+        """
+        if "environment" not in content:
+            raise BadInputError(
+                "this checkpoint holds networks alone; start a new run from it with --set start_from=FILE"
+            )
+        self.alg.load(content["algorithm"], None, strict=True)
+        try:
+            self.env.restore(content["environment"])
+        except (KeyError, ValueError) as error:
+            raise BadInputError(
+                f"this checkpoint's robots cannot go on: {error}. It is another version's; resume it with the revision "
+                "in the run's run.json, or start a new run from its networks with --set start_from=FILE"
+            ) from error
+        self.current_learning_iteration = int(content["iterations_done"])
+        torch.set_rng_state(content["torch_generator"])
+        if content["cuda_generator"] is not None and torch.cuda.is_available():
+            torch.cuda.set_rng_state(content["cuda_generator"])
 
     def _collect_steps(self) -> None:
         with torch.inference_mode():

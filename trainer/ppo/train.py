@@ -11,10 +11,9 @@ import torch
 
 from spot_model.errors import BadInputError
 from trainer.config.train_config import TrainConfig
-from trainer.ppo.checkpoint import config_of, find_checkpoint, load_networks, read_checkpoint, restore
+from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint
 from trainer.ppo.run_folder import make_run_folder
 from trainer.ppo.runner import PpoRunner
-from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.simulate.options import check_device
 from trainer.task.task import make_tasks
@@ -34,7 +33,7 @@ def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") 
         make_run_folder(folder, config, command, device)
     runner = make_runner(config, folder, device)
     if networks is not None:
-        load_networks(runner, networks, str(source))
+        runner.load_networks(networks, str(source))
     runner.run(config.iterations, is_fresh=True)
     runner.close()
     return find_checkpoint(folder)
@@ -60,7 +59,7 @@ def resume(run: Path, *, device: str, iterations: int | None = None) -> Path:
             "give more with --set iterations=N"
         )
     runner = make_runner(config, path.parent, device)
-    restore(runner, content)
+    runner.restore(content)
     runner.run(left, is_fresh=False)
     runner.close()
     return find_checkpoint(path.parent)
@@ -69,7 +68,6 @@ def resume(run: Path, *, device: str, iterations: int | None = None) -> Path:
 def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
     """Task, log and PPO for a config, seeded."""
     rank = int(os.getenv("RANK", "0"))
-    world = int(os.getenv("WORLD_SIZE", "1"))
     torch.manual_seed(config.seed * 1000 + rank)
     if device == "cpu":
         torch.set_num_threads(1)
@@ -77,16 +75,7 @@ def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
     else:
         torch.set_float32_matmul_precision("high")
     env = TaskVecEnv(make_tasks(config, device, rank=rank), config.ppo.steps_per_iteration)
-    log = TrainingLog(
-        folder,
-        env,
-        save_every=config.save_every,
-        total_iterations=config.iterations,
-        steps_per_iteration=config.n_envs * config.ppo.steps_per_iteration * world,
-        is_first=is_first_process(),
-        logger=config.logger,
-    )
-    return PpoRunner(env, config, log, device)
+    return PpoRunner(env, config, folder, device)
 
 
 def is_first_process() -> bool:

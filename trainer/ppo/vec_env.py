@@ -1,9 +1,11 @@
-"""The task as rsl-rl sees it."""
+"""The robots as rsl-rl sees them: parts that move in step, on a CPU side by side in threads."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import torch
 from rsl_rl.env import VecEnv
@@ -13,9 +15,9 @@ from spot_model.errors import SpotRlError
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
 from trainer.task.task import StepResult, Task
-from trainer.task.task_parts import TaskParts
 
 Tensor = torch.Tensor
+T = TypeVar("T")
 
 FEATURES = tuple(name for name, size in OBSERVATION_LAYOUT for _ in range(size))
 
@@ -25,20 +27,29 @@ class TrainingDivergedError(SpotRlError):
 
 
 class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
-    """Adapts tasks to rsl-rl. Observations of an iteration's end stand at one address, where a graph finds them."""
+    """The robots of all parts, in order, for rsl-rl.
+
+    On a CPU, one part's physics runs while another's rewards are worked out; one part alone is stepped without a
+    thread. Each part draws from its own generator, so results do not depend on which thread is faster. Observations of
+    an iteration's end stand at one address, where a graph finds them.
+    """
 
     def __init__(self, parts: Sequence[Task], steps_per_iteration: int) -> None:
-        self.task = task = TaskParts(parts)
-        self.num_envs = task.n_envs
+        self.parts = tuple(parts)
+        self.sizes = [part.n_envs for part in parts]
+        self.num_envs = sum(self.sizes)
         self.num_actions = facts.N_JOINTS
-        self.max_episode_length = task.max_steps
-        self.device = task.device
-        self.cfg = task.config.model_dump(mode="json")
+        self.max_episode_length = parts[0].max_steps
+        self.device = parts[0].device
+        self.cfg = parts[0].config.model_dump(mode="json")
         self.steps = 0
         """Policy steps until the end of the last iteration, the same for every environment."""
         self._steps_per_iteration = steps_per_iteration
-        task.advance_schedule(0)
-        self._kept = self._observations = self._groups(task.start())
+        # One torch thread each: the parts are what runs side by side.
+        threads = min(len(parts), len(os.sched_getaffinity(0)))
+        self._pool = ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
+        self.begin_iteration()
+        self._kept = self._observations = self._groups(_joined([part.start() for part in self.parts]))
 
     @property
     def iteration(self) -> int:
@@ -47,12 +58,19 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
 
     @property
     def episode_length_buf(self) -> Tensor:
-        """Steps of each episode so far, shape (n,)."""
-        return self.task.episode_steps
+        """Steps of each episode so far, shape (n,), a copy."""
+        return torch.cat([part.episode_steps for part in self.parts])
+
+    @property
+    def generators(self) -> list[torch.Generator]:
+        """What the parts draw from."""
+        return [g for part in self.parts for g in (part.generator, *part.backend.generators)]
 
     def spread_episode_ends(self) -> None:
         """Start each episode at a time of its own, so that not all end at once."""
-        self.task.set_episode_steps(torch.randint_like(self.episode_length_buf, high=self.max_episode_length))
+        steps = torch.randint_like(self.episode_length_buf, high=self.max_episode_length)
+        for part, piece in zip(self.parts, torch.split(steps, self.sizes), strict=True):
+            part.episode_steps.copy_(piece)
 
     def get_observations(self) -> TensorDict:
         """The observations last returned."""
@@ -60,13 +78,28 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
 
     def begin_iteration(self) -> None:
         """Set what changes from iteration to iteration: command ranges and reward weights."""
-        self.task.advance_schedule(self.steps // self._steps_per_iteration)
+        for part in self.parts:
+            part.advance_schedule(self.steps // self._steps_per_iteration)
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """One policy period; see :class:`rsl_rl.env.VecEnv`."""
-        result = self.task.step(actions)
+        pieces = torch.split(actions, self.sizes)
+        result = _joined(self.side_by_side(lambda i: self.parts[i].step(pieces[i])))
         self._observations = self._groups(result)
         return self._observations, result.reward, result.done, {"time_outs": result.timed_out}
+
+    def side_by_side(self, work: Callable[[int], T]) -> list[T]:
+        """``work`` of each part's number, on as many threads as there are cores."""
+        if len(self.parts) == 1:
+            return [work(0)]
+        # Inference mode belongs to a thread; the parts work in the caller's.
+        mode = torch.is_inference_mode_enabled()
+
+        def in_mode(i: int) -> T:
+            with torch.inference_mode(mode):
+                return work(i)
+
+        return list(self._pool.map(in_mode, range(len(self.parts))))
 
     def keep_observations(self) -> None:
         """Copy the observations to where the next iteration looks for them."""
@@ -76,6 +109,15 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
     def end_iteration(self) -> None:
         """Count the steps of an iteration."""
         self.steps += self._steps_per_iteration
+
+    def drain_stats(self) -> dict[str, float]:
+        """Share of the command ranges in use, and means over all episodes that ended since the last call, if any."""
+        drained = [stats for stats in (part.stats.drain() for part in self.parts) if stats]
+        total = sum(stats["episodes"] for stats in drained)
+        names = drained[0] if drained else {}
+        means = {name: sum(s[name] * s["episodes"] for s in drained) / total for name in names}
+        share = {"command_share": self.parts[0].commands.share}
+        return {**share, **means, "episodes": total} if drained else share
 
     def check_finite(self, observations: Tensor, rewards: Tensor) -> None:
         """Stop if an iteration, or the observations at its end, hold a number that is not finite.
@@ -109,17 +151,25 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
     def snapshot(self) -> dict[str, Any]:
         """All that an exact continuation needs."""
         observations = {key: value.clone() for key, value in self._observations.items()}
-        return {"task": self.task.snapshot(), "observations": observations, "steps": self.steps}
+        task = {str(i): part.snapshot() for i, part in enumerate(self.parts)}
+        return {"task": task, "observations": observations, "steps": self.steps}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue exactly from a snapshot."""
-        self.task.restore(snapshot["task"])
+        """Continue exactly from a snapshot of as many robots of the same config."""
+        for i, part in enumerate(self.parts):
+            part.restore(snapshot["task"][str(i)])
         self.steps = int(snapshot["steps"])
         for key, value in snapshot["observations"].items():
             self._kept[key].copy_(value)
         self._observations = self._kept
 
     def _groups(self, result: StepResult) -> TensorDict:
-        critic = result.observation if self.task.config.critic_sees_noise else result.clean_observation
+        critic = result.observation if self.parts[0].config.critic_sees_noise else result.clean_observation
         groups = {"policy": result.observation, "critic": critic}
         return TensorDict(groups, batch_size=[self.num_envs], device=self.device)
+
+
+def _joined(results: list[StepResult]) -> StepResult:
+    if len(results) == 1:
+        return results[0]
+    return StepResult(*(torch.cat(columns) for columns in zip(*(vars(r).values() for r in results), strict=True)))
