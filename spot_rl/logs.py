@@ -159,8 +159,8 @@ def identify(
     from spot_model.policy.policy import load_policy
     from spot_rl.simulation import policy_file
     from trainer.simulate.options import EngineName, place_of
-    from trainer.sysid.identify import run_identification
     from trainer.sysid.logs import read_logs
+    from trainer.sysid.run_identification import run_identification
 
     # As multiprocessing itself asks: a worker that still imports the script must start no workers.
     if getattr(current_process(), "_inheriting", False):

@@ -275,8 +275,8 @@ def test_the_learners_file_names_groups_and_clips_actions(run: Callable[..., Pat
 @pytest.mark.parametrize(
     ("agent", "told"),
     [
-        ({"clip_actions": -1.0}, "clip_actions = -1; it must be above 0"),
-        ({"obs_groups": {"actor": "policy"}}, "obs_groups = {'actor': 'policy'}; it must name lists"),
+        ({"clip_actions": -1.0}, "clip_actions = -1.0: Input should be greater than 0"),
+        ({"obs_groups": {"actor": "policy"}}, "obs_groups.actor = 'policy': Input should be a valid list"),
         ({"obs_groups": {"actor": ["policy", "camera"]}}, "no observations.camera"),
     ],
 )
@@ -489,7 +489,7 @@ def test_torchscript_with_a_memory_is_refused(run: Callable[..., Path]) -> None:
         ({"height_scan": {"func": "isaaclab.envs.mdp.observations:height_scan"}}, "'height_scan' is nothing"),
         ({"joint_pos": {"modifiers": [{"func": "x"}]}}, "modifiers are not supported"),
         ({"joint_pos": {"params": {"asset_cfg": {"joint_names": [".*_h[xy]"]}}}}, "sees and moves fl_hx"),
-        ({"joint_pos": {"history_length": 99}}, "at most 50"),
+        ({"joint_pos": {"history_length": 99}}, "less than or equal to 50"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(run: Callable[..., Path], change: dict[str, Any], told: str) -> None:

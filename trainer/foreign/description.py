@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
-import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from pydantic import ValidationError
@@ -19,66 +17,43 @@ from spot_model.policy.joint_motion import carried_nm
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION
 from spot_model.robot import facts
 
-
-class Meaning(NamedTuple):
-    """A quantity of our observation, and whether joint positions come without the default pose taken off."""
-
-    field: str
-    is_absolute: bool = False
-
-
 # In the order of our observation: a field more or less fails here.
 _LINEAR, _ANGULAR, _GRAVITY, _COMMAND, _POSITION, _VELOCITY, LAST_ACTION = (f.name for f in OBSERVATION)
-
-MEANINGS: Final = {
-    "base_lin_vel": Meaning(_LINEAR),
-    "base_linear_velocity": Meaning(_LINEAR),
-    "imu_lin_vel": Meaning(_LINEAR),
-    "base_ang_vel": Meaning(_ANGULAR),
-    "base_angular_velocity": Meaning(_ANGULAR),
-    "imu_ang_vel": Meaning(_ANGULAR),
-    "projected_gravity": Meaning(_GRAVITY),
-    "command": Meaning(_COMMAND),
-    "velocity_commands": Meaning(_COMMAND),
-    "velocity_command": Meaning(_COMMAND),
-    "generated_commands": Meaning(_COMMAND),
-    "commands": Meaning(_COMMAND),
-    "twist": Meaning(_COMMAND),
-    "joint_pos": Meaning(_POSITION),
-    "joint_pos_rel": Meaning(_POSITION),
-    "joint_pos_abs": Meaning(_POSITION, is_absolute=True),
-    "joint_vel": Meaning(_VELOCITY),
-    "joint_vel_rel": Meaning(_VELOCITY),
-    "actions": Meaning(LAST_ACTION),
-    "last_action": Meaning(LAST_ACTION),
-    "action": Meaning(LAST_ACTION),
+ABSOLUTE: Final = "joint_pos_abs"
+"""Joint positions themselves; under every other name the default pose is taken off."""
+THEIR_NAMES: Final = {
+    _LINEAR: ("base_lin_vel", "base_linear_velocity", "imu_lin_vel"),
+    _ANGULAR: ("base_ang_vel", "base_angular_velocity", "imu_ang_vel"),
+    _GRAVITY: ("projected_gravity",),
+    _COMMAND: ("command", "velocity_commands", "velocity_command", "generated_commands", "commands", "twist"),
+    _POSITION: ("joint_pos", "joint_pos_rel", ABSOLUTE),
+    _VELOCITY: ("joint_vel", "joint_vel_rel"),
+    LAST_ACTION: ("actions", "last_action", "action"),
 }
-"""By the name of the term, or of the function that fills it in. A term ``joint_pos`` is relative in both frameworks."""
-
-
-MJLAB_NAMES: Final = {meaning.field: name for name, meaning in reversed(MEANINGS.items())}
-"""mjlab's name of each of our fields: the first above that means it."""
+"""What other frameworks call each of our fields, by the name of the term or of the function; mjlab's name first."""
+_FIELDS: Final = {name: field for field, names in THEIR_NAMES.items() for name in names}
 JOINT_FIELDS: Final = frozenset(f.name for f in OBSERVATION if f.is_of_joints)
 
 
-def meaning_of(name: str, source: str) -> Meaning:
-    """What a term means.
+def field_of(name: str, source: str) -> str:
+    """Our field that a term means.
 
     Raises:
         BadInputError: It is nothing that the robot reports here, such as a height scan or a gait phase.
     """
-    meaning = MEANINGS.get(name)
-    if meaning is None:
+    if name not in _FIELDS:
         raise BadInputError(
             f"{source}: observation term {name!r} is nothing that this runtime observes; it knows "
-            f"{', '.join(MEANINGS)}. Train without it"
+            f"{', '.join(_FIELDS)}. Train without it"
         )
-    return meaning
+    return _FIELDS[name]
 
 
 BREADTH_FIRST: Final = tuple(f"{leg}_{joint}" for joint in ("hx", "hy", "kn") for leg in facts.LEG_NAMES)
 """Isaac Lab's order of Spot's joints: all hx, all hy, all kn, each fl, fr, hl, hr."""
 MAX_HISTORY: Final = 50
+DEFAULT_COMMANDS: Final = ((-1.0, -0.5, -1.0), (1.0, 0.5, 1.0))
+"""Range of velocity commands where no file names one: V_x, V_y (m/s), ω_z (rad/s)."""
 
 _WIDTHS: Final = {block.name: block.width for block in OBSERVATION}
 
@@ -222,76 +197,3 @@ def canonical_joints(names: Sequence[str], source: str) -> tuple[str, ...]:
             f"{', '.join(facts.JOINT_NAMES)}, each once, and nothing else"
         )
     return cleaned
-
-
-def number(value: Any, source: str) -> float:
-    """A number of a file, or a text that is one (YAML reads 1e-3 as a text).
-
-    Raises:
-        BadInputError: It is none.
-    """
-    if not isinstance(value, bool) and isinstance(value, (int, float, str)):
-        try:
-            if math.isfinite(found := float(value)):
-                return found
-        except (ValueError, OverflowError):
-            pass
-    raise BadInputError(f"{source} = {reprlib.repr(value)}; it must be a number")
-
-
-def history_length(value: Any, source: str) -> int:
-    """Ticks that a term holds; 0 is one, too. Raises ``BadInputError`` where it is no such number."""
-    found = number(value, source)
-    if found != int(found) or not 0 <= found <= MAX_HISTORY:
-        raise BadInputError(f"{source} = {found:g}; allowed: at most {MAX_HISTORY}, a whole number")
-    return max(int(found), 1)
-
-
-def mapping(value: Any, source: str) -> Mapping[str, Any]:
-    """Keys with values of a file; none where it says nothing.
-
-    Raises:
-        BadInputError: It is something else.
-    """
-    if value is not None and not isinstance(value, Mapping):
-        raise BadInputError(f"{source} = {reprlib.repr(value)}; it must hold keys with values")
-    return value or {}
-
-
-def matching(expressions: Any, names: Sequence[str], source: str) -> list[list[str]]:
-    """For each regular expression, the names that it matches as a whole.
-
-    Raises:
-        BadInputError: There is no list of texts, or one is no regular expression.
-    """
-    listed = [expressions] if isinstance(expressions, str) else expressions
-    if not isinstance(listed, (list, tuple)) or not all(isinstance(e, str) for e in listed):
-        raise BadInputError(
-            f"{source} = {reprlib.repr(expressions)}; it must be a regular expression, or a list of them"
-        )
-    found = []
-    for expression in listed:
-        try:
-            pattern = re.compile(expression)
-        except re.error as error:
-            raise BadInputError(f"{source}: {expression!r:.60} is no regular expression: {error}") from error
-        found.append([name for name in names if pattern.fullmatch(name)])
-    return found
-
-
-def by_joint(value: Any, joint_names: Sequence[str], source: str) -> tuple[float, ...]:
-    """A value a joint: one for all, or by regular expressions that match whole names.
-
-    Raises:
-        BadInputError: A joint is not matched, or a value is not a number.
-    """
-    if not isinstance(value, Mapping):
-        return (number(value, source),) * len(joint_names)
-    found: dict[str, float] = {}
-    for expression, own in value.items():
-        (names,) = matching([str(expression)], joint_names, source)
-        found |= dict.fromkeys(names, number(own, f"{source}.{expression}"))
-    missing = [name for name in joint_names if name not in found]
-    if missing:
-        raise BadInputError(f"{source} says nothing of {', '.join(missing)}")
-    return tuple(found[name] for name in joint_names)

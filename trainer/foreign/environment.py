@@ -1,4 +1,4 @@
-"""An environment's configuration as Isaac Lab dumps it, YAML or JSON, as plain data; and the parts that others share.
+"""An environment's configuration as Isaac Lab dumps it, YAML or JSON, and the parts that the vendor's example shares.
 
 Tags of Python objects are read as the plain lists, mappings and texts under them: nothing is constructed.
 """
@@ -6,22 +6,195 @@ Tags of Python objects are read as the plain lists, mappings and texts under the
 from __future__ import annotations
 
 import json
-import math
-import reprlib
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 import yaml
+from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
-from trainer.foreign.description import by_joint, mapping, matching, number
+from spot_model.io.validation import explain
+from trainer.foreign.description import DEFAULT_COMMANDS, MAX_HISTORY
 
 MAX_BYTES: Final = 4 * 1024 * 1024
-DEFAULT_COMMANDS: Final = ((-1.0, -0.5, -1.0), (1.0, 0.5, 1.0))
-"""Range of velocity commands where no file names one: V_x, V_y (m/s), ω_z (rad/s)."""
-Ranges = tuple[tuple[float, float, float], tuple[float, float, float]]
+Bounds = tuple[float, float, float]
+
+
+def _no_flag(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("it must be a number")
+    return value
+
+
+def _listed(value: Any) -> Any:
+    """Regular expressions as a list; all names where there are none."""
+    return [value] if value and isinstance(value, str) else value or [".*"]
+
+
+Number = Annotated[float, BeforeValidator(_no_flag)]
+"""A number, or a text that is one (YAML reads 1e-3 as a text)."""
+ByJoint = Number | dict[re.Pattern[str], Number]
+"""One value for all joints, or values by regular expressions that match whole names."""
+Names = Annotated[tuple[re.Pattern[str], ...], BeforeValidator(_listed)]
+ALL: Final = (re.compile(".*"),)
+
+
+class FilePart(BaseModel):
+    """A part of a file of another framework, of which we read some keys."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+
+class Joints(FilePart):
+    """Which joints a term or an action means, and whether in the order of the expressions or in the robot's."""
+
+    joint_names: Names = ALL
+    preserve_order: bool = False
+
+
+class ObservationTerm(FilePart):
+    """One term of a group of observations."""
+
+    func: str = ""
+    asset: Joints | None = Field(default=None, validation_alias=AliasPath("params", "asset_cfg"))
+    scale: Number | tuple[Number, ...] | None = None
+    clip: tuple[Number, Number] | None = None
+    history_length: Annotated[int, Field(ge=0, le=MAX_HISTORY)] | None = None
+    modifiers: Any = None
+
+
+class ObservationGroup(FilePart):
+    """Terms by name, one after the other; ``None`` for one that is left out."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, ObservationTerm | None] = Field(init=False)
+    concatenate_terms: bool = True
+    concatenate_dim: Any = None
+    enable_corruption: Any = None
+    flatten_history_dim: Any = None
+    history_length: Annotated[int, Field(ge=0, le=MAX_HISTORY)] | None = None
+
+
+class Action(Joints):
+    """How actions become set-points."""
+
+    class_type: str | None = None
+    scale: ByJoint = 1.0
+    use_default_offset: bool = True
+    clip: Any = None
+
+
+class Actuators(FilePart):
+    """A group of servos with their gains, N·m/rad and N·m·s/rad."""
+
+    joint_names_expr: Names = ALL
+    stiffness: ByJoint
+    damping: ByJoint
+
+
+class CommandRanges(FilePart):
+    """Low and high of V_x, V_y (m/s) and ω_z (rad/s)."""
+
+    lin_vel_x: tuple[Number, Number]
+    lin_vel_y: tuple[Number, Number]
+    ang_vel_z: tuple[Number, Number]
+
+
+class Environment(FilePart):
+    """An environment; of observations and commands, only what the actor sees is read."""
+
+    step_s: Annotated[Number, Field(gt=0.0)] | None = Field(default=None, validation_alias=AliasPath("sim", "dt"))
+    """Of the physics."""
+    decimation: Annotated[Number, Field(gt=0.0)] | None = None
+    """Physics steps of one action."""
+    pose: ByJoint = Field(validation_alias=AliasPath("scene", "robot", "init_state", "joint_pos"))
+    """The default pose, rad."""
+    actuators: dict[str, Actuators] = Field(validation_alias=AliasPath("scene", "robot", "actuators"))
+    action: Action = Field(validation_alias=AliasPath("actions", "joint_pos"))
+    observations: dict[str, Any] = Field(default_factory=dict)
+    commands: dict[str, Any] | None = None
+
+    @property
+    def rate_hz(self) -> float | None:
+        """One action in ``decimation`` physics steps; None where the file does not say."""
+        return None if self.step_s is None or self.decimation is None else 1.0 / (self.step_s * self.decimation)
+
+    def gains(self, key: str, joints: tuple[str, ...]) -> tuple[float, ...]:
+        """``stiffness`` or ``damping`` of each joint, from the groups of actuators.
+
+        Raises:
+            BadInputError: A joint has none; the message names it.
+        """
+        found: dict[str, float] = {}
+        where = "scene.robot.actuators"
+        for name, group in self.actuators.items():
+            named = [joint for joint in joints if any(e.fullmatch(joint) for e in group.joint_names_expr)]
+            values = by_joint(getattr(group, key), named, f"{where}.{name}.{key}")
+            found |= dict(zip(named, values, strict=True))
+        missing = [joint for joint in joints if joint not in found]
+        if missing:
+            raise BadInputError(f"{where} has no {key} of {', '.join(missing)}")
+        return tuple(found[joint] for joint in joints)
+
+    def command_bounds(self) -> tuple[Bounds, Bounds, tuple[str, ...]]:
+        """Least and largest velocity command, and what was assumed where no command names a range."""
+        commands = (self.commands or {}).items()
+        named = ((name, c["ranges"]) for name, c in commands if isinstance(c, Mapping) and c.get("ranges"))
+        name, data = next(named, ("", None))
+        if data is None:
+            told = "velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: no file names a range"
+            return (*DEFAULT_COMMANDS, (told,))
+        ranges = parsed(CommandRanges, data, f"commands.{name}.ranges")
+        low, high = zip(ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z, strict=True)
+        return low, high, ()
+
+
+class Agent(FilePart):
+    """The learner's configuration, which Isaac Lab and mjlab write beside the environment's."""
+
+    clip_actions: Annotated[Number, Field(gt=0.0)] | None = None
+    """What its wrapper clips actions to, plus and minus."""
+    obs_groups: dict[str, list[str]] | None = None
+    """Groups of observations that actor and critic see."""
+
+    @property
+    def actor_groups(self) -> list[str]:
+        """Groups of observations that the actor sees, one after the other."""
+        groups = self.obs_groups or {}
+        return groups.get("actor") or groups.get("policy") or ["policy"]
+
+
+PartT = TypeVar("PartT", bound=FilePart)
+
+
+def parsed(part: type[PartT], data: Any, source: str) -> PartT:
+    """A part of a file, checked.
+
+    Raises:
+        BadInputError: A key is missing, or a value cannot be; the message names each.
+    """
+    try:
+        return part.model_validate(data)
+    except ValidationError as error:
+        raise BadInputError(f"{source}:\n{explain(error)}") from error
+
+
+def by_joint(value: float | dict[re.Pattern[str], float], joint_names: Sequence[str], source: str) -> tuple[float, ...]:
+    """A value a joint: one for all, or by regular expressions that match whole names.
+
+    Raises:
+        BadInputError: A joint is not matched.
+    """
+    if not isinstance(value, dict):
+        return (value,) * len(joint_names)
+    found = {name: own for pattern, own in value.items() for name in joint_names if pattern.fullmatch(name)}
+    missing = [name for name in joint_names if name not in found]
+    if missing:
+        raise BadInputError(f"{source} says nothing of {', '.join(missing)}")
+    return tuple(found[name] for name in joint_names)
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -39,8 +212,8 @@ def _plain(loader: yaml.SafeLoader, _suffix: str, node: yaml.Node) -> Any:
 _PlainLoader.add_multi_constructor("tag:yaml.org,2002:python/", _plain)
 
 
-def read_environment(path: Path) -> dict[str, Any]:
-    """The environment's configuration as plain data.
+def read_data(path: Path) -> dict[str, Any]:
+    """A file of settings as plain data.
 
     Raises:
         BadInputError: The file cannot be read, or is not a mapping.
@@ -48,9 +221,7 @@ def read_environment(path: Path) -> dict[str, Any]:
     try:
         text = read_at_most(path, MAX_BYTES).decode("utf-8")
         data = json.loads(text) if path.suffix == ".json" else yaml.load(text, Loader=_PlainLoader)  # noqa: S506 - see it
-    except RecursionError as error:
-        raise BadInputError(f"environment file {path} is nested too deep; give the training run's env.yaml") from error
-    except (OSError, FileTooLargeError, UnicodeDecodeError, ValueError, yaml.YAMLError) as error:
+    except (OSError, FileTooLargeError, UnicodeDecodeError, ValueError, RecursionError, yaml.YAMLError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInputError(
             f"environment file {path} cannot be read: {reason}; give the training run's env.yaml, or its JSON"
@@ -61,83 +232,6 @@ def read_environment(path: Path) -> dict[str, Any]:
 
 
 def read_agent(environment: Path) -> dict[str, Any]:
-    """The learner's configuration, which Isaac Lab and mjlab write beside the environment's; empty without one.
-
-    Raises:
-        BadInputError: It cannot be read.
-    """
+    """The learner's configuration beside the environment's file; empty without one."""
     path = environment.with_name("agent.yaml")
-    return read_environment(path) if path.is_file() else {}
-
-
-def action_clip(agent: Mapping[str, Any]) -> float:
-    """What the learner's wrapper clips actions to, plus and minus; infinity where it does not."""
-    clip = agent.get("clip_actions")
-    if clip is None:
-        return math.inf
-    found = number(clip, "agent.yaml: clip_actions")
-    if found <= 0.0:
-        raise BadInputError(f"agent.yaml: clip_actions = {found:g}; it must be above 0, or null")
-    return found
-
-
-def rate_of(environment: Mapping[str, Any]) -> float:
-    """Rate of the policy, Hz: one action in ``decimation`` physics steps of ``sim.dt``."""
-    step_s = number(get(environment, "sim.dt"), "sim.dt") * number(get(environment, "decimation"), "decimation")
-    if step_s <= 0.0:
-        raise BadInputError(f"sim.dt · decimation = {step_s:g} s; it must be above 0")
-    return 1.0 / step_s
-
-
-def gains_of(environment: Mapping[str, Any], key: str, joints: tuple[str, ...]) -> tuple[float, ...]:
-    """``stiffness`` or ``damping`` of each joint, from the groups of actuators.
-
-    Raises:
-        BadInputError: A joint has none; the message names it.
-    """
-    found: dict[str, float] = {}
-    where = "scene.robot.actuators"
-    for name, given in mapping(get(environment, where), where).items():
-        group, here = mapping(given, f"{where}.{name}"), f"{where}.{name}"
-        of_each = matching(group.get("joint_names_expr") or [".*"], joints, f"{here}.joint_names_expr")
-        named = [joint for joint in joints if any(joint in own for own in of_each)]
-        if group.get(key) is None:
-            raise BadInputError(f"{here}.{key} is not in the file; give numbers there")
-        found |= dict(zip(named, by_joint(group[key], named, f"{here}.{key}"), strict=True))
-    missing = [joint for joint in joints if joint not in found]
-    if missing:
-        raise BadInputError(f"{where} has no {key} of {', '.join(missing)}")
-    return tuple(found[joint] for joint in joints)
-
-
-def command_ranges(environment: Mapping[str, Any]) -> tuple[Ranges, tuple[str, ...]]:
-    """Least and largest velocity command, and what was assumed where no command names a range."""
-    commands = mapping(environment.get("commands"), "commands")
-    found = ((name, c["ranges"]) for name, c in commands.items() if isinstance(c, Mapping) and c.get("ranges"))
-    name, ranges = next(found, ("", None))
-    if ranges is None:
-        return DEFAULT_COMMANDS, ("velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: no file names a range",)
-    where = f"commands.{name}.ranges"
-    pairs = [
-        pair(get(mapping(ranges, where), key), f"{where}.{key}") for key in ("lin_vel_x", "lin_vel_y", "ang_vel_z")
-    ]
-    (a, b), (c, d), (e, f) = pairs
-    return ((a, c, e), (b, d, f)), ()
-
-
-def pair(value: Any, source: str) -> tuple[float, float]:
-    """Two numbers of a file, low and high. Raises ``BadInputError`` where there are others."""
-    if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise BadInputError(f"{source} = {reprlib.repr(value)}; it must be two numbers, low and high")
-    low, high = (number(v, source) for v in value)
-    return low, high
-
-
-def get(data: Mapping[str, Any], dotted: str) -> Any:
-    """A value by its path. Raises ``BadInputError`` with the path where it is not there."""
-    value: Any = data
-    for key in dotted.split("."):
-        if not isinstance(value, Mapping) or key not in value:
-            raise BadInputError(f"the environment file has no {dotted}; give the env.yaml of the training run")
-        value = value[key]
-    return value
+    return read_data(path) if path.is_file() else {}

@@ -6,12 +6,22 @@ import enum
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from spot_model.errors import BadInputError
 from trainer.foreign.description import ForeignPolicy, checked
+
+BESIDE: Final = (
+    "env.yaml",
+    "params/env.yaml",
+    "../params/env.yaml",
+    "../../params/env.yaml",
+    "env.json",
+    "env_cfg.json",
+)
+"""Where Isaac Lab's tools leave the environment, seen from the exported policy."""
 
 
 class Framework(str, enum.Enum):
@@ -44,8 +54,7 @@ def import_policy(
     """Import a policy of another framework, and check that its network gives the same actions."""
     from spot_model.io.whole import check_new, whole_file
     from spot_model.policy.policy import load_policy
-    from trainer.foreign.importing import describe_file, read_network
-    from trainer.foreign.rewrite import ours_from
+    from trainer.foreign.network import ours_from, read_network
 
     target = out or policy.with_name(f"{policy.stem}.spot.onnx")
     check_new(target)
@@ -87,6 +96,37 @@ def text_of(policy: ForeignPolicy) -> str:
     lines += ["", f"velocity commands {low} to {high} m/s, m/s, rad/s"]
     lines += [f"assumed: {what}" for what in policy.assumed]
     return "\n".join(lines)
+
+
+def describe_file(policy: Path, like: str, env: Path | None, name: str, joint_order: tuple[str, ...]) -> ForeignPolicy:
+    """What a policy's side files, or its own metadata, say.
+
+    Raises:
+        BadInputError: A file is missing, or says something that cannot be done here.
+    """
+    from spot_model.policy.onnx_head import OnnxHeadError, read_head
+    from trainer.foreign import isaac_lab, mjlab, spot_rl_example
+    from trainer.foreign.environment import read_agent, read_data
+    from trainer.foreign.network import policy_bytes
+
+    if not policy.is_file():
+        raise BadInputError(f"policy {policy} is no file; give an ONNX or a TorchScript file")
+    if like == "mjlab":
+        if env is not None or joint_order:
+            raise BadInputError("mjlab's policies say all in their own metadata; leave out --env and --joint-order")
+        try:
+            metadata = read_head(policy_bytes(policy)).metadata
+        except OnnxHeadError as error:
+            raise BadInputError(f"policy {policy} is no readable ONNX model: {error}") from error
+        return mjlab.describe(metadata, name, agent=read_agent(policy.parent / "params" / "env.yaml"))
+    if like == "spot-rl-example":
+        if joint_order:
+            raise BadInputError("the example has a joint order of its own; leave out --joint-order")
+        return spot_rl_example.describe(read_data(env or spot_rl_example.find_environment(policy)), name)
+    found = env or next((policy.parent / at for at in BESIDE if (policy.parent / at).is_file()), None)
+    if found is None:
+        raise BadInputError(f"no env.yaml beside {policy}; name the training run's with --env")
+    return isaac_lab.describe(read_data(found), name, agent=read_agent(found), joint_order=joint_order)
 
 
 def _with_options(policy: ForeignPolicy, rate_hz: float | None, commands: str) -> ForeignPolicy:

@@ -8,21 +8,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
 from trainer.foreign.description import (
+    ABSOLUTE,
+    DEFAULT_COMMANDS,
     JOINT_FIELDS,
-    MJLAB_NAMES,
+    MAX_HISTORY,
+    THEIR_NAMES,
     ForeignPolicy,
     Term,
     canonical_joints,
-    history_length,
-    meaning_of,
+    field_of,
 )
-from trainer.foreign.environment import DEFAULT_COMMANDS
+from trainer.foreign.environment import Agent, parsed
 
 REQUIRED: Final = (
     "joint_names",
@@ -36,8 +38,8 @@ RATE_HZ: Final = 50.0
 """mjlab's velocity tasks step at 50 Hz; the file does not say."""
 
 
-def describe(metadata: Mapping[str, str], name: str) -> ForeignPolicy:
-    """What the metadata say.
+def describe(metadata: Mapping[str, str], name: str, *, agent: Mapping[str, Any] | None = None) -> ForeignPolicy:
+    """What the metadata say, and the learner's file of its actions' clip.
 
     Raises:
         BadInputError: A key is missing, or a value cannot be done here; the message names it.
@@ -59,6 +61,7 @@ def describe(metadata: Mapping[str, str], name: str) -> ForeignPolicy:
         rate_hz=RATE_HZ,
         command_low=DEFAULT_COMMANDS[0],
         command_high=DEFAULT_COMMANDS[1],
+        action_clip=parsed(Agent, agent or {}, "agent.yaml").clip_actions or math.inf,
         assumed=(
             "50 Hz: mjlab's metadata name no rate; --rate-hz names another",
             "velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: mjlab's metadata name no range; --commands does",
@@ -77,7 +80,7 @@ def metadata_of(contract: PolicyContract, run: str) -> dict[str, str]:
         "joint_damping": _csv(contract.kd_nm_s_per_rad),
         "default_joint_pos": _csv(contract.default_position_rad),
         "command_names": "twist",
-        "observation_names": ",".join(MJLAB_NAMES[field] for field, _ in contract.observation_layout),
+        "observation_names": ",".join(THEIR_NAMES[field][0] for field, _ in contract.observation_layout),
         "observation_terms_scale": _csv([1.0] * n),
         "observation_terms_flatten_history_dim": ",".join(["True"] * n),
         "observation_terms_history_length": ",".join(["0"] * n),
@@ -94,17 +97,21 @@ _OF_TERMS: Final = (
 
 
 def _term(name: str, scale: str, clip: str, history: str, *, joints: tuple[str, ...]) -> Term:
-    meaning = meaning_of(name.strip(), "observation_names")
+    field = field_of(name.strip(), "observation_names")
     limits = _floats(clip.split(";"), "observation_terms_clip")
     if len(limits) != 2:
         raise BadInputError(f"observation_terms_clip holds {clip!r:.60}; an entry is two numbers, 'low;high'")
+    if not (history.isdecimal() and int(history) <= MAX_HISTORY):
+        raise BadInputError(
+            f"observation_terms_history_length holds {history!r:.60}; allowed: at most {MAX_HISTORY}, a whole number"
+        )
     return Term(
-        meaning.field,
-        joint_names=joints if meaning.field in JOINT_FIELDS else (),
-        is_absolute=meaning.is_absolute,
+        field,
+        joint_names=joints if field in JOINT_FIELDS else (),
+        is_absolute=name.strip() == ABSOLUTE,
         scale=_floats(scale.split(";"), "observation_terms_scale"),
         clip=(limits[0], limits[1]),
-        history=history_length(history, "observation_terms_history_length"),
+        history=max(1, int(history)),
     )
 
 

@@ -13,10 +13,11 @@ from typing import Any
 from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import OBSERVATION
-from trainer.foreign.description import BREADTH_FIRST, ForeignPolicy, Term, by_joint, mapping
-from trainer.foreign.environment import DEFAULT_COMMANDS, command_ranges, gains_of, get, rate_of
+from trainer.foreign.description import BREADTH_FIRST, ForeignPolicy, Term
+from trainer.foreign.environment import Environment, by_joint, parsed
 
 STANDING_HEIGHT_M = 0.5
+RATE_HZ = 50.0
 
 
 def find_environment(policy: Path) -> Path:
@@ -31,29 +32,32 @@ def find_environment(policy: Path) -> Path:
     return found[0]
 
 
-def describe(environment: Mapping[str, Any], name: str) -> ForeignPolicy:
+def describe(data: Mapping[str, Any], name: str) -> ForeignPolicy:
     """What the example would do with this file.
 
     Raises:
         BadInputError: Something is missing; the message names it.
     """
-    joints = BREADTH_FIRST
-    rate_hz, assumed = 50.0, ["50 Hz: the file names no rate; --rate-hz names another"]
-    if "decimation" in environment and "dt" in mapping(environment.get("sim"), "sim"):
-        rate_hz, assumed = rate_of(environment), []
-    (low, high), told = command_ranges(environment) if "commands" in environment else (DEFAULT_COMMANDS, ())
+    joints, environment = BREADTH_FIRST, parsed(Environment, data, "the environment file")
+    if "scale" not in environment.action.model_fields_set:
+        raise BadInputError("the environment file has no actions.joint_pos.scale; the example needs it")
+    low, high, assumed = environment.command_bounds()
+    if environment.commands is None:
+        assumed = ()
+    if environment.rate_hz is None:
+        assumed = ("50 Hz: the file names no rate; --rate-hz names another", *assumed)
     return ForeignPolicy(
         name=name,
         terms=tuple(Term(field.name, joint_names=joints if field.is_of_joints else ()) for field in OBSERVATION),
         joint_names=joints,
-        default_position_rad=by_joint(get(environment, "scene.robot.init_state.joint_pos"), joints, "joint_pos"),
-        action_scale_rad=by_joint(get(environment, "actions.joint_pos.scale"), joints, "actions.joint_pos.scale"),
-        kp_nm_per_rad=gains_of(environment, "stiffness", joints),
-        kd_nm_s_per_rad=gains_of(environment, "damping", joints),
-        rate_hz=rate_hz,
+        default_position_rad=by_joint(environment.pose, joints, "joint_pos"),
+        action_scale_rad=by_joint(environment.action.scale, joints, "actions.joint_pos.scale"),
+        kp_nm_per_rad=environment.gains("stiffness", joints),
+        kd_nm_s_per_rad=environment.gains("damping", joints),
+        rate_hz=environment.rate_hz or RATE_HZ,
         command_low=low,
         command_high=high,
-        assumed=(*assumed, *told),
+        assumed=assumed,
     )
 
 

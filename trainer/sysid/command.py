@@ -30,9 +30,9 @@ def sysid(
     loaded = load_policy(policy)
     typer.echo("loading the simulator …", err=True)
     from trainer.sysid.config import default_config, load_config
-    from trainer.sysid.identify import run_identification
     from trainer.sysid.logs import read_logs
     from trainer.sysid.result import OUTPUTS
+    from trainer.sysid.run_identification import run_identification
 
     check_new(*(out / name for name in OUTPUTS))
     settings = load_config(config) if config is not None else default_config(device)

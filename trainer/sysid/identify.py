@@ -1,22 +1,17 @@
-"""A whole identification, from logs to files: what logs show directly, search, fit of torques, verdict."""
+"""The whole identification: what logs show directly, the paper's search, the fit of torques, and the verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
-from spot_model.io.progress import Progress
-from spot_model.io.whole import check_new, whole_folder
-from spot_model.policy.policy import Policy, load_policy
-from spot_model.text import counted
+from spot_model.policy.policy import Policy
 from trainer.signals.recording import record
-from trainer.simulate.engine import IN_THIS_PROCESS, Place
 from trainer.simulate.generations import Generation
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import CONTACT_CHOICES_S, SysidConfig
@@ -29,15 +24,12 @@ from trainer.sysid.measured import (
     observation_noise,
     with_measured,
 )
-from trainer.sysid.page import report_page
-from trainer.sysid.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result
 from trainer.sysid.search import (
     CandidateResult,
     Candidates,
     Problem,
     SearchState,
     build_problem,
-    candidates_engine,
     run_search,
 )
 from trainer.sysid.torque_fit import TorqueFit, fit_torque
@@ -161,78 +153,3 @@ def identify(
     results = final.evaluate(np.stack([space.initial, mean, chosen]))
     scores = {name: final.score(result) for name, result in zip(names, results, strict=True)}
     return Identification(preparation, state, fit, verdicts, space.model_with(chosen), scores)
-
-
-def summary(data: ResultData) -> str:
-    """What was found, in two or three sentences."""
-    found = [p for p in data.parameters if p.identified]
-    unit = " (1 is the real-versus-real floor)" if data.score_is_over_floor else " (no floor: repeats are missing)"
-    score = ", ".join(f"{name} {'diverged' if value is None else f'{value:.2f}'}" for name, value in data.score.items())
-    are = "is" if len(found) == 1 else "are"
-    return (
-        f"{len(found)} of {counted(len(data.parameters), 'parameter')} {are} identified from "
-        f"{counted(len(data.logs), 'log')} of {counted(len(data.sequences), 'command sequence')}. Score{unit}: {score}."
-    )
-
-
-def text_table(parameters: Sequence[ParameterVerdict]) -> str:
-    """The parameters as lines for a terminal."""
-    width = max(len(p.name) for p in parameters)
-    lines = [
-        f"{p.name:<{width}}  {p.value:9.4g} {p.unit:<6} [{p.low:.4g}, {p.high:.4g}]  {p.source}"
-        + ("" if p.identified else f": {p.reason}")
-        for p in parameters
-    ]
-    return "\n".join(lines)
-
-
-CHECKPOINT_NAME = "search.jsonl"
-
-
-def run_identification(
-    logs: LogSet,
-    policy: Path,
-    config: SysidConfig,
-    out: Path,
-    *,
-    resume: bool = False,
-    place: Place = IN_THIS_PROCESS,
-    say: Callable[[str], None] = lambda _: None,
-) -> ResultData:
-    """Identify, and write result, model, noise, delays and report into ``out``.
-
-    Raises:
-        BadInputError: ``out`` holds an earlier result, or an unfinished search that ``resume`` does not ask for.
-    """
-    check_new(*(out / name for name in OUTPUTS))
-    checkpoint = out / CHECKPOINT_NAME
-    if checkpoint.exists() and not resume:
-        raise BadInputError(f"folder {out} holds an unfinished search; give --resume to go on, or another --out folder")
-    if resume and not checkpoint.exists():
-        raise BadInputError(f"folder {out} holds no unfinished search; leave --resume out to start one")
-    out.mkdir(parents=True, exist_ok=True)
-    say(f"measuring noise, delay, inertia and contact in {counted(len(logs.runs), 'log')} …")
-    preparation = prepare(logs, load_policy(policy), policy.read_bytes(), config, place.device)
-    problem = preparation.problem
-    place = replace(place, workers=min(place.workers, useful_workers(problem)))
-    with Progress("generations", config.search.generations) as progress, candidates_engine(problem, place) as engine:
-
-        def show(generation: Generation[CandidateResult]) -> None:
-            best = min(problem.score(result) for result in generation.results)
-            progress.update(generation.index + 1, f"best score of the generation {best:.3f}")
-            if generation.index + 1 == config.search.generations:
-                say("fitting measured torques and scoring the result …")
-
-        found = identify(preparation, config, engine, checkpoint, show)
-    with whole_folder(out) as part:
-        data = write_result(found, config, part)
-        (part / REPORT_NAME).write_text(report_page(found, data), encoding="utf-8")
-    say(text_table(data.parameters))
-    say(summary(data))
-    say(f"model {out / MODEL_NAME}  report {out / REPORT_NAME}")
-    return data
-
-
-def useful_workers(problem: Problem) -> int:
-    """How many workers a problem can feed; more than this many would have nothing to do."""
-    return max(1, 4 * len(problem.references))

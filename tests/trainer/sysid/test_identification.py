@@ -17,10 +17,11 @@ from spot_model.policy.policy import load_policy
 from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
-from trainer.sysid.identify import prepare, run_identification, summary
+from trainer.sysid.identify import prepare
 from trainer.sysid.logs import LoggedRun, LogSet
 from trainer.sysid.measured import MeasuredDelays, with_measured
 from trainer.sysid.result import ResultData
+from trainer.sysid.run_identification import run_identification, summary
 from trainer.sysid.search import build_problem
 from trainer.sysid.verdict import score_intervals
 

@@ -1,20 +1,33 @@
-"""A foreign network between two small maps, as one ONNX file that takes our observation and holds our contract."""
+"""A foreign network: read, and put between two small maps as one ONNX file with our observation and contract."""
 
 from __future__ import annotations
 
+import io
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import onnx
 import onnxruntime
+from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 from onnx import TensorProto, compose, helper, numpy_helper
+from onnx.external_data_helper import load_external_data_for_model, uses_external_data
 
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair
+from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.policy.contract import (
+    INPUT_NAME,
+    MAX_POLICY_BYTES,
+    METADATA_KEY,
+    OUTPUT_NAME,
+    PolicyContract,
+    StoredPair,
+)
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot import facts
@@ -82,6 +95,86 @@ PREFIX: Final = "theirs_"
 PROOFS: Final = 64
 TOLERANCE: Final = 1e-4
 """Largest difference between the foreign network, asked directly, and the file that is written."""
+
+
+TORCHSCRIPT: Final = (".pt", ".pth", ".jit", ".torchscript")
+
+
+def read_network(policy: Path, width: int) -> bytes:
+    """An ONNX file's bytes; a TorchScript file is turned into one.
+
+    Args:
+        policy: The file.
+        width: Numbers that the network sees, by which a TorchScript file is traced.
+
+    Raises:
+        BadInputError: It cannot be read, or converted.
+    """
+    data = policy_bytes(policy)
+    if policy.suffix.lower() not in TORCHSCRIPT:
+        return _with_weights(data, policy)
+    import torch
+
+    with warnings.catch_warnings():
+        return _traced(torch, data, width, policy)
+
+
+def _traced(torch: Any, data: bytes, width: int, policy: Path) -> bytes:
+    try:
+        # PyTorch announces that both steps will go; until they do, they are the only way from a script to ONNX.
+        warnings.simplefilter("ignore")
+        network: Any = torch.jit.load(io.BytesIO(data), map_location="cpu").eval()
+        buffer: Any = io.BytesIO()
+        observations = torch.randn(PROOFS, 1, width, generator=torch.Generator().manual_seed(48))
+        with torch.no_grad():
+            actions = [network(row).clone() for row in observations]
+            has_memory = any(
+                not torch.equal(network(row), action) for row, action in zip(observations, actions, strict=True)
+            )
+            torch.onnx.export(
+                network, (observations[0],), buffer, input_names=["obs"], output_names=["actions"], dynamo=False
+            )
+        made = onnxruntime.InferenceSession(buffer.getvalue(), providers=["CPUExecutionProvider"])
+        apart = max(
+            float(np.abs(made.run(None, {"obs": row.numpy()})[0] - action.numpy()).max())
+            for row, action in zip(observations, actions, strict=True)
+        )
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise BadInputError(f"TorchScript file {policy} cannot be turned into ONNX: {reason}; export ONNX") from error
+    if has_memory:
+        raise BadInputError(
+            f"TorchScript file {policy}: the same observation gives another action the second time, so the network has "
+            f"a memory; only networks without memory are run"
+        )
+    if not apart <= TOLERANCE:
+        raise BadInputError(f"TorchScript file {policy} as ONNX gives actions {apart:g} apart; export ONNX")
+    return bytes(buffer.getvalue())
+
+
+def _with_weights(data: bytes, policy: Path) -> bytes:
+    """The model with the weights that its exporter put into a file beside it, as PyTorch's does by default."""
+    try:
+        model = onnx.load_from_string(data)
+        if not any(uses_external_data(tensor) for tensor in model.graph.initializer):
+            return data
+        load_external_data_for_model(model, str(policy.parent))
+    except (DecodeError, OSError, ValueError, onnx.checker.ValidationError) as error:
+        raise BadInputError(
+            f"policy {policy} is not whole: {error}; give the ONNX file with the .data file beside it"
+        ) from error
+    whole: bytes = model.SerializeToString()
+    if len(whole) > MAX_POLICY_BYTES:
+        raise BadInputError(f"policy {policy} has {len(whole)} bytes with its weights; allowed: {MAX_POLICY_BYTES}")
+    return whole
+
+
+def policy_bytes(policy: Path) -> bytes:
+    """A policy's file, if it is not too large. Raises ``BadInputError`` where it cannot be read."""
+    try:
+        return read_at_most(policy, MAX_POLICY_BYTES)
+    except (OSError, FileTooLargeError) as error:
+        raise BadInputError(f"policy {policy} cannot be read: {error}") from error
 
 
 def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
