@@ -12,6 +12,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from spot_log import Run
 from spot_model.effects.base import CommandEffect
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.options import WALK, AsJson, PolicyFile
@@ -27,7 +28,6 @@ from trainer.simulate.engine import Place
 from trainer.simulate.recorded_loop import RecordedLoop, Told
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
-from trainer.sysid.logs import LoggedRun
 from trainer.sysid.search import Problem, build_problem, candidates_engine, evaluate
 
 Array = NDArray[np.float64]
@@ -142,7 +142,7 @@ def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig, 
     """Four sequences with two runs each, made by the model itself: what is compared does not change the time."""
     space, contract, rng = SysidConfig().space(), policy.contract, np.random.default_rng(0)
     effects = [effect for effect in space.model.effects if not isinstance(effect, CommandEffect)]
-    runs: list[LoggedRun] = []
+    runs: list[Run] = []
     for name in ("forward", "six_directions", "random", str(USER_SEQUENCE)):
         sequence = load_sequence(name)
         sequence = sequence.clipped(np.array(contract.velocity_command_low), np.array(contract.velocity_command_high))
@@ -152,7 +152,7 @@ def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig, 
         plant.reset(joint_position_rad=pose, position_of_body_in_world_m=(0.0, 0.0, default_height_m() + 0.01))
         no_action = np.zeros((REPEATS, facts.N_JOINTS), dtype=np.float32)
         loop = RecordedLoop(plant, policy, told, pose, no_action, channel=(), rng=rng, only_ticks=True)
-        runs += [LoggedRun.of(run) for run in loop.runs()]
+        runs += loop.runs()
     options = RolloutOptions(simulation.timestep_s, simulation.foot_friction, CONTACT_CHOICES_S[2], device=device)
     robots = simulation.robots_per_sequence
     return build_problem(space, policy_bytes, runs, options, robots_per_sequence=robots, weights={})

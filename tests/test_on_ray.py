@@ -27,7 +27,6 @@ from tests.withheld.blind.test_run import finish, jobs
 from trainer.simulate.engine import Engine, EngineError, Place, Tell
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import SearchConfig, SysidConfig
-from trainer.sysid.logs import LoggedRun
 from trainer.sysid.search import Problem, SearchState, build_problem, candidates_engine, run_search
 from withheld.blind.execute import Job
 from withheld.blind.ledger import read_ledger
@@ -98,7 +97,7 @@ def runs() -> list[Run]:
 
 @pytest.fixture(scope="module")
 def problem(runs: list[Run]) -> Problem:
-    logged, space = [LoggedRun.of(run) for run in runs], SysidConfig().space()
+    logged, space = runs, SysidConfig().space()
     return build_problem(space, POLICY.read_bytes(), logged, RolloutOptions(), robots_per_sequence=1, weights={})
 
 

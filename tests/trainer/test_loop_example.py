@@ -19,7 +19,6 @@ from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
-from trainer.sysid.logs import LoggedRun
 
 from .sysid.conftest import oscillator_bytes
 from .sysid.test_read_logs import as_log
@@ -96,7 +95,7 @@ def made(policy: Policy, command: np.ndarray, speed: np.ndarray, setpoint_rad: f
             "velocity_command": commands,
         },
     )
-    logged = LoggedRun.of(replace(run, header=replace(header, policy_sha256=policy.sha256)))
+    logged = replace(run, header=replace(header, policy_sha256=policy.sha256))
     return as_log(logged, policy)
 
 

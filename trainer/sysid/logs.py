@@ -3,67 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from spot_log import Run
 from spot_log.format.tables import StateTable
 from spot_model.errors import BadInputError
-from spot_model.plant.start import StartState
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_runtime.stops import Reaction, StopReason
 from trainer.signals.log_files import read_each
-from trainer.signals.policy_ticks import fall_stamp_ns, followed, start_of
-
-
-@dataclass(frozen=True, eq=False)
-class LoggedRun(Run):
-    """A run of one policy through one command sequence: its policy ticks, its commands by key, its states in order."""
-
-    notes: tuple[str, ...] = ()
-    """What was cut or is missing, in words."""
-    has_policy_gains: bool = True
-    """Whether it ran at the gains of the policy file that was given; otherwise only its torques are of use."""
-
-    @classmethod
-    def of(cls, run: Run, **changes: Any) -> LoggedRun:
-        """The run with some of its fields, or of those that a log does not have, replaced."""
-        return cls(**{**{f.name: getattr(run, f.name) for f in fields(Run)}, **changes})
-
-    @property
-    def source(self) -> str:
-        """The file, for messages."""
-        return str(self.path)
-
-    @property
-    def sequence(self) -> str:
-        """Name of the command sequence."""
-        return self.header.command_sequence or "unnamed"
-
-    @property
-    def repeat(self) -> int:
-        """Which repeat of the sequence."""
-        return self.header.repeat
-
-    @property
-    def policy_sha256(self) -> str:
-        """Digest of the policy's file."""
-        return self.header.policy_sha256
-
-    @property
-    def duration_s(self) -> float:
-        """From the first policy tick to the last."""
-        stamps = self.ticks.robot_stamp_ns
-        return float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
-
-    def start(self) -> StartState:
-        """The robot at the first policy tick."""
-        return start_of(self)
-
+from trainer.signals.policy_ticks import fall_stamp_ns, followed
 
 MIN_TICKS: Final = 250
 """A run shorter than 5 s says too little."""
@@ -81,9 +34,9 @@ SAME_COMMAND: Final = 0.05
 class LogSet:
     """What was read."""
 
-    runs: tuple[LoggedRun, ...]
-    """Runs whose torques, noise and delays are used."""
-    compared: tuple[LoggedRun, ...]
+    runs: tuple[Run, ...]
+    """Runs whose torques, noise and delays are used: the ticks of the policy, commands by key, states in order."""
+    compared: tuple[Run, ...]
     """Those of them that are also compared as whole runs of their sequence."""
     warnings: tuple[str, ...]
     """A sentence each: what was cut, left out or is missing, and what that costs."""
@@ -96,16 +49,22 @@ def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
         BadInputError: Nothing usable is left; the message says why for each file.
     """
     read, warnings = read_each(paths, check=lambda run: run_from_log(run, policy))
-    runs = [run_from_log(run, policy) for run in read]
-    warnings += [f"{run.path.name}: {note}" for run in runs for note in run.notes]
-    compared, more = choose_compared(runs)
+    cut = [run_from_log(run, policy) for run in read]
+    warnings += [f"{run.path.name}: {note}" for run, notes in cut for note in notes]
+    runs = [run for run, _ in cut]
+    compared, more = choose_compared(runs, policy)
     if not compared:
         raise BadInputError("no log was made at the policy's own gains:\n" + "\n".join(f"  {w}" for w in warnings))
     return LogSet(tuple(runs), compared, tuple(warnings + more))
 
 
-def run_from_log(run: Run, policy: Policy) -> LoggedRun:
-    """The stretch of a log in which the policy was active, up to a fall.
+def sequence_of(run: Run) -> str:
+    """Name of a run's command sequence."""
+    return run.header.command_sequence or "unnamed"
+
+
+def run_from_log(run: Run, policy: Policy) -> tuple[Run, tuple[str, ...]]:
+    """The stretch of a log in which the policy was active, up to a fall; and what was cut or is missing, in words.
 
     Raises:
         BadInputError: The log is of another robot or policy, or too short; the message says which.
@@ -150,36 +109,36 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
     states = _states_between(run.states, begin_ns, end_ns)
     if not np.isfinite(states.load_nm).any():
         notes.append("it has no measured load; limits and friction are searched by distributions alone")
-    return LoggedRun.of(
+    cut = replace(
         run,
         ticks=ticks.rows(rows),
         commands=run.commands.rows(np.argsort(run.commands.key, kind="stable")),
         states=states,
-        notes=tuple(notes),
-        has_policy_gains=has_policy_gains,
     )
+    return cut, tuple(notes)
 
 
-def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], list[str]]:
+def choose_compared(runs: Sequence[Run], policy: Policy) -> tuple[tuple[Run, ...], list[str]]:
     """Runs that can be compared as whole runs of their sequence, cut to one length, and a word on the others."""
-    chosen: list[LoggedRun] = []
+    chosen: list[Run] = []
     warnings: list[str] = []
-    candidates = [run for run in runs if run.has_policy_gains]
-    for name in sorted({run.sequence for run in candidates}):
-        group = [run for run in candidates if run.sequence == name]
+    candidates = [run for run in runs if run.header.policy_sha256 == policy.sha256]
+    for name in sorted({sequence_of(run) for run in candidates}):
+        group = [run for run in candidates if sequence_of(run) == name]
         longest = max(len(run.ticks.action) for run in group)
         whole = [run for run in group if len(run.ticks.action) >= SAME_LENGTH * longest]
         warnings.extend(
-            f"{run.source}: {len(run.ticks.action)} of {longest} ticks of sequence {name}; its torques are used, "
+            f"{run.path}: {len(run.ticks.action)} of {longest} ticks of sequence {name}; its torques are used, "
             "but it is not compared as a run"
             for run in group
-            if run not in whole
+            if len(run.ticks.action) < SAME_LENGTH * longest
         )
         length = min(len(run.ticks.action) for run in whole)
         first = whole[0].ticks.velocity_command[:length]
-        same = [r for r in whole if np.abs(r.ticks.velocity_command[:length] - first).mean() <= SAME_COMMAND]
+        apart = [np.abs(run.ticks.velocity_command[:length] - first).mean() for run in whole]
+        same = [run for run, off in zip(whole, apart, strict=True) if off <= SAME_COMMAND]
         if len(same) < len(whole):
-            others = ", ".join(run.source for run in whole if run not in same)
+            others = ", ".join(str(run.path) for run, off in zip(whole, apart, strict=True) if not off <= SAME_COMMAND)
             warnings.append(f"sequence {name}: {others} had other velocity commands than the first run; not compared")
         if len(same) == 1:
             warnings.append(

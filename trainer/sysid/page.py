@@ -15,6 +15,7 @@ from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot import facts
 from spot_model.text import counted
 from trainer.sysid.identify import Identification
+from trainer.sysid.logs import sequence_of
 from trainer.sysid.result import ResultData
 from trainer.sysid.verdict import ParameterVerdict
 
@@ -173,7 +174,7 @@ def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces
     case, rate_hz = 0, problem.policy.contract.rate_hz
     scale = problem.policy.contract.action_scale_rad * facts.POLICY_KP_NM_PER_RAD
     for reference, cases in zip(problem.references, problem.cases, strict=True):
-        run = next(r for r in found.preparation.logs.compared if r.sequence == reference.sequence)
+        run = next(r for r in found.preparation.logs.compared if sequence_of(r) == reference.sequence)
         stretch = _liveliest(run.ticks.velocity_command, len(run.ticks.action), rate_hz)
         real_torque = _at_ticks(run.ticks.robot_stamp_ns, run.states.robot_stamp_ns, run.states.load_nm)
         traces = [

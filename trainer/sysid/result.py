@@ -114,7 +114,7 @@ def result_data(found: Identification, config: SysidConfig) -> ResultData:
     delays = preparation.delays
     return ResultData(
         policy_sha256=problem.policy.sha256,
-        logs=[run.source for run in preparation.logs.runs],
+        logs=[str(run.path) for run in preparation.logs.runs],
         confidence=CONFIDENCE,
         parameters=list(found.verdicts),
         measured=[MeasuredData(what=c.what, value=c.value, unit=c.unit, source=c.source) for c in preparation.changes],

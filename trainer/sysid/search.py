@@ -13,15 +13,17 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
+from spot_log import Run
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.signals.distances import SequenceReference, score_of_distances
 from trainer.signals.features import features_of_observations
+from trainer.signals.policy_ticks import start_of
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
 from trainer.sysid.config import SearchConfig, SearchSpace
-from trainer.sysid.logs import LoggedRun
+from trainer.sysid.logs import sequence_of
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ def _or_null(value: float) -> float | None:
 def build_problem(
     space: SearchSpace,
     policy_bytes: bytes,
-    runs: Sequence[LoggedRun],
+    runs: Sequence[Run],
     options: RolloutOptions,
     *,
     robots_per_sequence: int,
@@ -166,11 +168,11 @@ def build_problem(
         seed: Seed of that noise and of the measures' random features.
     """
     policy = policy_from_bytes(policy_bytes, source="policy")
-    names = sorted({run.sequence for run in runs})
+    names = sorted({sequence_of(run) for run in runs})
     rng = np.random.default_rng(seed)
     cases, references = [], []
     for name in names:
-        group = sorted((run for run in runs if run.sequence == name), key=lambda run: run.repeat)
+        group = sorted((run for run in runs if sequence_of(run) == name), key=lambda run: run.header.repeat)
         features = [features_of_observations(r.ticks.observation, r.ticks.action, policy) for r in group]
         references.append(SequenceReference.build(name, features, seed))
         sequence_cases = []
@@ -182,7 +184,7 @@ def build_problem(
                 if noise_sigma is None
                 else (noise_sigma * rng.standard_normal((n, N_OBSERVATION))).astype(np.float32)
             )
-            sequence_cases.append(RolloutCase(name, run.start(), run.ticks.velocity_command, noise))
+            sequence_cases.append(RolloutCase(name, start_of(run), run.ticks.velocity_command, noise))
         cases.append(tuple(sequence_cases))
     raw = np.array([weights.get(name, 1.0) for name in names])
     return Problem(

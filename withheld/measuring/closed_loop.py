@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,8 +16,9 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy
 from spot_model.robot.mjcf import MjcfOptions
+from trainer.signals.policy_ticks import start_of
 from trainer.simulate.recorded_loop import RecordedLoop, Told
-from trainer.sysid.logs import LoggedRun
+from trainer.sysid.logs import sequence_of
 from withheld.features import Walk, walk_of_run
 
 STEP_S: Final = 1e-3
@@ -43,11 +45,11 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
     own = [e for e in model.effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
     mjcf = MjcfOptions(timestep_s=STEP_S, cone="elliptic", collision="all", link_torque_sensors=True, visuals=False)
     plant = Plant(own, len(runs), PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
-    last_action = put_at(plant, [run.start() for run in followed])
+    last_action = put_at(plant, [start_of(run) for run in followed])
     loop = RecordedLoop(
         plant,
         policy,
-        [Told(run.sequence, run.repeat, np.asarray(run.ticks.velocity_command)) for run in followed],
+        [Told(sequence_of(run), run.header.repeat, np.asarray(run.ticks.velocity_command)) for run in followed],
         start_setpoint_rad=np.asarray(policy.setpoint_rad(last_action)),
         last_action=last_action,
         channel=channel,
@@ -59,12 +61,14 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
     return [walk_of_run(run, policy) for run in loop.runs()]
 
 
-def _followed(run: Run) -> LoggedRun:
+def _followed(run: Run) -> Run:
     """The run with the ticks alone at which the policy followed its command."""
     rows = np.flatnonzero(run.ticks.mode == FOLLOWING_MODE)
-    return LoggedRun.of(run, ticks=run.ticks.rows(rows))
+    return replace(run, ticks=run.ticks.rows(rows))
 
 
-def _tick_period_s(run: LoggedRun) -> float:
+def _tick_period_s(run: Run) -> float:
     """To a millisecond: programs run the policy at 50 Hz or at every sixth state, and some ticks slip."""
-    return round(1e3 * run.duration_s / (len(run.ticks) - 1)) * 1e-3
+    stamps = run.ticks.robot_stamp_ns
+    duration_s = float(stamps[-1] - stamps[0]) * 1e-9
+    return round(1e3 * duration_s / (len(run.ticks) - 1)) * 1e-3

@@ -11,6 +11,7 @@ import onnxruntime
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from spot_log import Run
 from spot_model.io.model_file import paper_model
 from spot_model.policy.contract import METADATA_KEY, PolicyContract, StoredPair
 from spot_model.policy.policy import Policy, load_policy
@@ -19,7 +20,6 @@ from spot_model.robot.facts import PaperActuator
 from spot_model.robot.mjcf import MjcfOptions
 from tests.trainer.sysid.simulated_log import SimulatedRobot, simulate_logs
 from trainer.simulate.recorded_loop import SensorNoise
-from trainer.sysid.logs import LoggedRun
 
 OTHER_PHYSICS = MjcfOptions(
     timestep_s=0.0015,
@@ -32,7 +32,7 @@ OTHER_PHYSICS = MjcfOptions(
 """Step, integrator, cone and contact that the search's plant does not have."""
 
 USUAL_NOISE = SensorNoise(3e-4, 0.03, 0.4)
-MakeLogs = Callable[..., list[LoggedRun]]
+MakeLogs = Callable[..., list[Run]]
 
 
 def oscillator_bytes(swing: float = 1.0, lift: float = 3.0, rate_hz: float = 3.5, name: str = "stamp") -> bytes:
@@ -102,7 +102,7 @@ def make_logs(policy: Policy) -> MakeLogs:
         seed: int = 0,
         with_policy: Policy | None = None,
         **robot: object,
-    ) -> list[LoggedRun]:
+    ) -> list[Run]:
         made = SimulatedRobot(paper_model(truth), noise, **{"mjcf": OTHER_PHYSICS, **robot})  # type: ignore[arg-type]
         rng = np.random.default_rng(seed)
         runs = []
@@ -122,7 +122,7 @@ def strong_truth() -> PaperActuator:
 
 
 @pytest.fixture(scope="session")
-def logs(make_logs: MakeLogs, strong_truth: PaperActuator) -> list[LoggedRun]:
+def logs(make_logs: MakeLogs, strong_truth: PaperActuator) -> list[Run]:
     """Two sequences of 3 s, three repeats each; nothing in a test may change them."""
     return make_logs(strong_truth, sequences={"a": 0.0, "b": 1.0}, n_ticks=150, n_repeats=3)
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log import Run
 from spot_model.effects.base import CommandEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.delay import ConstantDelay, Delay
@@ -16,7 +17,6 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, default_height_m
 from trainer.simulate.recorded_loop import RecordedLoop, SensorNoise, Told
-from trainer.sysid.logs import LoggedRun
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def simulate_logs(
     velocity_command: Array,
     n_repeats: int,
     rng: np.random.Generator,
-) -> list[LoggedRun]:
+) -> list[Run]:
     """Run one command sequence several times.
 
     Args:
@@ -86,4 +86,4 @@ def simulate_logs(
         rng=rng,
         noise=robot.noise,
     )
-    return [LoggedRun.of(run) for run in loop.runs()]
+    return loop.runs()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from spot_log import Run
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.drive.armature import Armature
 from spot_model.errors import BadInputError
@@ -18,7 +19,7 @@ from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
 from trainer.sysid.identify import prepare
-from trainer.sysid.logs import LoggedRun, LogSet
+from trainer.sysid.logs import LogSet
 from trainer.sysid.measured import MeasuredDelays, with_measured
 from trainer.sysid.result import ResultData
 from trainer.sysid.run_identification import run_identification, summary
@@ -31,12 +32,12 @@ QUICK = SysidConfig(
 )
 
 
-def log_set(runs: list[LoggedRun], warnings: tuple[str, ...] = ()) -> LogSet:
+def log_set(runs: list[Run], warnings: tuple[str, ...] = ()) -> LogSet:
     return LogSet(tuple(runs), tuple(runs), warnings)
 
 
 @pytest.fixture(scope="module")
-def out(logs: list[LoggedRun], policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(logs: list[Run], policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sysid") / "out"
     run_identification(log_set(logs, ("x.mcap: <left> out",)), policy_path, QUICK, folder, place=Place())
     return folder
@@ -82,7 +83,7 @@ def test_the_page_stands_alone_and_escapes_what_it_shows(out: Path) -> None:
         assert name in page
 
 
-def test_nothing_is_overwritten(out: Path, logs: list[LoggedRun], policy_path: Path, tmp_path: Path) -> None:
+def test_nothing_is_overwritten(out: Path, logs: list[Run], policy_path: Path, tmp_path: Path) -> None:
     before = {p.name: p.read_bytes() for p in out.iterdir()}
     with pytest.raises(BadInputError, match="exists; nothing is overwritten"):
         run_identification(log_set(logs), policy_path, QUICK, out)
@@ -94,14 +95,14 @@ def test_nothing_is_overwritten(out: Path, logs: list[LoggedRun], policy_path: P
         run_identification(log_set(logs), policy_path, QUICK, tmp_path / "new", resume=True)
 
 
-def test_without_measured_load_only_distributions_speak(logs: list[LoggedRun], policy_path: Path) -> None:
+def test_without_measured_load_only_distributions_speak(logs: list[Run], policy_path: Path) -> None:
     blind = [replace(r, states=replace(r.states, load_nm=np.full_like(r.states.load_nm, np.nan))) for r in logs]
     preparation = prepare(log_set(blind), load_policy(policy_path), policy_path.read_bytes(), QUICK)
     assert preparation.samples is None
     assert [c.what for c in preparation.changes] == ["command delay"]
 
 
-def test_the_contact_with_the_best_score_is_taken(logs: list[LoggedRun], policy_path: Path) -> None:
+def test_the_contact_with_the_best_score_is_taken(logs: list[Run], policy_path: Path) -> None:
     config = QUICK.model_copy(update={"simulation": SimulationConfig(timestep_s=0.005, final_robots_per_sequence=1)})
     preparation = prepare(log_set(logs[:2]), load_policy(policy_path), policy_path.read_bytes(), config)
     change = preparation.changes[-1]
@@ -124,7 +125,7 @@ def test_what_is_measured_goes_into_the_model_unless_it_is_searched() -> None:
     assert none == ()
 
 
-def test_one_run_a_sequence_gives_no_interval_and_no_floor(logs: list[LoggedRun], policy_path: Path) -> None:
+def test_one_run_a_sequence_gives_no_interval_and_no_floor(logs: list[Run], policy_path: Path) -> None:
     single = [logs[0], logs[3]]
     problem = build_problem(
         SysidConfig().space(), policy_path.read_bytes(), single, RolloutOptions(), robots_per_sequence=1, weights={}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from spot_log import Run
 from spot_model.errors import BadInputError
 from spot_model.policy.observation import OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
@@ -13,7 +14,6 @@ from spot_model.robot.facts import PAPER_IDENTIFIED
 from trainer.signals.recording import record
 from trainer.simulate.recorded_loop import SensorNoise
 from trainer.sysid import measured as estimate
-from trainer.sysid.logs import LoggedRun
 from trainer.sysid.measured import observation_noise, write_noise
 
 from .conftest import MakeLogs, oscillator_bytes
@@ -21,7 +21,7 @@ from .conftest import MakeLogs, oscillator_bytes
 PLANTED = SensorNoise(position_rad=0.001, velocity_rad_s=0.1, load_nm=0.5, linear_vel_m_s=0.02, angular_vel_rad_s=0.05)
 
 
-def noise_of(runs: list[LoggedRun]) -> estimate.ObservationNoise:
+def noise_of(runs: list[Run]) -> estimate.ObservationNoise:
     return observation_noise([record(run) for run in runs])
 
 

@@ -3,10 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spot_log import Run
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.plant.start import standing_height_m
 from spot_model.policy.policy import Policy
+from trainer.signals.policy_ticks import start_of
 from trainer.simulate.rollout import (
     RolloutCase,
     RolloutOptions,
@@ -14,14 +16,14 @@ from trainer.simulate.rollout import (
     roll_out,
 )
 from trainer.sysid.config import SysidConfig
-from trainer.sysid.logs import LoggedRun
 
 SPACE = SysidConfig().space()
 
 
 @pytest.fixture(scope="module")
-def cases(logs: list[LoggedRun]) -> list[RolloutCase]:
-    return [RolloutCase(r.sequence, r.start(), r.ticks.velocity_command[:40]) for r in (logs[0], logs[3])]
+def cases(logs: list[Run]) -> list[RolloutCase]:
+    chosen = zip(("a", "b"), (logs[0], logs[3]), strict=True)
+    return [RolloutCase(name, start_of(run), run.ticks.velocity_command[:40]) for name, run in chosen]
 
 
 def features(policy: Policy, cases: list[RolloutCase], values: np.ndarray, threads: int = 1) -> np.ndarray:

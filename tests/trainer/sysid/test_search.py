@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spot_log import Run
 from spot_model.errors import BadInputError
 from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import SearchConfig, SysidConfig
-from trainer.sysid.logs import LoggedRun
 from trainer.sysid.search import Problem, SearchState, build_problem, candidates_engine, run_search
 
 SEARCH = SearchConfig(generations=4, population=4, seed=3)
 
 
 @pytest.fixture(scope="module")
-def problem(logs: list[LoggedRun], policy_path: Path) -> Problem:
+def problem(logs: list[Run], policy_path: Path) -> Problem:
     from dataclasses import replace
 
-    def first_second(run: LoggedRun) -> LoggedRun:
+    def first_second(run: Run) -> Run:
         return replace(run, ticks=run.ticks.rows(slice(50)))
 
     return build_problem(

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spot_log import Run
 from spot_model.robot.facts import PAPER_IDENTIFIED, PaperActuator
 from trainer.signals.recording import record
 from trainer.sysid.config import SysidConfig
-from trainer.sysid.logs import LoggedRun
 from trainer.sysid.torque_fit import TorqueFit, fit_torque
 from trainer.sysid.torque_model import NUISANCE_NAMES, TorqueModel, TorqueSamples, friction_direction, torque_samples
 from trainer.sysid.verdict import Estimate, ParameterVerdict, is_narrow, judge
@@ -19,19 +19,19 @@ MODEL = TorqueModel(SysidConfig().space())
 NAMES = [p.parameter for p in MODEL.space.parameters]
 
 
-def fitted(runs: list[LoggedRun]) -> tuple[TorqueSamples, TorqueFit]:
+def fitted(runs: list[Run]) -> tuple[TorqueSamples, TorqueFit]:
     samples = torque_samples([record(run) for run in runs])
     return samples, fit_torque(MODEL, samples, [MODEL.space.initial], np.random.default_rng(0))
 
 
-def verdicts(runs: list[LoggedRun]) -> dict[str, ParameterVerdict]:
+def verdicts(runs: list[Run]) -> dict[str, ParameterVerdict]:
     samples, fit = fitted(runs)
     found = judge(MODEL, samples, fit, MODEL.space.initial, None)
     return {v.name: v for v in found}
 
 
 @pytest.fixture(scope="module")
-def strong(logs: list[LoggedRun]) -> dict[str, ParameterVerdict]:
+def strong(logs: list[Run]) -> dict[str, ParameterVerdict]:
     return verdicts(logs)
 
 
@@ -65,7 +65,7 @@ def test_limits_that_are_never_reached_are_named_and_not_reported(make_logs: Mak
     assert found["coulomb_friction[knees].level_nm"].identified
 
 
-def test_what_few_samples_part_from_the_others_is_not_identified(logs: list[LoggedRun]) -> None:
+def test_what_few_samples_part_from_the_others_is_not_identified(logs: list[Run]) -> None:
     samples, fit = fitted(logs)
     name = CURVE + "torque_min_nm"
     i = NAMES.index("torque_min_nm")
@@ -86,7 +86,7 @@ def test_inertia_between_motor_and_sensor_is_found_beside_the_parameters(make_lo
     assert found["knee inertia"] == pytest.approx(0.07, rel=0.1)
 
 
-def test_the_load_belongs_to_the_physics_step_before_the_state(logs: list[LoggedRun]) -> None:
+def test_the_load_belongs_to_the_physics_step_before_the_state(logs: list[Run]) -> None:
     _, fit = fitted(logs)
     assert fit.nuisance[0] == pytest.approx(OTHER_PHYSICS.timestep_s, abs=0.0006)
 
@@ -114,7 +114,7 @@ def test_the_predicted_load_worked_out_by_hand() -> None:
     assert load[2] == pytest.approx(3.0 - 0.84)
 
 
-def test_states_at_which_a_new_setpoint_has_just_arrived_are_left_out(logs: list[LoggedRun]) -> None:
+def test_states_at_which_a_new_setpoint_has_just_arrived_are_left_out(logs: list[Run]) -> None:
     samples = torque_samples([record(logs[0])])
     n_states, n_ticks = len(logs[0].states.robot_stamp_ns), len(logs[0].ticks.action)
     assert len(samples) == pytest.approx(n_states - n_ticks, abs=12)
