@@ -21,9 +21,9 @@ from typing import Any, Final
 import numpy as np
 from calibrate_diagnosis import two_steps
 
-from diagnosis.next.inputs import Inputs
 from diagnosis.next.prediction import load_prediction, with_log
 from diagnosis.next.session import Session, diagnosed
+from diagnosis.session import Inputs
 from spot_log import read_run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model

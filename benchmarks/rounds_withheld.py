@@ -30,10 +30,10 @@ import numpy as np
 
 from diagnosis.next.candidates import Candidate, candidates
 from diagnosis.next.design import Design, Proposal, Told, design
-from diagnosis.next.inputs import Inputs
 from diagnosis.next.robots import beliefs
 from diagnosis.next.rounds import SURE, WHOLE, Found, Lab, Limits, Ran, Story, ask_robot, read_story
 from diagnosis.next.session import diagnosed, found_in
+from diagnosis.session import Inputs
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model

@@ -67,44 +67,27 @@ def explain_logs(
     if not any(path.exists() for path in logs):
         raise BadInputError(f"there is no log {logs[0]}; give files written by spot-rl (*.mcap), or folders of them")
     typer.echo("loading the library of effects and the simulator …", err=True)
-    from diagnosis.library.registry import chosen_library
-    from diagnosis.next.inputs import Inputs, absolute, save_inputs
-    from diagnosis.progress import Progress
     from diagnosis.report.output import check_free
-    from diagnosis.session import Request, run_session
+    from diagnosis.session import Inputs, Progress, run_session
     from diagnosis.terminal import twelve_lines
-    from spot_model.io.model_file import load_model
 
     check_free(out)
-    request = Request(
-        logs=tuple(logs),
-        nominal=load_model(nominal),
-        nominal_name=nominal,
-        out=out,
-        policy=policy,
-        robot=robot,
-        library=chosen_library(add_effect or [], without or []),
-        with_synthesis=synthesis,
-        place=place_of(workers, engine, ray_address, device),
-        seed=seed,
+    inputs = Inputs(
+        logs=tuple(map(str, logs)),
+        nominal=nominal,
+        policy=None if policy is None else str(policy),
+        add_effect=tuple(add_effect or ()),
+        without=tuple(without or ()),
     )
-    progress = Progress()
+    place = place_of(workers, engine, ray_address, device)
     try:
-        result, paths = run_session(request, progress)
+        with Progress() as progress:
+            result, paths = run_session(
+                inputs, out, progress, robot_file=robot, with_synthesis=synthesis, place=place, seed=seed
+            )
     except KeyboardInterrupt:
-        progress.close()
         typer.echo(f"interrupted; nothing was written into {out}", err=True)
         raise typer.Exit(130) from None
-    progress.close()
-    if robot is None:
-        inputs = Inputs(
-            logs=tuple(str(path.absolute()) for path in logs),
-            nominal=absolute(nominal),
-            policy=None if policy is None else str(policy.absolute()),
-            add_effect=tuple(add_effect or ()),
-            without=tuple(without or ()),
-        )
-        save_inputs(inputs, out)
     for line in twelve_lines(result.verdict, paths):
         typer.echo(line)
     return result

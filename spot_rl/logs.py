@@ -74,10 +74,8 @@ def diagnose(
     from rich.console import Console
 
     from diagnosis.library.registry import chosen_library
-    from diagnosis.next.inputs import Inputs, absolute, save_inputs
-    from diagnosis.progress import Progress
     from diagnosis.report.output import check_free
-    from diagnosis.session import Request, run_session
+    from diagnosis.session import Inputs, Progress, run_session
     from spot_model.io.model_file import RobotModel, save_model
     from spot_model.io.whole import check_new
     from spot_rl.simulation import model_of, policy_file
@@ -92,29 +90,25 @@ def diagnose(
     kept = (folder / "nominal.yaml").absolute() if isinstance(nominal, RobotModel) else None
     if kept is not None:
         check_new(kept)
-    request = Request(
-        logs=tuple(paths),
-        nominal=model,
-        nominal_name=name,
-        out=folder,
-        policy=policy_file(policy) if policy is not None else None,
-        library=chosen_library(added, left_out),
-        place=place_of(1, EngineName.LOCAL, None, device),
-        seed=whole(seed, "seed"),
+    inputs = Inputs(
+        logs=tuple(map(str, paths)),
+        nominal=name if kept is None else str(kept),
+        policy=str(policy_file(policy)) if policy is not None else None,
+        add_effect=tuple(e if isinstance(e, str) else f"{e.__module__}:{e.__qualname__}" for e in added),
+        without=tuple(left_out),
     )
-    result, _ = run_session(request, Progress(None if progress else Console(file=io.StringIO())))
+    with Progress(None if progress else Console(file=io.StringIO())) as say:
+        result, _ = run_session(
+            inputs,
+            folder,
+            say,
+            nominal=model,
+            library=chosen_library(added, left_out),
+            place=place_of(1, EngineName.LOCAL, None, device),
+            seed=whole(seed, "seed"),
+        )
     if kept is not None:
         save_model(model, kept)
-    save_inputs(
-        Inputs(
-            logs=tuple(str(path.absolute()) for path in paths),
-            nominal=absolute(name) if kept is None else str(kept),
-            policy=None if request.policy is None else str(request.policy.absolute()),
-            add_effect=tuple(e if isinstance(e, str) else f"{e.__module__}:{e.__qualname__}" for e in added),
-            without=tuple(left_out),
-        ),
-        folder,
-    )
     return result.verdict
 
 

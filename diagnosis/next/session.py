@@ -16,18 +16,15 @@ from diagnosis.library.registry import chosen_library
 from diagnosis.next.candidates import Motion, given
 from diagnosis.next.design import Design, Proposal, design
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
-from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.prediction import check_log, check_prediction, digest_of, load_prediction, predict, with_log
 from diagnosis.next.rounds import Found, Lab, Limits, Ran, Story, ask_robot, read_story, run_on_robot
-from diagnosis.progress import Progress
 from diagnosis.read import find_policy_file, read_logs
 from diagnosis.report.output import NAMES
-from diagnosis.session import Request, run_session
+from diagnosis.session import Inputs, Progress, load_inputs, run_session
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_log import read_run
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import load_model
 from spot_model.io.progress import Progress as Bar
 from spot_model.io.validation import explain
 from spot_model.io.velocity_sequence import load_sequence
@@ -58,11 +55,8 @@ class Session:
         if logs:
             if nominal is None:
                 raise BadInputError("--logs needs the simulator's model; give --nominal MODEL")
-            given = Inputs(
-                logs=tuple(str(path.absolute()) for path in logs),
-                nominal=absolute(nominal),
-                policy=None if policy is None else str(policy.absolute()),
-            )
+            own_policy = None if policy is None else str(policy)
+            given = Inputs(logs=tuple(map(str, logs)), nominal=nominal, policy=own_policy).absolute()
             if not (folder / NAMES["verdict"]).exists():
                 diagnosed(given, (), folder)
             elif load_inputs(folder).model_copy(update={"policy": given.policy}) != given:
@@ -194,20 +188,8 @@ def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Found:
         SpotRlError: Something that was given is wrong.
     """
     everything = inputs.model_copy(update={"logs": (*inputs.logs, *(str(path.absolute()) for path in more_logs))})
-    request = Request(
-        logs=tuple(Path(path) for path in everything.logs),
-        nominal=load_model(inputs.nominal),
-        nominal_name=inputs.nominal,
-        out=out,
-        library=chosen_library(list(inputs.add_effect), list(inputs.without)),
-        policy=None if inputs.policy is None else Path(inputs.policy),
-    )
-    progress = Progress()
-    try:
-        run_session(request, progress)
-    finally:
-        progress.close()
-    save_inputs(everything, out)
+    with Progress() as progress:
+        run_session(everything, out, progress)
     return found_in(out)
 
 

@@ -18,7 +18,6 @@ from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, measure_shrink,
 from diagnosis.document import Shrink, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
-from diagnosis.progress import Progress
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.normal_equations import one_thread
@@ -41,6 +40,7 @@ from spot_model.robot import facts
 from spot_model.text import counted
 from trainer.signals.policy_ticks import scripts_of
 from trainer.signals.recording import record
+from trainer.simulate.engine import Tell
 
 WITHOUT_RUNS = (
     "without the policy that ran on Spot nothing can be simulated: the map is that of open-loop prediction, and there "
@@ -71,6 +71,7 @@ def diagnose(
     policy: Policy | None,
     rng: np.random.Generator,
     say: Say,
+    tell: Tell = lambda _: None,
     *,
     library: Mapping[str, LibraryEffect] = LIBRARY,
     with_synthesis: bool = False,
@@ -85,14 +86,14 @@ def diagnose(
         nominal: The simulator's model.
         policy: The policy that ran; without it open-loop prediction decides what matters.
         rng: Draws noise of simulated sensors, permutations, resamples.
-        say: Where progress goes.
+        say: Gets each step in words.
+        tell: Gets the share of the present step that is done, 0 to 1.
         library: Effects that are tried.
         with_synthesis: As a check, also diagnose the nominal simulator with the effects added.
         nominal_name: For the verdict.
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.
     """
-    tell = say.at if isinstance(say, Progress) else _ignore
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
@@ -158,10 +159,6 @@ def _about(bench: Bench, is_crossed: bool) -> list[str]:
     if all(len(own) < 2 for own in bench.real().values()):
         notes.append("no command sequence has two whole runs: the floor is the scatter of simulated runs")
     return notes
-
-
-def _ignore(share: float) -> None:
-    """Progress that nobody watches."""
 
 
 def synthesis_check(

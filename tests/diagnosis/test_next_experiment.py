@@ -19,7 +19,6 @@ from diagnosis.next import rounds as robot_rounds
 from diagnosis.next.candidates import HEAT, Candidate, candidates, given
 from diagnosis.next.design import Design, Proposal, Told, in_words, judged, told_by
 from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
-from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.robots import (
     N_WIDE,
@@ -45,6 +44,7 @@ from diagnosis.next.rounds import (
 )
 from diagnosis.next.session import Session, found_in
 from diagnosis.next.trial import _roughness, refusals, try_on
+from diagnosis.session import Inputs
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain
@@ -612,7 +612,7 @@ def test_a_diagnosis_of_another_release_is_named(tmp_path: Path) -> None:
 def test_a_second_start_with_other_logs_is_refused(tmp_path: Path) -> None:
     """What is there is of these logs alone; the same command again would go on."""
     (tmp_path / "verdict.json").write_text("{}")
-    save_inputs(Inputs(logs=(str(tmp_path / "a.mcap"),), nominal="ideal"), tmp_path)
+    Inputs(logs=(str(tmp_path / "a.mcap"),), nominal="ideal").save(tmp_path)
     with pytest.raises(BadInputError, match="a diagnosis of other logs"):
         Session.opened(tmp_path, [tmp_path / "b.mcap"], "ideal", None, 0)
 

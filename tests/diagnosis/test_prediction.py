@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from diagnosis.next.inputs import Inputs
 from diagnosis.next.prediction import (
     MOTION,
     Forecast,
@@ -21,6 +20,7 @@ from diagnosis.next.prediction import (
 )
 from diagnosis.next.rounds import Found
 from diagnosis.next.session import Session
+from diagnosis.session import Inputs
 from diagnosis.verdict.posterior_file import Posterior
 from spot_log.format.events import FOLLOWING_MODE
 from spot_log.format.records import RunHeader

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 import diagnosis
-from diagnosis.progress import STAGES, Progress
+from diagnosis.session import STAGES, Progress
 
 
 class _Clock:
@@ -38,7 +38,7 @@ def test_stage_share_and_time_left_in_a_file() -> None:
     progress("building channels of 3 logs")
     progress.at(0.5)
     progress("a note")
-    progress.close()
+    progress.stop()
     lines = stream.getvalue().splitlines()
     assert lines[0] == "diagnosis 0 %  reading logs"
     # A tenth in 10 s: nine tenths, 90 s, are left.

@@ -267,11 +267,12 @@ def test_a_policy_is_trained_and_exported(in_project: None, tmp_path: Path) -> N
 
 
 def test_a_diagnosis_made_in_python_can_be_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from diagnosis.next.inputs import load_inputs
+    from diagnosis.session import load_inputs
     from spot_model.io.model_file import load_model
 
-    def at_once(request: Any, _: Any) -> Any:
-        request.out.mkdir()
+    def at_once(inputs: Any, out: Path, *_: Any, **__: Any) -> Any:
+        out.mkdir()
+        inputs.save(out)
         return SimpleNamespace(verdict="done"), {}
 
     monkeypatch.setattr("diagnosis.session.run_session", at_once)
