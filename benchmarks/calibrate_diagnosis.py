@@ -43,7 +43,6 @@ from diagnosis.selection.scoring import Placed, null_of
 from diagnosis.selection.search import search
 from diagnosis.verdict.causes import CALIBRATED, candidates_of, decide, name_of, own_nats
 from diagnosis.verdict.evidence import Explained, explain
-from diagnosis.verdict.measured import with_environment
 from diagnosis.verdict.probability import excess
 from spot_log import read_run
 from spot_log.read.run import Run
@@ -149,14 +148,14 @@ def evidence(
     found: Explained, reality: Reality, bench: Bench | None, library: Mapping[str, LibraryEffect], seed: int
 ) -> dict[str, Any]:
     """What residuals say of each effect of the best set, and what its model leaves in closed loop."""
-    board, best, own = found.board, found.selection.best or null_of(found.board), own_nats(found)
+    board, best, own = found.board, found.selection.best, own_nats(found)
     candidates = candidates_of(found)
     effects = []
     for term, nats, rivals in zip(best.terms, found.selection.gains, found.selection.rivals, strict=True):
         names = [r.scored.terms[-1].effect.name for r in rivals if name_of(r.scored) in candidates]
         told = of_effect(found, term, reality.truth.faults, names)
         effects.append(told | {"nats": nats, "own_nats": own[term.effect.name]})
-    rest, left = found.remainder(), dict[str, float]()
+    rest, left = found.remainder, dict[str, float]()
     for channel, nats in zip(rest.channels, rest.nats, strict=True):
         left[channel] = left.get(channel, 0.0) + float(nats)
     return {
@@ -178,17 +177,13 @@ def simulated(
     causes, board = decide(found, library), found.board
     best = calibrated(board, causes.best)
     models = {"stated": best, CALIBRATED: calibrated(board, null_of(board))}
-    # Surroundings are chosen for each explanation anew.
-    own = with_environment(replace(bench, surroundings={}), board, best, nominal)
-    trials = run_trials(
-        own, nominal, board, models, {CALIBRATED: "stated"}, np.random.default_rng(seed), only_ticks=True
-    )
+    trials = run_trials(bench, nominal, board, models, "stated", np.random.default_rng(seed))
     if "stated" not in trials.runs:
         return {}
     return {
         **trials.distances(),
         "scatter_nm": trials.scatter_nm(),
-        "model_scatter": trials.scatter_of("stated", bench.policy),
+        "model_scatter": trials.scatter_of("stated"),
     }
 
 

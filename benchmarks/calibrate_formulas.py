@@ -51,7 +51,7 @@ def left_by_channel(seed: int, number: int) -> Mapping[str, tuple[float, float]]
     with one_thread():
         logs, _, _, board = evidence_of(runs, reality.nominal, load_policy(file), {})
         null = null_of(board)
-        rest = remainder(board, logs, Scorer(board).residuals(), null.explained, 0.0)
+        rest = remainder(board, logs, Scorer(board).residuals(), null.explained)
     excess = null.held_out - 1.0 - board.relative_square * null.explained
     return {
         str(channel): (float(np.sqrt(max(0.0, np.median(excess[blocks])))), float(rest.nats[blocks].sum()))

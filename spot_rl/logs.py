@@ -86,6 +86,7 @@ def diagnose(
     model, name = model_of(nominal)
     added: list[str | type] = one_or_more(add_effects, "add_effects")
     left_out: list[str] = one_or_more(without, "without")
+    library = chosen_library(added, left_out)
     check_free(folder)
     kept = (folder / "nominal.yaml").absolute() if isinstance(nominal, RobotModel) else None
     if kept is not None:
@@ -103,7 +104,7 @@ def diagnose(
             folder,
             say,
             nominal=model,
-            library=chosen_library(added, left_out),
+            library=library,
             place=place_of(1, EngineName.LOCAL, None, device),
             seed=whole(seed, "seed"),
         )

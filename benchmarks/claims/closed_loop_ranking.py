@@ -18,9 +18,8 @@ from cmaes import CMA
 from numpy.typing import NDArray
 
 from diagnosis.channels import Views
-from diagnosis.closed_loop.environment import run_all
 from diagnosis.closed_loop.shrink import features_by_sequence
-from diagnosis.closed_loop.simulation import rollouts_under
+from diagnosis.closed_loop.simulation import rollouts_under, run_all
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.library import LibraryEffect, Location
 from diagnosis.library.registry import LIBRARY
@@ -114,7 +113,7 @@ class Distances:
     def to(self, models: Sequence[RobotModel]) -> Array:
         """W1 and MMD in floors, mean over the sequences, shape (len(models), 2)."""
         jobs = [
-            (model, replace(script, sequence=f"{k}:{script.sequence}"), None)
+            (model, replace(script, sequence=f"{k}:{script.sequence}"))
             for k, model in enumerate(models)
             for script in self._scripts
         ]

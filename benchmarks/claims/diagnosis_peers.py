@@ -38,8 +38,7 @@ from calibrate_diagnosis import POLICIES, recorded, two_steps
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
-from diagnosis.closed_loop.environment import run_all
-from diagnosis.closed_loop.simulation import rollouts_under
+from diagnosis.closed_loop.simulation import rollouts_under, run_all
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.verdict.diagnose import diagnose
 from spot_model.policy.policy import load_policy
@@ -88,7 +87,7 @@ def robot(seed: int, number: int, out: Path, late_s: float) -> str:
 
     def network() -> Any:
         bench = Bench.of(runs, policy, rollouts_under(policy))
-        jobs = [(nominal, script, None) for script in bench.scripts] if bench else []
+        jobs = [(nominal, script) for script in bench.scripts] if bench else []
         healthy = run_all(jobs, rollouts_under(policy), np.random.default_rng(case.diagnosis_seed), lambda _: None)
         return ratios(healthy, runs, case.diagnosis_seed).tolist()
 

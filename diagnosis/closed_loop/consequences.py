@@ -36,7 +36,7 @@ from diagnosis.closed_loop.shrink import (
     sequence_of,
     shrinkage,
 )
-from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
+from diagnosis.closed_loop.trials import Trials
 from diagnosis.document import Consequences, GapChange, GapLeft, GapName, QuantityChange
 from spot_log.read.run import Run
 from spot_model.robot.rotation import rotate_inverse_wxyz
@@ -75,10 +75,12 @@ Runs = Mapping[str, Sequence[Run]]
 """By command sequence, all of which the robot ran."""
 
 
-def consequences(bench: Bench, trials: Trials, before: str, after: str, rng: np.random.Generator) -> Consequences:
-    """What the model named ``after`` has beyond the one named ``before`` does; ``trials`` hold every state of both."""
-    # The surroundings were chosen for the corrected model: another choice would move its distance from the robot.
-    doubt = bench.around(after).doubt if before == NOMINAL else 0.0
+def consequences(trials: Trials, before: str, after: str, rng: np.random.Generator, doubt: float = 0.0) -> Consequences:
+    """What the model named ``after`` has beyond the one named ``before`` does.
+
+    ``doubt`` is a standard error of the distance after, in floors: other surroundings might have been chosen.
+    """
+    bench = trials.bench
     real, first, second = _by_sequence(bench.runs), _by_sequence(trials.runs[before]), _by_sequence(trials.runs[after])
     gaps = []
     for gap, compared in _compared(real, {before: first, after: second}, after):
@@ -90,9 +92,9 @@ def consequences(bench: Bench, trials: Trials, before: str, after: str, rng: np.
     return Consequences(loop="closed", gaps=tuple(gaps), changes=_changes(real, first, second, length_s, rng))
 
 
-def remainder(bench: Bench, trials: Trials, after: str) -> tuple[GapLeft, ...]:
+def remainder(trials: Trials, after: str) -> tuple[GapLeft, ...]:
     """What a model leaves of each gap."""
-    real, made = _by_sequence(bench.runs), _by_sequence(trials.runs[after])
+    real, made = _by_sequence(trials.bench.runs), _by_sequence(trials.runs[after])
     out = []
     for gap, compared in _compared(real, {after: made}, after):
         left, floor = mean_distance(compared, after), mean_floor(compared)

@@ -1,10 +1,9 @@
 """The surroundings of a robot: how soft the ground is, and what the robot's own estimator makes of its velocity.
 
 They are no part of a robot's model, no log shows them directly, and a gait depends on them more than on most effects: a
-tenth of the ground's time constant moves the measure by as much as two real runs differ. So each model gets, for each
-command sequence, the surroundings with the best score on the *other* sequences, the nominal and the corrected model
-alike, so that a gap is the robot's and not the floor's. Where an effect that was found is itself one of the ground or
-of the estimator, the ones that suit the corrected model serve both.
+tenth of the ground's time constant moves the measure by as much as two real runs differ. So the corrected model gets,
+for each command sequence, the surroundings with the best score on the *other* sequences, and models with less of what
+was found share them, so that a gap is the robot's and not the floor's.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.closed_loop.shrink import Features, compare, simulated_features
-from diagnosis.closed_loop.simulation import Rollout, Rollouts, merged, simulate_all
-from spot_log.read.run import Run
+from diagnosis.closed_loop.simulation import Rollouts, run_all
 from spot_model.effects.body.ground_compliance import GroundCompliance
 from spot_model.effects.sensing.leg_odometry import LegOdometry
 from spot_model.io.model_file import RobotModel
@@ -96,9 +94,6 @@ SURROUNDING_EFFECTS: Final = frozenset(
 )
 """Effects that other surroundings could hide."""
 
-Job = tuple[RobotModel, Script, Surroundings | None]
-"""A run to make; without surroundings in the simulator's own."""
-
 
 @dataclass(frozen=True)
 class Chosen:
@@ -112,7 +107,7 @@ class Chosen:
     """Standard error of the model's distance from the choice, in floors."""
 
 
-class _Tried:
+class _Scores:
     """Scores of surroundings by sequence: one simulated run of each."""
 
     def __init__(
@@ -130,27 +125,20 @@ class _Tried:
         self._scripts = [replace(s, velocity_command=s.velocity_command[:MAX_TICKS]) for s in first]
         self._costs: dict[Surroundings, NDArray[np.float64]] = {}
 
-    def new(self, some: Sequence[Surroundings]) -> list[Surroundings]:
-        """Those that were not tried yet, each once."""
-        return [s for s in dict.fromkeys(some) if s not in self._costs]
-
-    def add(self, some: Sequence[Surroundings], runs: Sequence[Run]) -> None:
-        """Score runs of :meth:`jobs_for`."""
-        found = simulated_features(runs, self._policy)
-        costs = np.empty((len(some), len(self.names)))
-        for column, name in enumerate(self.names):
-            parts = {str(k): found[f"{k}:{name}"] for k in range(len(some))}
-            for k, distances in compare(name, self._real[name], parts).models.items():
-                costs[int(k), column] = float(np.mean(distances))
-        self._costs.update(zip(some, costs, strict=True))
-
-    def jobs_for(self, some: Sequence[Surroundings]) -> list[Job]:
-        """One run of each sequence in each of them."""
-        return [
-            (self._model, replace(script, sequence=f"{k}:{script.sequence}"), s)
-            for k, s in enumerate(some)
-            for script in self._scripts
-        ]
+    def add(self, some: Sequence[Surroundings], engine: Rollouts, rng: np.random.Generator, tell: Tell) -> None:
+        """Score those that are new, by one simulated run of each sequence."""
+        new = [s for s in dict.fromkeys(some) if s not in self._costs]
+        jobs = []
+        for k, surroundings in enumerate(new):
+            model = surroundings.around(self._model)
+            jobs += [(model, replace(script, sequence=f"{k}:{script.sequence}")) for script in self._scripts]
+        found = simulated_features(run_all(jobs, engine, rng, tell, only_ticks=True), self._policy)
+        costs = np.empty((len(new), len(self.names)))
+        for column, name in enumerate(self.names if new else ()):
+            parts = {str(k): found[f"{k}:{name}"] for k in range(len(new))}
+            for row, distances in compare(name, self._real[name], parts).models.items():
+                costs[int(row), column] = float(np.mean(distances))
+        self._costs.update(zip(new, costs, strict=True))
 
     def best_without(self, *names: str) -> Surroundings:
         """With the best geometric mean over all other sequences; over all where there are no others."""
@@ -199,51 +187,31 @@ class _Tried:
 
 
 def best_surroundings(
-    models: Mapping[str, RobotModel],
+    model: RobotModel,
     scripts: Sequence[Script],
     real: Mapping[str, Features],
     policy: Policy,
     engine: Rollouts,
     rng: np.random.Generator,
     tell: Tell,
-) -> dict[str, Chosen]:
-    """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
+) -> Chosen:
+    """Surroundings of a model for each sequence, chosen on the others; on itself where it is the only one.
 
     First hard and soft ground, then around the best the ground and the estimator, and around both together the ground
-    finer and how it damps. All models run side by side; ``real`` holds the real runs' features by sequence.
+    finer and how it damps. ``real`` holds the real runs' features by sequence.
     """
-    tried = {name: _Tried(model, scripts, real, policy) for name, model in models.items()}
-    if any(not t.names for t in tried.values()):
-        return {name: Chosen({}) for name in models}
-
-    around: dict[str, list[tuple[Surroundings, tuple[str, ...]]]] = {}
-
-    def coarse(_: str) -> list[Surroundings]:
-        return [OWN, *(replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S)]
-
-    def nearer(name: str) -> list[Surroundings]:
-        around[name] = tried[name].centres()
-        return [s for centre, _ in around[name] for s in (*_nearer(centre), *_estimators(centre))]
-
-    def finer(name: str) -> list[Surroundings]:
-        centres = [tried[name].combined(centre, names) for centre, names in around[name]]
-        return [s for c in centres for s in (c, *_finer(c))]
-
-    for done, step in enumerate((coarse, nearer, finer)):
-
-        def part(share: float, done: int = done) -> None:
-            tell((done + share) / 3)
-
-        new = {name: t.new(step(name)) for name, t in tried.items()}
-        jobs = [job for name, t in tried.items() for job in t.jobs_for(new[name])]
-        runs = iter(run_all(jobs, engine, rng, part, only_ticks=True))
-        for name, some in new.items():
-            if some:
-                tried[name].add(some, [next(runs) for _ in tried[name].jobs_for(some)])
+    scores = _Scores(model, scripts, real, policy)
+    if not scores.names:
+        return Chosen({})
+    soft = [replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S]
+    scores.add([OWN, *soft], engine, rng, lambda share: tell(share / 3))
+    around = scores.centres()
+    near = [s for centre, _ in around for s in (*_nearer(centre), *_estimators(centre))]
+    scores.add(near, engine, rng, lambda share: tell((1 + share) / 3))
+    centres = [scores.combined(centre, names) for centre, names in around]
+    scores.add([s for c in centres for s in (c, *_finer(c))], engine, rng, lambda share: tell((2 + share) / 3))
     every = sorted({s.sequence for s in scripts})
-    return {
-        name: Chosen({s: t.best_without(s) for s in every}, t.best_without(), t.doubt()) for name, t in tried.items()
-    }
+    return Chosen({s: scores.best_without(s) for s in every}, scores.best_without(), scores.doubt())
 
 
 def _nearer(centre: Surroundings) -> list[Surroundings]:
@@ -261,33 +229,3 @@ def _finer(centre: Surroundings) -> list[Surroundings]:
 def _with_times(centre: Surroundings, factors: Sequence[float]) -> list[Surroundings]:
     times_s = {max(HARDEST_S, centre.contact_time_constant_s * f) for f in factors}
     return [replace(centre, contact_time_constant_s=t) for t in sorted(times_s)]
-
-
-def run_all(
-    jobs: Sequence[Job], engine: Rollouts, rng: np.random.Generator, tell: Tell, *, only_ticks: bool = False
-) -> list[Run]:
-    """A run of each job, in their order: in one batch where the models allow it, otherwise in one for each model.
-
-    Raises:
-        BadInputError: A model cannot be simulated.
-    """
-    if not jobs:
-        return []
-    placed: dict[tuple[int, Surroundings], RobotModel] = {}
-    models = [
-        model if around is None else placed.setdefault((id(model), around), around.around(model))
-        for model, _, around in jobs
-    ]
-    together = merged(models)
-    by_model: dict[int, list[int]] = {}
-    for i, model in enumerate(models):
-        by_model.setdefault(id(together or model), []).append(i)
-    groups = [(together or models[rows[0]], rows) for rows in by_model.values()]
-    rollouts = [
-        Rollout(model, tuple(jobs[i][1] for i in rows), int(rng.integers(2**31)), only_ticks=only_ticks)
-        for model, rows in groups
-    ]
-    made: dict[int, Run] = {}
-    for (_, rows), runs in zip(groups, simulate_all(rollouts, engine, tell), strict=True):
-        made.update(zip(rows, runs, strict=True))
-    return [made[i] for i in range(len(jobs))]

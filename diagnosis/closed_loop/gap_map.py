@@ -31,15 +31,6 @@ UNITS: Final = {"position": "rad", "velocity": "rad/s", "load": "N·m", "load er
 
 
 @dataclass(frozen=True)
-class GapMap:
-    """All cells."""
-
-    cells: tuple[GapCell, ...]
-    has_floor: bool
-    note: str
-
-
-@dataclass(frozen=True)
 class Side:
     """Real or simulated logs, with the load's error against the servo law where channel *set-point to load* is on."""
 
@@ -47,8 +38,10 @@ class Side:
     actuator: ChannelView | None
 
 
-def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Generator) -> GapMap:
-    """Compare real logs and the nominal model's runs of the same commands, cell by cell.
+def gap_map(
+    real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Generator
+) -> tuple[tuple[GapCell, ...], str]:
+    """Compare real logs and the nominal model's runs of the same commands, cell by cell; and a note for the reader.
 
     ``leg_of_joint`` has shape (J,), -1 for none; ``rng`` draws the permutations.
     """
@@ -92,7 +85,7 @@ def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Gene
                 )
             )
     cells.sort(key=lambda c: -(c.ratio if c.ratio is not None else c.gap))
-    return GapMap(tuple(cells), repeated, "" if repeated else NO_FLOOR)
+    return tuple(cells), "" if repeated else NO_FLOOR
 
 
 def _known(value: Array) -> float | None:

@@ -160,17 +160,6 @@ def roll_out(shared: tuple[bytes, str], rollout: Rollout, tell: Tell) -> list[Ru
     )
 
 
-def simulate_all(rollouts: Sequence[Rollout], engine: Rollouts, tell: Tell) -> list[list[Run]]:
-    """Runs of each rollout, in their order; on the cores as jobs of at most :data:`MOST_RUNS` runs.
-
-    Raises:
-        BadInputError: A model cannot be simulated.
-    """
-    parts = [r.split(MOST_RUNS if engine.place.device == "cpu" else len(r.scripts)) for r in rollouts]
-    made = iter(engine.map([part for some in parts for part in some], tell))
-    return [[run for _ in some for run in next(made)] for some in parts]
-
-
 def merged(models: Sequence[RobotModel]) -> RobotModel | None:
     """One model for a batch whose run i is of ``models[i]``; None where no such model exists.
 
@@ -230,3 +219,48 @@ def _merged_effect(effects: Sequence[Effect | None]) -> Effect:
         else:
             columns[p.name] = values[0]
     return dataclasses.replace(some, **columns)
+
+
+def run_all(
+    jobs: Sequence[tuple[RobotModel, Script]],
+    engine: Rollouts,
+    rng: np.random.Generator,
+    tell: Tell,
+    *,
+    only_ticks: bool = False,
+) -> list[Run]:
+    """A run of each model and script, in their order: in one batch where the models allow it, else in one for each.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    if not jobs:
+        return []
+    together = merged([model for model, _ in jobs])
+    by_model: dict[int, list[int]] = {}
+    for i, (model, _) in enumerate(jobs):
+        by_model.setdefault(id(together or model), []).append(i)
+    rollouts = [
+        Rollout(
+            together or jobs[rows[0]][0],
+            tuple(jobs[i][1] for i in rows),
+            int(rng.integers(2**31)),
+            only_ticks=only_ticks,
+        )
+        for rows in by_model.values()
+    ]
+    made: dict[int, Run] = {}
+    for rows, runs in zip(by_model.values(), simulate_all(rollouts, engine, tell), strict=True):
+        made.update(zip(rows, runs, strict=True))
+    return [made[i] for i in range(len(jobs))]
+
+
+def simulate_all(rollouts: Sequence[Rollout], engine: Rollouts, tell: Tell) -> list[list[Run]]:
+    """Runs of each rollout, in their order; on the cores as jobs of at most :data:`MOST_RUNS` runs.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    parts = [r.split(MOST_RUNS if engine.place.device == "cpu" else len(r.scripts)) for r in rollouts]
+    made = iter(engine.map([part for some in parts for part in some], tell))
+    return [[run for _ in some for run in next(made)] for some in parts]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
+from diagnosis.closed_loop.environment import Chosen, Surroundings, best_surroundings
 from diagnosis.closed_loop.run_numbers import time_to_fall
 from diagnosis.closed_loop.shrink import (
     Compared,
@@ -19,7 +19,7 @@ from diagnosis.closed_loop.shrink import (
     shrinkage,
     simulated_features,
 )
-from diagnosis.closed_loop.simulation import Rollouts
+from diagnosis.closed_loop.simulation import Rollouts, run_all
 from diagnosis.document import Shrink
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.robot_models import model_of
@@ -44,26 +44,9 @@ class Bench:
     """Of those that are long enough."""
     policy: Policy
     engine: Rollouts
-    shared: RobotModel | None = None
-    """The model whose surroundings serve all: the corrected one, where the ground or the estimator was found."""
-    surroundings: dict[str, Chosen] = field(default_factory=dict)
-    """Chosen ones, by name of the model."""
-
-    def around(self, name: str) -> Chosen:
-        """Surroundings of a model; none of its own before any were chosen."""
-        return self.surroundings.get("all" if self.shared is not None else name, Chosen({}))
-
-    def choose(self, models: Mapping[str, RobotModel], rng: np.random.Generator, tell: Tell) -> None:
-        """Choose surroundings for those of the models that have none, or for :attr:`shared` alone."""
-        wanted = models if self.shared is None else {"all": self.shared}
-        missing = {name: model for name, model in wanted.items() if name not in self.surroundings}
-        if missing:
-            self.surroundings.update(
-                best_surroundings(missing, self.scripts, self.real(), self.policy, self.engine, rng, tell)
-            )
 
     @staticmethod
-    def of(runs: Sequence[Run], policy: Policy, engine: Rollouts, shared: RobotModel | None = None) -> Bench | None:
+    def of(runs: Sequence[Run], policy: Policy, engine: Rollouts) -> Bench | None:
         """With every log that is long enough, run so often that simulated runs of a sequence have a scatter too.
 
         Logs at gains other than the policy's are left out. None where no log is long enough.
@@ -79,7 +62,7 @@ class Bench:
                 replace(own[i % len(own)], repeat=last + 1 + i, start=others[i % len(others)].start)
                 for i in range(max(0, LEAST_RUNS - len(own)))
             ]
-        return Bench(tuple(runs), tuple(scripts), policy, engine, shared) if scripts else None
+        return Bench(tuple(runs), tuple(scripts), policy, engine) if scripts else None
 
     @property
     def sequences(self) -> list[str]:
@@ -105,12 +88,15 @@ SMALLEST: Final = 0.01
 class Trials:
     """Closed-loop runs of several models, and how far each is from the robot."""
 
+    bench: Bench
     runs: Mapping[str, list[Run]]
     """By name of the model."""
     compared: tuple[Compared, ...]
     is_crossed: bool
     """Whether each sequence's model was fitted without it."""
     notes: tuple[str, ...]
+    surroundings: Chosen = Chosen({})
+    """Of all models but the nominal one."""
 
     def distances(self) -> dict[str, float]:
         """One by model, in floors: distances between the robot's own repeats; without repeats between the model's.
@@ -125,9 +111,9 @@ class Trials:
         """The floor's W1 part, over the sequences; NaN where nothing was compared."""
         return float(np.exp(np.mean([np.log(c.scale[0]) for c in self.compared]))) if self.compared else float("nan")
 
-    def scatter_of(self, name: str, policy: Policy) -> float:
+    def scatter_of(self, name: str) -> float:
         """What a model's own runs scatter by, in the robot's floors; NaN if unknown."""
-        own = simulated_features(self.runs[name], policy)
+        own = simulated_features(self.runs[name], self.bench.policy)
         ratios = [
             float(np.mean(SequenceReference.build(c.sequence, list(own[c.sequence])).scale / c.scale))
             for c in self.compared
@@ -141,23 +127,20 @@ def run_trials(
     nominal: RobotModel,
     board: Board,
     candidates: Mapping[str, Scored],
-    like: Mapping[str, str],
+    stated: str,
     rng: np.random.Generator,
     tell: Tell = lambda _: None,
-    *,
-    only_ticks: bool = False,
 ) -> Trials:
-    """Run the nominal model, and it with each candidate's ordinary errors and effects, in the surroundings that suit.
+    """Run the nominal model, and each candidate in the surroundings of the stated one.
 
     Args:
         bench: Real logs and how to simulate them.
         nominal: The model.
         board: The evidence, with its folds.
-        candidates: Fitted sets of effects, by name.
-        like: By name of a candidate, the one whose environment it shares; the others choose their own.
+        candidates: Fitted sets of effects with their ordinary errors, by name.
+        stated: Name of the candidate whose surroundings serve all.
         rng: Draws seeds.
         tell: Called with the share that is done.
-        only_ticks: No states between the policy's ticks: enough for distances.
 
     Raises:
         BadInputError: The nominal model cannot be simulated.
@@ -165,29 +148,33 @@ def run_trials(
     names, notes = bench.sequences, []
     crossed = list(board.fold_names) == names and len(names) > 1
     models = {NOMINAL: dict.fromkeys(names, nominal)}  # by name and command sequence
-    references: dict[str, RobotModel] = {}
+    chosen = Chosen({})
     for name, scored in candidates.items():
         made, why = _fitted_models(nominal, board, scored, names if crossed else [])
         if made is None:
             notes.append(f"{name} cannot be simulated: {why}")
             continue
         models[name] = {s: made[k if crossed else -1] for k, s in enumerate(names)}
-        if name not in like:
-            references[name] = made[-1]
-    bench.choose(references, rng, lambda share: tell(0.6 * share))
+        if name == stated:
+            chosen = best_surroundings(
+                made[-1], bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
+            )
+    # One object for one model in one place: runs of models that cannot be merged go by model.
+    placed: dict[tuple[int, Surroundings], RobotModel] = {}
     jobs, owners = [], []
     for name, by_sequence in models.items():
-        around = bench.around(like.get(name, name)).by_sequence if name != NOMINAL else {}
         for sequence, model in by_sequence.items():
-            mine = [s for s in bench.scripts if s.sequence == sequence]
-            jobs += [(model, s, around.get(sequence)) for s in mine]
+            around = chosen.by_sequence.get(sequence) if name != NOMINAL else None
+            own = model if around is None else placed.setdefault((id(model), around), around.around(model))
+            mine = [(own, script) for script in bench.scripts if script.sequence == sequence]
+            jobs += mine
             owners += [name] * len(mine)
     runs: dict[str, list[Run]] = {name: [] for name in models}
-    made_runs = run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share), only_ticks=only_ticks)
+    made_runs = run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share))
     for name, run in zip(owners, made_runs, strict=True):
         runs[name].append(run)
     compared, told = compared_by_sequence(bench, runs)
-    return Trials(runs, tuple(compared), crossed, (*notes, *told))
+    return Trials(bench, runs, tuple(compared), crossed, (*notes, *told), chosen)
 
 
 def _fitted_models(
@@ -201,12 +188,12 @@ def _fitted_models(
         return None, str(error)
 
 
-def measure_shrink(bench: Bench, trials: Trials, stated: str, rng: np.random.Generator) -> Shrink | None:
+def measure_shrink(trials: Trials, stated: str, rng: np.random.Generator) -> Shrink | None:
     """How much of the gap the stated model closes; in crossed trials on sequences that its numbers never saw."""
     compared = trials.compared
     if not compared or stated not in trials.runs:
         return None
-    d0, d1, floor, s, low, high = shrinkage(compared, NOMINAL, stated, rng, bench.around(stated).doubt)
+    d0, d1, floor, s, low, high = shrinkage(compared, NOMINAL, stated, rng, trials.surroundings.doubt)
     return Shrink(
         d0=d0,
         d1=d1,

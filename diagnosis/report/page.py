@@ -62,7 +62,7 @@ TERMS: Final = (
 def page(result: Diagnosis) -> str:
     """The page as text."""
     v = result.verdict
-    cells = result.map.cells if result.map is not None else ()
+    cells = result.cells
     named = frozenset(j for d in v.differences for j in d.joints) | frozenset(v.unknown.joints if v.unknown else ())
     by_joint = _by_joint(cells or v.where)
     body = [

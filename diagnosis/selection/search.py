@@ -12,7 +12,7 @@ from diagnosis.channels import Array, Shape
 from diagnosis.decision_constants import LEAST_NATS_TO_TRY, MAX_EFFECTS
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Board
-from diagnosis.selection.scoring import Placed, Scored, Scorer
+from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of
 
 NEAR_SHARE: Final = 0.1
 LEAST_NATS: Final = 1.5
@@ -43,8 +43,8 @@ class Rival:
 class Selection:
     """What was chosen."""
 
-    best: Scored | None
-    """None where nothing passed."""
+    best: Scored
+    """Ordinary errors alone where nothing passed."""
     gains: tuple[float, ...]
     """What each chosen effect adds to the score of the others, nats."""
     rivals: tuple[tuple[Rival, ...], ...]
@@ -70,7 +70,7 @@ def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Sele
             break
         candidates = ranked(board, best.terms, beside(promising, best.terms))
     if best is None:
-        return Selection(None, (), (), first)
+        return Selection(null_of(board), (), (), first)
     best = _pruned(board, best)
     return selection_of(board, best, first, library)
 

@@ -37,8 +37,6 @@ class Remainder:
     """By block."""
     nats: Array
     """By block: what explaining the predictable part would bring. Shape (B,)."""
-    explained_nats: float
-    """What the chosen effects bring."""
     shares: Array
     """By block: share of the residual's square that is predictable in folds that the fit never saw. Shape (B,)."""
     left: Array
@@ -54,13 +52,11 @@ class Remainder:
         return sum(max(0.0, nats - usual_nats.get(channel, 0.0)) for channel, nats in found.items())
 
 
-def remainder(
-    board: Board, stack: Stack, residuals: Sequence[Array], explained: Array, explained_nats: float
-) -> Remainder:
+def remainder(board: Board, stack: Stack, residuals: Sequence[Array], explained: Array) -> Remainder:
     """Predict what is left from signals, block by block.
 
     Residuals by block, in units of the noise; ``explained`` is by block the mean square of what the chosen effects
-    explain, of which a formula leaves a share, and ``explained_nats`` what they bring.
+    explain, of which a formula leaves a share.
     """
     quantities = Quantities(stack)
     n = len(board.blocks)
@@ -82,7 +78,7 @@ def remainder(
         shares[number] = share
         rest = max(left[number] * (1.0 - share), min(1.0, left[number]))
         nats[number] = 0.5 * board.dof[number] * np.log((left[number] + tolerance[number]) / (rest + tolerance[number]))
-    return Remainder(tuple(b.channel for b in board.blocks), nats, explained_nats, shares, left, tuple(importance))
+    return Remainder(tuple(b.channel for b in board.blocks), nats, shares, left, tuple(importance))
 
 
 def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:

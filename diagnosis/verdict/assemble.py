@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from diagnosis.channels import Channel
 from diagnosis.closed_loop.consequences import worse_gaps
-from diagnosis.closed_loop.gap_map import GapMap
+from diagnosis.closed_loop.trials import Trials
 from diagnosis.decision_constants import NAMED, RUNS_APART
-from diagnosis.document import Calibration, Difference, GapChange, Shrink, Status, Stretch, Verdict
+from diagnosis.document import Calibration, Difference, GapCell, GapChange, Status, Stretch, Verdict
 from diagnosis.selection.fitted import numbers
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.unexplained import describe
@@ -18,9 +19,8 @@ from diagnosis.verdict.advice import advice, cannot_show, split
 from diagnosis.verdict.calibration import by_type, calibrated_numbers
 from diagnosis.verdict.causes import Causes
 from diagnosis.verdict.evidence import Explained
-from diagnosis.verdict.measured import Measured, open_loop_cells
+from diagnosis.verdict.measured import Measured
 from diagnosis.verdict.probability import is_none
-from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 
 N_WHERE = 60
@@ -37,7 +37,7 @@ def status_of(causes: Causes, measured: Measured, unknown: float, is_simulated: 
     found, gaps = causes.found, measured.whole.gaps
     if not found.views.keys() & FORCES and not is_simulated:
         return "cannot_tell"
-    if found.selection.best is not None:
+    if found.selection.best.terms:
         return "partly_explained" if unknown > NAMED or any(map(is_open, gaps)) else "explained"
     if unknown > NAMED:
         return "unknown_effect"
@@ -51,38 +51,32 @@ def is_open(gap: GapChange) -> bool:
 
 def assemble(
     causes: Causes,
-    nominal: RobotModel,
+    model: RobotModel,
     measured: Measured,
     unknown_effect: float,
-    distances: Mapping[str, float],
-    map_: GapMap | None,
-    shrink: Shrink | None,
-    notes: Sequence[str],
-    runs: Sequence[Run],
-    nominal_name: str,
+    trials: Trials | None,
+    cells: Sequence[GapCell],
+    **known: Any,
 ) -> Verdict:
     """The document.
 
     Args:
         causes: What was decided.
-        nominal: The simulator's model.
+        model: The nominal one.
         measured: What differences and calibration do.
         unknown_effect: Probability of something that no effect of the library is.
-        distances: Of closed loops from the robot's, by name of the model, in floors; empty where none were run.
-        map_: Of closed loops; without it the map is that of open-loop prediction.
-        shrink: Of the corrected model.
-        notes: Sentences for the reader.
-        runs: The logs.
-        nominal_name: As it was asked for.
+        trials: Closed loops; None where nothing was simulated.
+        cells: Of the gap map.
+        known: Fields of the verdict that are known already.
     """
     found, board = causes.found, causes.found.board
+    distances = trials.distances() if trials is not None else {}
     status = status_of(causes, measured, unknown_effect, bool(distances))
     differences = tuple(_differences(causes, measured))
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
-        unknown = describe(board, found.stack, found.left_over(), found.remainder())
+        unknown = describe(board, found.stack, found.left_over, found.remainder)
     off = {str(c.name): f"off: {c.reason}" for c in found.off}
-    cells = map_.cells if map_ is not None else open_loop_cells(found)
     # Channels that cannot tell say nothing for or against either.
     none, unknown_too = is_none(causes.there.values(), unknown_effect, found.n_runs), unknown_effect
     if status == "cannot_tell":
@@ -93,22 +87,19 @@ def assemble(
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
         differences=differences,
         calibration=Calibration(
-            numbers=calibrated_numbers(board, causes.best, nominal), consequences=measured.calibration
+            numbers=calibrated_numbers(board, causes.best, model), consequences=measured.calibration
         ),
         consequences=measured.whole,
         remainder=measured.left,
-        distances=dict(distances),
+        distances=distances,
         probability_none=none,
         probability_unknown=unknown_too,
         unknown=unknown,
         channels={**{str(name): "used" for name in found.views}, **off},
         invisible=tuple(sorted(cannot_show(board))),
-        shrink=shrink,
         log_advice=advice(found.stack, found.views, found.off, differences, unknown),
         timeline=tuple(_timeline(found)),
-        logs=tuple(str(run.path) for run in runs),
-        nominal=nominal_name,
-        notes=tuple(dict.fromkeys(notes)),
+        **known,
     )
 
 
@@ -116,8 +107,6 @@ def _differences(causes: Causes, measured: Measured) -> list[Difference]:
     found, belief = causes.found, causes.belief
     best, board = found.selection.best, found.board
     out: list[Difference] = []
-    if best is None:
-        return out
     for i, (term, gain) in enumerate(zip(best.terms, found.selection.gains, strict=True)):
         others = best.terms[:i] + best.terms[i + 1 :]
         scorer = Scorer(board, others)

@@ -15,10 +15,10 @@ import numpy as np
 
 from diagnosis.decision_constants import GROUP_ODDS, NAMED
 from diagnosis.library import LibraryEffect
-from diagnosis.selection.scoring import Scored, Scorer, likeness, null_of, without
+from diagnosis.selection.scoring import Scored, Scorer, likeness, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.evidence import Explained
-from diagnosis.verdict.probability import Belief, Hypothesis, believe, between_formulas, beyond_formulas
+from diagnosis.verdict.probability import Belief, between_formulas, beyond_formulas
 
 CALIBRATED = "calibration alone"
 
@@ -41,7 +41,7 @@ class Causes:
     @property
     def best(self) -> Scored:
         """The differences, fitted beside the ordinary errors; these alone where there is no difference."""
-        return self.found.selection.best or null_of(self.found.board)
+        return self.found.selection.best
 
     @property
     def stated(self) -> str:
@@ -65,32 +65,29 @@ def decide(found: Explained, library: Mapping[str, LibraryEffect]) -> Causes:
     belief = at_first = believed(found, hypotheses)
     while belief.there:
         weakest = min(belief.there, key=lambda name: belief.there[name])
-        if belief.there[weakest] > NAMED or found.selection.best is None:
+        if belief.there[weakest] > NAMED:
             break
         kept = [t for t in found.selection.best.terms if t.effect.name != weakest]
-        found = found.with_effects(Scorer(found.board, kept).now if kept else None, library)
+        found = found.with_effects(kept, library)
         belief = believed(found, candidates_of(found))
     return Causes(found, belief, first, at_first, hypotheses)
 
 
 def believed(found: Explained, hypotheses: Mapping[str, Scored]) -> Belief:
     """Probabilities of some sets of effects, the best one among them."""
-    sets = [Hypothesis(tuple(t.effect.name for t in s.terms), _refitted_nats(found, s)) for s in hypotheses.values()]
-    return believe(sets, found.effects, own_nats(found), found.n_runs)
+    nats = {tuple(t.effect.name for t in s.terms): _refitted_nats(found, s) for s in hypotheses.values()}
+    return Belief.of(nats, found.effects, own_nats(found), found.n_runs)
 
 
 def own_nats(found: Explained) -> dict[str, float]:
     """By effect of the best set, what it adds to the others beyond what formulas of stronger ones may leave."""
-    best = found.selection.best or null_of(found.board)
-    own = beyond_formulas(np.array(found.selection.gains), likeness(Scorer(found.board, best.terms)))
+    own = beyond_formulas(np.array(found.selection.gains), likeness(Scorer(found.board, found.selection.best.terms)))
     return {name: float(nats) for name, nats in zip(found.effects, own, strict=True)}
 
 
 def candidates_of(found: Explained) -> dict[str, Scored]:
     """Sets of effects to compare, by name."""
     best = found.selection.best
-    if best is None:
-        return {CALIBRATED: null_of(found.board)}
     out = {name_of(best): best}
     nothing = best
     for _ in best.terms:

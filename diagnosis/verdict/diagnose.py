@@ -12,10 +12,10 @@ from diagnosis.channels import Array, Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
-from diagnosis.closed_loop.gap_map import GapMap, Side, gap_map
+from diagnosis.closed_loop.gap_map import Side, gap_map
 from diagnosis.closed_loop.simulation import Rollouts, SensorNoise, rollouts_under, simulate
-from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, measure_shrink, run_trials
-from diagnosis.document import Shrink, Verdict
+from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
+from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import calibrated
@@ -29,7 +29,7 @@ from diagnosis.verdict.measured import (
     compared_models,
     measured_by_prediction,
     measured_by_simulation,
-    with_environment,
+    open_loop_cells,
 )
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from diagnosis.verdict.probability import unknown_beside
@@ -55,7 +55,8 @@ class Diagnosis:
     verdict: Verdict
     corrected: RobotModel
     """The nominal model with this robot's ordinary errors, its ground, its estimator and the causes; plain numbers."""
-    map: GapMap | None
+    cells: tuple[GapCell, ...]
+    """Of the gap map in closed loop; empty where nothing was simulated."""
     simulated: Mapping[str, tuple[Run, ...]]
     """Closed-loop runs, "nominal" and "corrected"; empty where nothing was simulated."""
     runs: tuple[Run, ...]
@@ -96,53 +97,56 @@ def diagnose(
     """
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
-    is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
-    bench = Bench.of(runs, policy, engine or rollouts_under(policy)) if policy is not None and is_spot else None
+    # What is there, and how this robot is calibrated.
     with one_thread():
         causes = decide(found, library)
         board = found.board
         best = calibrated(board, causes.best)
+    is_spot = board.robot.joint_names == facts.JOINT_NAMES
     corrected = by_joint(model_of(nominal, board, best), facts.JOINT_NAMES) if is_spot else nominal
+    # What it does.
+    bench = Bench.of(runs, policy, engine or rollouts_under(policy)) if policy is not None and is_spot else None
+    measured, shrink, trials, around = measured_by_prediction(board, best), None, None, Surroundings()
     notes = [n for view in found.views.values() for n in view.notes]
-    map_: GapMap | None = None
-    shrink: Shrink | None = None
-    trials: Trials | None = None
+    cells: tuple[GapCell, ...] = ()
     simulated: dict[str, tuple[Run, ...]] = {}
-    around = Surroundings()
-    measured = measured_by_prediction(board, best)
     if bench is None:
         notes.append(WITHOUT_RUNS)
     else:
         say("simulating the models through the same commands")
-        bench = with_environment(bench, board, best, nominal)
-        models, like = compared_models(board, best, causes.stated)
-        trials = run_trials(bench, nominal, board, models, like, rng, tell)
-        around = bench.around(causes.stated).overall
+        models = compared_models(board, best, causes.stated)
+        trials = run_trials(bench, nominal, board, models, causes.stated, rng, tell)
+        around = trials.surroundings.overall
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
         views, _ = build_views(logs, nominal)
-        map_ = gap_map(
-            Side(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD)),
-            Side(logs, views.get(Channel.SET_POINT_TO_LOAD)),
-            board.robot.leg_of_joint,
-            rng,
-        )
-        shrink = measure_shrink(bench, trials, causes.stated, rng)
-        measured = measured_by_simulation(bench, trials, best, causes.stated, rng) or measured
+        real = Side(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
+        made = Side(logs, views.get(Channel.SET_POINT_TO_LOAD))
+        cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
+        shrink = measure_shrink(trials, causes.stated, rng)
+        measured = measured_by_simulation(trials, best, causes.stated, rng) or measured
         simulated = {"nominal": tuple(trials.runs[NOMINAL]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
-        notes += [*trials.notes, *_about(bench, trials.is_crossed), *([map_.note] if map_.note else [])]
-    unknown = unknown_beside(causes.first, bench, trials, CALIBRATED, causes.stated)
-    distances = trials.distances() if trials is not None else {}
-    verdict = assemble(causes, nominal, measured, unknown, distances, map_, shrink, notes, runs, nominal_name)
-    verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
+        notes += filter(None, [*trials.notes, *_about(bench, trials.is_crossed), about_cells])
+    unknown = unknown_beside(causes.first, trials, CALIBRATED, causes.stated)
+    verdict = assemble(
+        causes,
+        nominal,
+        measured,
+        unknown,
+        trials,
+        cells if trials is not None else open_loop_cells(found),
+        shrink=shrink,
+        without=tuple(n for n in LIBRARY if n not in library),
+        logs=tuple(str(run.path) for run in runs),
+        nominal=nominal_name,
+        notes=tuple(dict.fromkeys(notes)),
+    )
     if with_synthesis and verdict.differences and policy is not None and is_spot:
-        from diagnosis.verdict.diagnose import synthesis_check
-
         say("synthesis check")
         check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
         verdict = verdict.model_copy(update={"synthesis": check})
-    posterior = posterior_of(causes, nominal, around, unknown, distances) if is_spot else None
-    return Diagnosis(verdict, corrected, map_, simulated, tuple(runs), found.board, causes, posterior)
+    posterior = posterior_of(causes, nominal, around, unknown, verdict.distances) if is_spot else None
+    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, causes, posterior)
 
 
 def _about(bench: Bench, is_crossed: bool) -> list[str]:
@@ -178,9 +182,8 @@ def synthesis_check(
     """
     logs = simulate(corrected, policy, scripts_of(runs), rng, SensorNoise())
     back = explain(logs, nominal, policy, library, lambda _: None)
-    terms = back.selection.best.terms if back.selection.best is not None else ()
     robot = back.board.robot
-    found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in terms}
+    found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in back.selection.best.terms}
     passed = all(
         any(m in found and 2 * len(set(found[m]) & set(e.joints)) >= len(e.joints) for m in e.group)
         for e in verdict.differences

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import learn_scales
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.selection.scoring import Scored, Scorer
+from diagnosis.selection.scoring import Placed, Scorer, null_of
 from diagnosis.selection.search import Selection, search, selection_of
 from diagnosis.selection.unexplained import Remainder, remainder
 from spot_log.read.run import Run
@@ -46,24 +47,25 @@ class Explained:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the chosen effects."""
-        best = self.selection.best
-        return tuple(t.effect.name for t in best.terms) if best is not None else ()
+        return tuple(t.effect.name for t in self.selection.best.terms)
 
+    @cached_property
     def left_over(self) -> list[Array]:
         """What the chosen effects and ordinary errors leave in each block."""
-        terms = self.selection.best.terms if self.selection.best is not None else ()
-        return Scorer(self.board, terms).residuals(CLEARLY_ORDINARY)
+        return Scorer(self.board, self.selection.best.terms).residuals(CLEARLY_ORDINARY)
 
+    @cached_property
     def remainder(self) -> Remainder:
         """How much of that signals predict."""
         best = self.selection.best
-        explained = best.explained if best is not None else np.zeros(len(self.board.blocks))
-        return remainder(self.board, self.stack, self.left_over(), explained, best.score if best is not None else 0.0)
+        explained = best.explained if best.terms else np.zeros(len(self.board.blocks))
+        return remainder(self.board, self.stack, self.left_over, explained)
 
-    def with_effects(self, best: Scored | None, library: Mapping[str, LibraryEffect]) -> Explained:
-        """The same evidence with another set of effects."""
-        if best is None or not best.terms:
-            return replace(self, selection=Selection(None, (), (), self.selection.first))
+    def with_effects(self, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> Explained:
+        """The same evidence with another set of effects, maybe none."""
+        if not terms:
+            return replace(self, selection=Selection(null_of(self.board), (), (), self.selection.first))
+        best = Scorer(self.board, terms).now
         return replace(self, selection=selection_of(self.board, best, self.selection.first, library))
 
 

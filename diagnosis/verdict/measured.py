@@ -6,7 +6,7 @@ Models with something and without it are compared, all else alike.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,16 +15,14 @@ from scipy.stats import t as student
 from diagnosis.channels import Array, Channel, Ints
 from diagnosis.closed_loop.consequences import consequences, remainder
 from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
-from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
+from diagnosis.closed_loop.trials import NOMINAL, Trials
 from diagnosis.document import Consequences, GapCell, GapChange, GapLeft, GapName
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.fitted import without_effect
-from diagnosis.selection.robot_models import model_of
 from diagnosis.selection.scoring import Scored, Scorer, null_of, term_columns
 from diagnosis.verdict.causes import CALIBRATED
 from diagnosis.verdict.evidence import Explained
-from spot_model.io.model_file import RobotModel
 
 
 @dataclass(frozen=True)
@@ -35,21 +33,15 @@ class Measured:
     """Of the corrected model against the nominal one."""
     calibration: Consequences | None
     """Of the robot's own numbers, without any difference; None where that model could not be simulated."""
-    each: Mapping[str, Consequences] = field(default_factory=dict)
+    each: Mapping[str, Consequences]
     """By difference, of the corrected model against the same without it."""
-    left: tuple[GapLeft, ...] = ()
+    left: tuple[GapLeft, ...]
 
 
-def compared_models(board: Board, best: Scored, stated: str) -> tuple[dict[str, Scored], dict[str, str]]:
-    """The corrected model, the same without each difference, and without all of them.
+def compared_models(board: Board, best: Scored, stated: str) -> dict[str, Scored]:
+    """The corrected model, named ``stated``, the same without each difference, and without all of them, by name.
 
-    Args:
-        board: The evidence.
-        best: Differences with the ordinary errors that were fitted beside them.
-        stated: Name of the corrected model.
-
-    Returns:
-        Models by name; and by name of all but the corrected one the name of the model whose surroundings it shares.
+    ``best`` are the differences with the ordinary errors that were fitted beside them.
     """
     models = {stated: best}
     names = [term.effect.name for term in best.terms]
@@ -59,19 +51,10 @@ def compared_models(board: Board, best: Scored, stated: str) -> tuple[dict[str, 
     models[CALIBRATED] = nothing
     if len(names) > 1:
         models |= {_less(name): without_effect(board, best, name) for name in names}
-    return models, {name: stated for name in models if name != stated}
+    return models
 
 
-def with_environment(bench: Bench, board: Board, best: Scored, nominal: RobotModel) -> Bench:
-    """The bench; where the ground, a foot or the estimator was found, all models share the corrected one's."""
-    if not any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms):
-        return bench
-    return replace(bench, shared=model_of(nominal, board, best))
-
-
-def measured_by_simulation(
-    bench: Bench, trials: Trials, best: Scored, stated: str, rng: np.random.Generator
-) -> Measured | None:
+def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.random.Generator) -> Measured | None:
     """In closed loop; None where the corrected model could not be simulated."""
     if stated not in trials.runs or not trials.compared:
         return None
@@ -79,13 +62,16 @@ def measured_by_simulation(
     for term in best.terms:
         less = _less(term.effect.name) if len(best.terms) > 1 else CALIBRATED
         if less in trials.runs:
-            each[term.effect.name] = consequences(bench, trials, less, stated, rng)
-    return Measured(
-        consequences(bench, trials, NOMINAL, stated, rng),
-        consequences(bench, trials, NOMINAL, CALIBRATED, rng) if CALIBRATED in trials.runs else None,
-        each,
-        remainder(bench, trials, stated),
-    )
+            each[term.effect.name] = consequences(trials, less, stated, rng)
+    # The surroundings were chosen for the corrected model: another choice would move its distance from the robot. It
+    # would move the calibrated model's where what was found is itself one of the surroundings.
+    doubt = trials.surroundings.doubt
+    is_around = any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
+    whole, calibration = consequences(trials, NOMINAL, stated, rng, doubt), None
+    if CALIBRATED in trials.runs:
+        is_stated = stated == CALIBRATED
+        calibration = consequences(trials, NOMINAL, CALIBRATED, rng, doubt if is_around or is_stated else 0.0)
+    return Measured(whole, calibration, each, remainder(trials, stated))
 
 
 def measured_by_prediction(board: Board, best: Scored) -> Measured:

@@ -23,7 +23,7 @@ that of noise and of what formulas leave. What robots without a fault have is kn
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, softmax
 
 from diagnosis.channels import Channel
-from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials
+from diagnosis.closed_loop.trials import NOMINAL, Trials
 from diagnosis.decision_constants import (
     FORMULA_ERROR,
     GAP_SLOPE,
@@ -50,18 +50,8 @@ from diagnosis.decision_constants import (
 )
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.robot_models import size_of_errors
-from diagnosis.selection.scoring import Scored, null_of
+from diagnosis.selection.scoring import Scored
 from diagnosis.verdict.evidence import Explained
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A set of effects."""
-
-    effects: tuple[str, ...]
-    """Names; empty for the robot's calibration alone."""
-    nats: float
-    """Evidence of the residuals against none, less the price of its numbers."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +62,26 @@ class Belief:
     """Effects of the set that was found."""
     there: Mapping[str, float]
     """By effect of the best set: that it, or a rival in its place, is there; each by itself."""
-    weights: Mapping[tuple[str, ...], float] = field(default_factory=dict)
-    """Of each hypothesis, adding up to 1."""
+    weights: Mapping[tuple[str, ...], float]
+    """Of each set of effects, adding up to 1."""
+
+    @staticmethod
+    def of(
+        nats: Mapping[tuple[str, ...], float], best: tuple[str, ...], gains: Mapping[str, float], n_runs: int
+    ) -> Belief:
+        """Probabilities of sets of effects.
+
+        Args:
+            nats: By set of effects, evidence against none, less the price of its numbers; the empty set, ``best``, and
+                that with each of its effects left out, among them.
+            best: The set that was found.
+            gains: By effect of the best set, what it adds to the others, nats.
+            n_runs: Logs.
+        """
+        stated = nats[best]
+        odds = shares([between_formulas(own - stated, stated) for own in nats.values()], n_runs)
+        there = {name: is_there(gains[name], n_runs) for name in best}
+        return Belief(best, there, dict(zip(nats, odds.tolist(), strict=True)))
 
     def group(self, effect: str) -> dict[str, float]:
         """Effects that could stand in an effect's place in the best set, with their odds; adds up to 1."""
@@ -102,27 +110,6 @@ def shares(nats: Sequence[float], n_runs: int) -> NDArray[np.float64]:
     runs = max(n_runs, 1)
     p = softmax(np.asarray(nats, dtype=np.float64) / runs)
     return np.asarray(softmax(runs * np.log((1.0 - ODD_RUN) * p + ODD_RUN * (1.0 - p) / max(len(p) - 1, 1))))
-
-
-def believe(
-    hypotheses: Sequence[Hypothesis],
-    best: tuple[str, ...],
-    gains: Mapping[str, float],
-    n_runs: int,
-) -> Belief:
-    """Probabilities of the hypotheses.
-
-    Args:
-        hypotheses: All that are compared; the empty set, and the best one with each of its effects left out, among
-            them.
-        best: Effects of the one that was found.
-        gains: By effect of the best set, what it adds to the others, nats.
-        n_runs: Logs.
-    """
-    stated = next(h for h in hypotheses if frozenset(h.effects) == frozenset(best))
-    odds = shares([between_formulas(h.nats - stated.nats, stated.nats) for h in hypotheses], n_runs)
-    weights = {h.effects: float(w) for h, w in zip(hypotheses, odds, strict=True)}
-    return Belief(best, {n: is_there(gains[n], n_runs) for n in best}, weights)
 
 
 def is_none(there: Iterable[float], unknown: float, n_runs: int) -> float:
@@ -230,23 +217,22 @@ def is_odd(found: Mapping[Channel, float]) -> float:
     return float(expit(slope * (max(off) - even))) if off else 0.0
 
 
-def unknown_beside(first: Explained, bench: Bench | None, trials: Trials | None, calibrated: str, stated: str) -> float:
+def unknown_beside(first: Explained, trials: Trials | None, calibrated: str, stated: str) -> float:
     """Probability of something that no effect of the library is.
 
     Args:
         first: All effects that residuals show.
-        bench: What the models went through; None without a policy.
-        trials: Their runs.
+        trials: Runs of the models; None where nothing was simulated.
         calibrated: Name of the model with the robot's calibration alone.
         stated: Name of the corrected model.
     """
-    beyond = first.remainder().beyond(USUAL_LEFT)
+    beyond = first.remainder.beyond(USUAL_LEFT)
     distances = trials.distances() if trials is not None else {}
-    if bench is None or trials is None or not {calibrated, stated} <= distances.keys():
+    if trials is None or not {calibrated, stated} <= distances.keys():
         return is_unknown(None, 0.0, beyond, 0.0)
-    best = first.selection.best or null_of(first.board)
+    best = first.selection.best
     errors, odd = size_of_errors(first.board, best.pulls), is_odd(excess(first.board, best))
-    ordinary = ordinary_gap(trials.scatter_nm(), errors, odd, trials.scatter_of(stated, bench.policy))
+    ordinary = ordinary_gap(trials.scatter_nm(), errors, odd, trials.scatter_of(stated))
     # A robot that lies where the plain nominal model lies has no gap either.
     explained = min(distances[calibrated], distances[NOMINAL]) - distances[stated]
     return is_unknown(distances[stated], max(explained, 0.0), beyond, ordinary)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from diagnosis.channels import Channel
-from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.document import (
     CalibratedNumber,
@@ -205,7 +204,7 @@ def a_diagnosis(joints: tuple[str, ...] = facts.JOINT_NAMES, **changes: Any) -> 
     return Diagnosis(
         told,
         RobotModel(),
-        GapMap(found, has_floor=True, note=""),
+        found,
         {"nominal": nominal, "corrected": corrected},
         tuple(real),
         SimpleNamespace(robot=robot),

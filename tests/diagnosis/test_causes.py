@@ -26,4 +26,4 @@ def test_what_is_probably_not_there_is_left_out() -> None:
     runs = planted_runs(Truth(()), 3, sequence=walk_sequence(3.0))
     decided = decide(explain(runs, NOMINAL, None, LIBRARY, lambda _: None), LIBRARY)
     assert decided.stated == CALIBRATED
-    assert decided.found.selection.best is None
+    assert decided.found.selection.best.terms == ()

@@ -95,7 +95,7 @@ def logs() -> Board:
 
 def _found(board: Board, library: dict[str, LibraryEffect]) -> dict[str, tuple[tuple[str, ...], dict[str, float]]]:
     best = search(board, library, lambda _: None).best
-    terms = zip(best.terms, best.coefficients, strict=True) if best is not None else ()
+    terms = zip(best.terms, best.coefficients, strict=True)
     return {
         t.effect.name: (board.robot.named(board.robot.joints_of(t.effect, t.place)), dict(t.effect.values(c, t.shape)))
         for t, c in terms

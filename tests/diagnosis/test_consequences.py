@@ -52,7 +52,7 @@ def _bench(real: Sequence[Run]) -> Bench:
 
 def _trials(bench: Bench, **models: Sequence[Run]) -> Trials:
     runs = {name: list(made) for name, made in models.items()}
-    return Trials(runs, tuple(compared_by_sequence(bench, runs)[0]), is_crossed=True, notes=())
+    return Trials(bench, runs, tuple(compared_by_sequence(bench, runs)[0]), is_crossed=True, notes=())
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,9 @@ def falling() -> list[Run]:
 def test_the_true_model_closes_each_gap_and_changes_what_the_robot_does(plain: list[Run]) -> None:
     bench = _bench(_runs(WEAK, 1))
     trials = _trials(bench, **{NOMINAL: plain, "true": _runs(WEAK, 3)})
-    found = consequences(bench, trials, NOMINAL, "true", np.random.default_rng(0))
+    found = consequences(trials, NOMINAL, "true", np.random.default_rng(0))
     assert [g.gap for g in found.gaps] == ["torque", "joint motion", "body motion"]
-    for gap, left in zip(found.gaps, remainder(bench, trials, "true"), strict=True):
+    for gap, left in zip(found.gaps, remainder(trials, "true"), strict=True):
         assert gap.share is not None
         assert gap.low is not None
         assert gap.high is not None
@@ -88,7 +88,7 @@ def test_the_true_model_closes_each_gap_and_changes_what_the_robot_does(plain: l
         assert c.high is not None
         assert c.low <= c.after - c.before <= c.high
     assert worse_gaps(found) == []
-    back = worse_gaps(consequences(bench, trials, "true", NOMINAL, np.random.default_rng(0)))
+    back = worse_gaps(consequences(trials, "true", NOMINAL, np.random.default_rng(0)))
     assert len(back) == 3
     assert back[0].startswith("the corrected model is farther from the robot than the nominal one in torque: ")
 
@@ -96,7 +96,7 @@ def test_the_true_model_closes_each_gap_and_changes_what_the_robot_does(plain: l
 def test_a_robot_that_ran_once_has_the_models_scatter_for_a_floor(plain: list[Run]) -> None:
     bench = _bench([run for run in _runs(WEAK, 1) if run.header.repeat == 0])
     trials = _trials(bench, **{NOMINAL: plain, "true": _runs(WEAK, 3)})
-    for gap in consequences(bench, trials, NOMINAL, "true", np.random.default_rng(0)).gaps:
+    for gap in consequences(trials, NOMINAL, "true", np.random.default_rng(0)).gaps:
         assert gap.floor > 0.0
         assert gap.share == pytest.approx(1.0, abs=0.4)
 
@@ -106,7 +106,7 @@ def test_falls_are_in_the_figures(plain: list[Run], falling: list[Run]) -> None:
     trials = _trials(bench, **{NOMINAL: _standing(plain), "true": _standing(_runs(FALLING, 3))})
     _, notes = compared_by_sequence(bench, trials.runs)
     assert [n.partition(", the first")[0] for n in notes] == ["sequence b: 4 of 4 runs of the robot fell"]
-    found = consequences(bench, trials, NOMINAL, "true", np.random.default_rng(0))
+    found = consequences(trials, NOMINAL, "true", np.random.default_rng(0))
     changes = {c.quantity: c for c in found.changes}
     share, time_s = changes["fall_share"], changes["time_to_fall"]
     assert (share.before, share.after, share.robot) == (0.0, 1.0, 1.0)

@@ -25,8 +25,6 @@ from diagnosis.verdict.assemble import status_of
 from diagnosis.verdict.measured import Measured
 from diagnosis.verdict.probability import (
     Belief,
-    Hypothesis,
-    believe,
     beyond_formulas,
     is_none,
     is_there,
@@ -69,21 +67,18 @@ def test_evidence_counts_by_its_logarithm() -> None:
     assert is_there(0.0, 9) < 1e-6
 
 
-def _believed(hypotheses: tuple[Hypothesis, ...], best: tuple[str, ...]) -> Belief:
-    """Of nine logs; what each effect adds is what the hypotheses differ by."""
-    nats = {frozenset(h.effects): h.nats for h in hypotheses}
-    gains = {n: nats[frozenset(best)] - nats.get(frozenset(best) - {n}, 0.0) for n in best}
-    return believe(hypotheses, best, gains, 9)
+def _believed(nats: dict[tuple[str, ...], float], best: tuple[str, ...]) -> Belief:
+    """Of nine logs; what each effect adds is what the sets differ by."""
+    by_set = {frozenset(effects): own for effects, own in nats.items()}
+    gains = {n: by_set[frozenset(best)] - by_set.get(frozenset(best) - {n}, 0.0) for n in best}
+    return Belief.of(nats, best, gains, 9)
 
 
 def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
     def group(rival: float) -> dict[str, float]:
-        hypotheses = (
-            Hypothesis((), 0.0),
-            Hypothesis(("torque_delay",), 300.0),
-            Hypothesis(("torque_bandwidth",), rival),
+        return _believed({(): 0.0, ("torque_delay",): 300.0, ("torque_bandwidth",): rival}, ("torque_delay",)).group(
+            "torque_delay"
         )
-        return _believed(hypotheses, ("torque_delay",)).group("torque_delay")
 
     # 46 nats of 300 are one nat: FORMULA_ERROR is 0.15. An odd one of the nine runs points to either of two others.
     runs = np.exp(np.array([0.0, -1.0, -300.0 / 46.0]) / 9.0)
@@ -97,7 +92,7 @@ def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
 
 def test_what_an_effect_adds_to_the_others_decides() -> None:
     both = ("armature", "leg_mass")
-    found = _believed((Hypothesis((), 0.0), Hypothesis(both, 300.0), Hypothesis(("armature",), 298.0)), both)
+    found = _believed({(): 0.0, both: 300.0, ("armature",): 298.0}, both)
     assert found.there["leg_mass"] == pytest.approx(is_there(2.0, 9))
     assert found.there["armature"] == pytest.approx(is_there(300.0, 9))
 
@@ -137,13 +132,8 @@ def test_the_right_effects_may_leave_a_share_of_what_they_close() -> None:
 
 
 def test_rivals_that_explain_as_much_share_a_place() -> None:
-    hypotheses = (
-        Hypothesis((), 0.0),
-        Hypothesis(("coulomb_friction",), 30.0),
-        Hypothesis(("stribeck_friction",), 29.0),
-        Hypothesis(("armature",), 2.0),
-    )
-    found = _believed(hypotheses, ("coulomb_friction",))
+    nats = {(): 0.0, ("coulomb_friction",): 30.0, ("stribeck_friction",): 29.0, ("armature",): 2.0}
+    found = _believed(nats, ("coulomb_friction",))
     group = found.group("coulomb_friction")
     assert list(group) == ["coulomb_friction", "stribeck_friction"]
     assert group["stribeck_friction"] > 0.2

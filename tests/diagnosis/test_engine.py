@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.environment import Surroundings, run_all
-from diagnosis.closed_loop.simulation import Rollout, Rollouts, rollouts_under, simulate_all
+from diagnosis.closed_loop.environment import Surroundings
+from diagnosis.closed_loop.simulation import Rollout, Rollouts, rollouts_under, run_all, simulate_all
 from spot_log.read.run import Run
 from spot_model.effects.command.command_jitter import CommandJitter
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
@@ -50,7 +50,7 @@ def _many_runs(engine: Rollouts) -> list[Run]:
         RobotModel((CommandJitter(mean_s=0.002 * (i % 2)), SensorNoise(load_nm=0.5 * (i % 3)), *MODEL.effects[: i % 2]))
         for i in range(5)
     ]
-    jobs = [(m, s, None) for i, m in enumerate(models) for s in scripts(12 if i % 2 else 20)]
+    jobs = [(m, s) for i, m in enumerate(models) for s in scripts(12 if i % 2 else 20)]
     return run_all(jobs, engine, np.random.default_rng(7), ignore)
 
 

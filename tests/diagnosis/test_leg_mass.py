@@ -27,7 +27,6 @@ def test_a_boot_is_named_with_its_mass_and_nothing_in_its_place(kg: float, paylo
     runs = robot.walk(SEQUENCES, 1, 5.0)
     found = explain(runs, RobotModel((CommandDelay(delay_s=0.004),)), policy, LIBRARY, lambda _: None)
     best = found.selection.best
-    assert best is not None
     named = {
         t.effect.name: (found.board.robot.named(found.board.robot.joints_of(t.effect, t.place)), t, c)
         for t, c in zip(best.terms, best.coefficients, strict=True)

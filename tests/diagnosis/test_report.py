@@ -153,7 +153,7 @@ def test_text_of_a_log_cannot_become_markup(diagnosed: Diagnosis) -> None:
     evil = "<script>alert(1)</script>"
     run = diagnosed.runs[0]
     marked = replace(run, header=replace(run.header, command_sequence=evil))
-    told = verdict(diagnosed.map.cells if diagnosed.map else (), nominal=evil, log_advice=(evil,))
+    told = verdict(diagnosed.cells, nominal=evil, log_advice=(evil,))
     assert evil not in page(replace(diagnosed, runs=(marked,), verdict=told))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from diagnosis.closed_loop.shrink import Compared, _few, compare, shrinkage
-from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, measure_shrink
+from diagnosis.closed_loop.trials import NOMINAL, Trials, measure_shrink
 from diagnosis.verdict.diagnose import _about
 
 
@@ -25,9 +25,9 @@ def test_share_by_hand() -> None:
 @pytest.mark.parametrize(("n_real", "whose"), [(1, "model"), (3, "robot")])
 def test_whose_floor_it_is_is_kept(n_real: int, whose: str) -> None:
     models = {NOMINAL: np.full((3, n_real), 5.0), "best": np.full((3, n_real), 2.0)}
-    trials = Trials({name: [] for name in models}, (Compared("a", _pairs(n_real, 1.0), models),), False, ())
-    bench: Any = Bench((), (), None, None)  # type: ignore[arg-type]
-    found = measure_shrink(bench, trials, "best", np.random.default_rng(0))
+    bench: Any = None
+    trials = Trials(bench, {name: [] for name in models}, (Compared("a", _pairs(n_real, 1.0), models),), False, ())
+    found = measure_shrink(trials, "best", np.random.default_rng(0))
     assert found is not None
     assert (found.floor_of, found.held_out) == (whose, ())
 

@@ -74,7 +74,7 @@ def _around(rollout: Rollout) -> list[Surroundings]:
 def _best(made: list[Run], engine: _Prepared, policy: Policy) -> Mapping[str, Surroundings]:
     real = features_by_sequence(made, policy)
     rng = np.random.default_rng(0)
-    chosen = best_surroundings({"one": RobotModel()}, scripts(60), real, policy, engine, rng, lambda _: None)["one"]
+    chosen = best_surroundings(RobotModel(), scripts(60), real, policy, engine, rng, lambda _: None)
     # Each of two sequences is judged by the other alone: nothing says how else one might have chosen.
     assert chosen.doubt == 0.0
     return chosen.by_sequence

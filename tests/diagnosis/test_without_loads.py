@@ -52,7 +52,7 @@ def _explained(truth: Truth) -> Explained:
 def _joints(found: Explained) -> dict[str, tuple[str, ...]]:
     best = found.selection.best
     robot = found.board.robot
-    return {} if best is None else {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in best.terms}
+    return {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in best.terms}
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,6 @@ def _joints(found: Explained) -> dict[str, tuple[str, ...]]:
 def test_what_the_drive_gives_less_is_found_in_the_motion(fault: TorqueGain | ViscousFriction) -> None:
     found = _explained(Truth((fault,)))
     assert _joints(found) == {fault.name: KNEES}
-    assert found.selection.best is not None
     (coefficient,) = found.selection.best.coefficients[0]
     expected = fault.gain - 1.0 if isinstance(fault, TorqueGain) else fault.damping_nm_s_per_rad
     assert coefficient == pytest.approx(expected, rel=0.25)
