@@ -166,26 +166,28 @@ def _measured(before: float, share: float | None) -> Measured:
         for gap in ("torque", "joint motion", "body motion")
     )
     whole = Consequences(loop="closed", gaps=gaps)
-    return Measured(whole, whole)
+    return Measured(whole, whole, {}, ())
 
 
 @pytest.mark.parametrize(
-    ("best", "unknown", "before", "share", "status"),
+    ("terms", "unknown", "before", "share", "status"),
     [
-        (None, 0.1, 1.1, None, "no_gap"),
-        (None, 0.1, 1.3, 0.0, "calibration"),
-        (None, 0.6, 1.1, 0.0, "unknown_effect"),
-        (object(), 0.1, 1.1, None, "explained"),
-        (object(), 0.1, 9.0, 0.6, "explained"),
-        (object(), 0.1, 9.0, 0.4, "partly_explained"),
-        (object(), 0.6, 9.0, 0.9, "partly_explained"),
+        ((), 0.1, 1.1, None, "no_gap"),
+        ((), 0.1, 1.3, 0.0, "calibration"),
+        ((), 0.6, 1.1, 0.0, "unknown_effect"),
+        ((object(),), 0.1, 1.1, None, "explained"),
+        ((object(),), 0.1, 9.0, 0.6, "explained"),
+        ((object(),), 0.1, 9.0, 0.4, "partly_explained"),
+        ((object(),), 0.6, 9.0, 0.9, "partly_explained"),
     ],
 )
 def test_a_status_follows_from_what_is_left_of_the_gaps(
-    best: Any, unknown: float, before: float, share: float | None, status: str
+    terms: tuple[object, ...], unknown: float, before: float, share: float | None, status: str
 ) -> None:
     views = {Channel.SET_POINT_TO_LOAD: None}
-    causes: Any = SimpleNamespace(found=SimpleNamespace(views=views, selection=SimpleNamespace(best=best)))
+    causes: Any = SimpleNamespace(
+        found=SimpleNamespace(views=views, selection=SimpleNamespace(best=SimpleNamespace(terms=terms)))
+    )
     measured = _measured(before, share)
     assert status_of(causes, measured, unknown, is_simulated=True) == status
     assert status_of(causes, measured, unknown, is_simulated=False) == status

@@ -207,7 +207,7 @@ def test_a_verdict_with_little_in_it_still_makes_a_page(diagnosed: Diagnosis, st
         invisible=nothing,
         timeline=nothing,
     )
-    found = page(replace(diagnosed, verdict=bare, map=None, simulated={}))
+    found = page(replace(diagnosed, verdict=bare, cells=(), simulated={}))
     assert "Gap map" not in found
     assert "None" not in found
 

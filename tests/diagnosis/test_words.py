@@ -393,7 +393,7 @@ def faults(v: Verdict, lines: list[str], text: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def bare() -> Diagnosis:
-    return replace(a_diagnosis(), map=None, simulated={})
+    return replace(a_diagnosis(), cells=(), simulated={})
 
 
 @pytest.fixture(scope="module")
