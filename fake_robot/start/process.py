@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
+import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -17,6 +19,7 @@ from typing_extensions import Self
 
 from spot_model.errors import SpotRlError
 from spot_model.io.child_process import HEARD, ChildProcess
+from spot_model.io.command_line import main
 
 START_TIMEOUT_S: Final = 60.0
 STOP_TIMEOUT_S: Final = 10.0
@@ -92,7 +95,7 @@ class FakeProcess:
                 scenario = file
             log = stack.enter_context((folder / "log").open("w+b")) if self._is_silent else None
             process = ChildProcess.start(
-                "fake_robot.start.launch",
+                "fake_robot.start.process",
                 *self._arguments,
                 "--scenario",
                 os.fspath(scenario),
@@ -142,3 +145,13 @@ def _last_words(log: IO[bytes] | None) -> str:
         return "see above"
     log.seek(0)
     return f"it said: {log.read().decode(errors='replace').strip() or 'nothing'}"
+
+
+if __name__ == "__main__":
+    priority, stay, *words = sys.argv[1:]
+    if stay:
+        os.sched_setaffinity(0, [int(cpu) for cpu in stay.split(",")])
+    if int(priority):
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(priority)))
+    main(words)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
+from dataclasses import dataclass
 from pathlib import Path
 
 from fake_robot.services.identity.tokens import Credentials
@@ -65,3 +66,18 @@ def read_password(path: Path) -> str:
     if not password or len(content) > MAX_PASSWORD_BYTES:
         raise BadInputError(f"the password file {path} must hold one line of 1 to {MAX_PASSWORD_BYTES} bytes of text")
     return password
+
+
+@dataclass(frozen=True)
+class FakeOptions:
+    """What the command line asked for."""
+
+    scenario: str = ""
+    lock_step: bool = False
+    address: str = "127.0.0.1"
+    port: int = 8443
+    socket: Path | None = None
+    admin: str = ""
+    state_dir: Path | None = None
+    username: str = DEFAULT_USERNAME
+    password_file: Path | None = None

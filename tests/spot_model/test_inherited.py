@@ -91,7 +91,7 @@ def test_a_process_of_ours_is_told_no_secret(monkeypatch: pytest.MonkeyPatch) ->
         monkeypatch.setenv(name, "s3cr3t")
     shows = "import os; print(open('/proc/self/environ').read(), os.environ)"
     assert "s3cr3t" in subprocess.run([sys.executable, "-c", shows], capture_output=True, text=True, check=True).stdout
-    process = ChildProcess.start("fake_robot.start.launch", "0", "", "--help")
+    process = ChildProcess.start("fake_robot.start.process", "0", "", "--help")
     # The kernel fills this in a moment after the program has replaced the fork: it is empty until then.
     while not (environment := Path(f"/proc/{process.pid}/environ").read_text()):
         assert process.exit_code is None
