@@ -32,9 +32,9 @@ from fake_robot.scenario.parts import (
     PowerConfig,
     RealTimeConfig,
     SensorConfig,
+    ServicesConfig,
     TerrainConfig,
 )
-from fake_robot.scenario.services_config import ServicesConfig
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.io.validation import explain

@@ -1,4 +1,8 @@
-"""A fake robot in a process of its own, reached like any robot: for scripts, benchmarks and tests."""
+"""A fake robot in a process of its own, reached like any robot: for scripts, benchmarks and tests.
+
+As a program: real-time priority (0 for none), CPUs with commas between them (empty for all), then the words of
+``spot-rl``. It has the rights of a robot's computer, and must not compete with the program that drives it.
+"""
 
 from __future__ import annotations
 

@@ -13,9 +13,8 @@ from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import Scenario, load_scenario
 from fake_robot.services.identity.tokens import Credentials
 from fake_robot.start.certificates import ensure_certificates
-from fake_robot.start.listen import SDK_PORT, BindError
 from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
-from fake_robot.start.server import Endpoints, FakeServer
+from fake_robot.start.server import SDK_PORT, BindError, Endpoints, FakeServer
 from fake_robot.start.state_folder import FakeOptions, default_state_folder, ensure_credentials, read_password
 
 LOOPBACK = ("127.0.0.1:", "localhost:", "[::1]:")

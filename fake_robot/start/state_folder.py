@@ -1,4 +1,4 @@
-"""The per-user folder in which the fake keeps its certificates and its password between runs."""
+"""What a user may ask of a fake robot, and the folder in which it keeps certificates and password between runs."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ from cryptography import x509
 
 from fake_robot.services.authority import power
 from fake_robot.start.certificates import CertificateError, ServerCertificates, ensure_certificates
-from fake_robot.start.listen import BindError, sdk_host
 from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
+from fake_robot.start.server import BindError, sdk_host
 from fake_robot.start.state_folder import ensure_credentials, read_password
 from spot_model.errors import BadInputError, SpotRlError
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
@@ -154,7 +154,7 @@ def test_impossible_sockets(serve_stub: Callable[..., Any], short_folder: Path, 
 
 
 def test_a_port_in_use_is_named(stub: Any, certificates: ServerCertificates, stub_robot_type: Any) -> None:
-    from fake_robot.scenario.services_config import ServicesConfig
+    from fake_robot.scenario.parts import ServicesConfig
     from fake_robot.start.server import FakeServer
 
     robot = stub_robot_type()

@@ -6,7 +6,7 @@ from typing import Any
 
 from bosdyn.api import robot_id_pb2
 
-from fake_robot.scenario.services_config import ServicesConfig
+from fake_robot.scenario.parts import ServicesConfig
 
 
 class RobotIdService:

@@ -9,7 +9,7 @@ from bosdyn.api.keepalive import keepalive_pb2
 
 from fake_robot.network.status import EstopLevel, MotorPower
 from fake_robot.robot.robot import Robot
-from fake_robot.scenario.services_config import ServicesConfig
+from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.authority.estop_endpoints import CUT, NONE, SETTLE_THEN_CUT, EstopEndpoints
 from fake_robot.services.authority.keepalive import KeepalivePolicies
 from fake_robot.services.authority.lease_records import LeaseRecords
