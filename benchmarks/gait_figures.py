@@ -16,9 +16,8 @@ import numpy as np
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.evaluate.figures import gait, mean_velocity
 from trainer.evaluate.setting import Setting
-from trainer.simulate.recording import roll_out
+from trainer.simulate.walks import record_walks
 
 MASS_TIMES_GRAVITY_N = 31.6 * 9.81
 
@@ -38,13 +37,13 @@ def main() -> None:
     speeds = [float(s) for s in args.speeds.split(",")]
     target = np.array([[v, 0.0, 0.0] for v in speeds] + [[0.5, 0.0, 0.5], [0.0, 0.0, 0.0], [0.0, 0.0, 0.5]])
     rate = setting.policy.contract.rate_hz
-    recording = roll_out(
+    recording = record_walks(
         setting.policy, setting.plant(len(target)), lambda k: target * min(1.0, k / (4.0 * rate)), round(10.0 * rate)
     )
     span = recording.ticks(6.0, 10.0)
-    velocity = mean_velocity(recording, span)
+    velocity = recording.mean_velocity(span)
     for i, command in enumerate(target):
-        figures = gait(recording, span, i)
+        figures = recording.gait(span, i)
         power = float(recording.power_w[span, i].mean())
         line = {
             "command": command.tolist(),

@@ -64,7 +64,7 @@ def export(run: AnyPath, out: AnyPath, *, name: str | None = None) -> Path:
     Raises:
         SpotRlError: There is no checkpoint, or the file exists.
     """
-    from trainer.export.export import export_policy
+    from trainer.evaluate.export import export_policy
 
     return export_policy(existing(run, "run"), to_path(out, "out"), name)
 

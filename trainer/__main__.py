@@ -13,7 +13,7 @@ def commands() -> "typer.Typer":
     import typer
 
     from trainer.evaluate.command import evaluate
-    from trainer.export.export_command import export
+    from trainer.evaluate.export_command import export
     from trainer.ppo.train_command import train
     from trainer.refine.command import refine
 

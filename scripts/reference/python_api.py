@@ -31,7 +31,8 @@ from spot_log.tools.gaits import GaitSpan
 from spot_model.policy.contract import PolicyContract, StatedGait, TrainingRecord
 from spot_model.policy.observation import COLUMNS, OBSERVATION
 from spot_model.robot.gait import Gait
-from trainer.sysid.result import MeasuredData, ResultData
+from trainer.sysid.measured import MeasuredData
+from trainer.sysid.result import ResultData
 from trainer.sysid.verdict import ParameterVerdict
 
 from .words import attribute_docs, page, plain, table

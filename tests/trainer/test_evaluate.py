@@ -13,16 +13,15 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from trainer.evaluate import trials
 from trainer.evaluate.command import _evaluated
-from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import _an_hour, evaluation_page
 from trainer.evaluate.setting import FOOT_GEOMS, Setting
 from trainer.evaluate.trials import _grid, evaluate
-from trainer.simulate.recording import Recording, roll_out
+from trainer.simulate.walks import WalkRecord, record_walks
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
 
-def recording(ticks: int = 200) -> Recording:
+def recording(ticks: int = 200) -> WalkRecord:
     command = np.tile([1.0, 0.0, 0.5], (ticks, 2, 1))
     velocity = command + np.array([0.1, -0.2, 0.0])
     # Legs fl and hr on the ground for 3 of 10 ticks, fr and hl for 4; one tick in ten has none.
@@ -34,17 +33,17 @@ def recording(ticks: int = 200) -> Recording:
     contacts = np.tile(contact[:, None, None], (1, 4, 2, 1))
     contacts[phase == 2, 3, :, 0] = False
     descent = np.where(contacts, 0.0, 0.6)
-    return Recording(command, velocity, contacts, descent, np.zeros((ticks, 2)), np.zeros(2), alive, 50.0)
+    return WalkRecord(command, velocity, contacts, descent, np.zeros((ticks, 2)), np.zeros(2), alive, 50.0)
 
 
 def test_figures_by_hand() -> None:
     r = recording()
     span = r.ticks(0.0, 4.0)
-    error = tracking_error(r, span)
+    error = r.tracking_error(span)
     np.testing.assert_allclose(error[0], [0.1, 0.2, 0.0], atol=1e-12)
     assert np.isnan(error[1]).all()
-    np.testing.assert_allclose(mean_velocity(r, span)[0], [1.1, -0.2, 0.5])
-    figures = gait(r, span, 0)
+    np.testing.assert_allclose(r.mean_velocity(span)[0], [1.1, -0.2, 0.5])
+    figures = r.gait(span, 0)
     assert figures["duty_factors"] == [0.275, 0.4, 0.4, 0.3]
     assert figures["duty_spread"] == 0.125
     assert figures["flight_share"] == 0.3
@@ -58,7 +57,7 @@ def test_the_sway_within_a_stride_is_no_error() -> None:
     r = recording()
     sway = 0.3 * np.sin(2 * np.pi * np.arange(200) / 25.0)  # half a second
     r.velocity[:, 0, 0] = 1.0 + sway
-    assert tracking_error(r, r.ticks(0.0, 4.0))[0, 0] == pytest.approx(0.0, abs=1e-9)
+    assert r.tracking_error(r.ticks(0.0, 4.0))[0, 0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_grid_leaves_out_zero() -> None:
@@ -68,9 +67,9 @@ def test_grid_leaves_out_zero() -> None:
 def test_the_committed_walk_walks_and_stands() -> None:
     setting = Setting(load_policy(POLICY), n_threads=1)
     target = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    result = roll_out(setting.policy, setting.plant(2), lambda _: target, 300)
+    result = record_walks(setting.policy, setting.plant(2), lambda _: target, 300)
     assert result.survived.all()
-    velocity = mean_velocity(result, result.ticks(3.0, 6.0))
+    velocity = result.mean_velocity(result.ticks(3.0, 6.0))
     np.testing.assert_allclose(velocity[:, 0], [0.0, 1.0], atol=0.15)
 
 

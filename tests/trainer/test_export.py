@@ -11,7 +11,7 @@ from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.train_config import TrainConfig
-from trainer.export.export import export_policy
+from trainer.evaluate.export import export_policy
 from trainer.ppo.checkpoint import find_checkpoint
 from trainer.ppo.checkpoint_policy import NewestPolicy, actor_layers, check_agreement, run_torch
 from trainer.ppo.train import train

@@ -6,7 +6,7 @@ import pytest
 from spot_model.policy.policy import load_policy
 from spot_model.robot.mjcf import default_height_m
 from trainer.evaluate.setting import Setting
-from trainer.simulate.recording import Fall, roll_out, touching_ground
+from trainer.simulate.walks import Fall, record_walks, touching_ground
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
@@ -20,7 +20,7 @@ def test_a_robot_that_is_tipped_over_is_told_of_with_time_and_command() -> None:
             plant.push(np.array([False, True]), linear_vel_in_world_m_s=np.array([[0.0, 12.0, 3.0]]))
 
     commands = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
-    recording = roll_out(setting.policy, plant, lambda tick: commands * (tick >= 25), 150, disturb=tip)
+    recording = record_walks(setting.policy, plant, lambda tick: commands * (tick >= 25), 150, disturb=tip)
     assert recording.survived.tolist() == [True, False]
     (fall,) = recording.falls
     first = int(np.argmin(recording.alive[:, 1]))

@@ -33,7 +33,7 @@ from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz
 from spot_model.robot.state import RobotState
-from trainer.export.export_command import export
+from trainer.evaluate.export_command import export
 from trainer.foreign import isaac_lab, mjlab, spot_rl_example
 from trainer.foreign.description import checked
 from trainer.foreign.import_command import import_policy

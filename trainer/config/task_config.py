@@ -6,9 +6,12 @@ from collections.abc import Iterable
 from importlib.metadata import entry_points
 from typing import Annotated, Any, Final, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from spot_model.io.settings import Settings
+from spot_model.policy.observation import OBSERVATION
 from spot_model.robot.mjcf_options import FlatTerrain, NoiseTerrain, Terrain
 
 ENTRY_POINT_GROUP: Final = "spot_rl.rewards"
@@ -216,6 +219,14 @@ class NoiseConfig(Settings):
     """Joint positions."""
     joint_velocity_rad_s: float = Field(default=0.45, ge=0.0)
     """Joint velocities."""
+
+    def sigmas(self) -> NDArray[np.float32]:
+        """Of each observation feature, shape (48,), canonical joint order; command and last action have none."""
+        values: list[float] = []
+        for field in OBSERVATION:
+            sigma = getattr(self, field.noise) if field.noise else 0.0
+            values += sigma if isinstance(sigma, tuple) else (sigma,) * field.width
+        return self.scale * np.array(values, dtype=np.float32)
 
 
 class TerrainConfig(Settings):

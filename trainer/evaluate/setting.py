@@ -13,8 +13,7 @@ from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.config.task_config import FREE_HEIGHT_M, NoiseConfig, RandomisationConfig
-from trainer.simulate.recording import Array
-from trainer.task.observation_noise import noise_sigmas
+from trainer.simulate.walks import Array
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 
@@ -83,7 +82,7 @@ class Setting:
 
     def noise_sigma(self) -> Array:
         """Noise of each observation feature in the policy's joint order, shape (48,)."""
-        canonical = noise_sigmas(self.noise).astype(np.float64)
+        canonical = self.noise.sigmas().astype(np.float64)
         return self.policy.with_joints_in_policy_order(canonical)
 
 

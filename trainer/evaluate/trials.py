@@ -9,9 +9,8 @@ import numpy as np
 
 from spot_model.plant.plant import Plant
 from trainer.config.task_config import CommandConfig
-from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.setting import Setting, set_friction
-from trainer.simulate.recording import Array, Recording, roll_out
+from trainer.simulate.walks import Array, WalkRecord, hold, record_walks
 
 RAMP_M_S2 = 0.5
 """Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""
@@ -24,11 +23,6 @@ STEADY_FROM_M_S = 0.5
 PAPER = CommandConfig()
 
 
-def _ramped(target: Array, rate_hz: float, seconds: float) -> Any:
-    """Commands that reach ``target`` (n, 3) in a straight line."""
-    return lambda tick: target * min(1.0, (tick + 1) / max(1.0, seconds * rate_hz))
-
-
 def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
     """Mean tracking error over the policy's command range: V_x, V_y and ω_z one at a time, 10 s after a ramp."""
     low, high = (np.array(v) for v in _command_bounds(setting))
@@ -39,12 +33,9 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
         commands += [np.array([v_x, min(0.5, high[1]), 0.0]), np.array([v_x, 0.0, min(1.0, high[2])])]
     target = np.array(commands)
     ramp_s = float(np.abs(target[:, 0]).max() / RAMP_M_S2) if len(target) else 0.0
-    rate = setting.policy.contract.rate_hz
-    recording = roll_out(
-        setting.policy, setting.plant(len(target)), _ramped(target, rate, ramp_s), round((ramp_s + 10.0) * rate)
-    )
+    recording = hold(setting.policy, setting.plant(len(target)), target, ramp_s, ramp_s + 10.0)
     span = recording.ticks(ramp_s + 2.0, ramp_s + 10.0)
-    errors, means = tracking_error(recording, span), mean_velocity(recording, span)
+    errors, means = recording.tracking_error(span), recording.mean_velocity(span)
     points = [
         {
             "command": [round(float(c), 3) for c in target[i]],
@@ -52,7 +43,7 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
             "error": [None if np.isnan(e) else round(float(e), 3) for e in errors[i]],
             "fell": not bool(recording.survived[i]),
             "power_w": round(float(recording.power_w[span, i].mean()), 1),
-            **gait(recording, span, i),
+            **recording.gait(span, i),
         }
         for i in range(len(target))
     ]
@@ -78,12 +69,9 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
     speeds = np.array(sorted({*_grid(step, high[0], step), high[0]}))
     target = np.stack([speeds, 0 * speeds, 0 * speeds], axis=-1)
     ramp_s = float(high[0] / RAMP_M_S2)
-    rate = setting.policy.contract.rate_hz
-    recording = roll_out(
-        setting.policy, setting.plant(len(target)), _ramped(target, rate, ramp_s), round((ramp_s + 10.0) * rate)
-    )
+    recording = hold(setting.policy, setting.plant(len(target)), target, ramp_s, ramp_s + 10.0)
     span = recording.ticks(ramp_s + 5.0, ramp_s + 10.0)
-    reached = mean_velocity(recording, span)[:, 0]
+    reached = recording.mean_velocity(span)[:, 0]
     held = np.where(recording.survived, reached, -np.inf)
     best = int(np.argmax(held))
     return {
@@ -94,7 +82,7 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
             for c, v, s in zip(speeds, reached, recording.survived, strict=True)
         ],
         "power_w": round(float(recording.power_w[span, best].mean()), 1),
-        **gait(recording, span, best),
+        **recording.gait(span, best),
         "fell": _told(recording),
     }
 
@@ -115,7 +103,7 @@ def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: floa
         if rows.any():
             robots.push(rows, linear_vel_in_world_m_s=push[rows])
 
-    recording = roll_out(
+    recording = record_walks(
         setting.policy,
         plant,
         lambda tick: first if tick < 10.0 * rate else second,
@@ -171,13 +159,12 @@ def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_
 def _survival(
     setting: Setting, n: int, v_x_m_s: float, seconds: float, disturb: Any, rng: np.random.Generator
 ) -> dict[str, Any]:
-    rate = setting.policy.contract.rate_hz
-    target = np.tile([v_x_m_s, 0.0, 0.0], (n, 1))
-    recording = roll_out(
+    recording = hold(
         setting.policy,
         setting.plant(n),
-        _ramped(target, rate, 2.0),
-        round(seconds * rate),
+        np.tile([v_x_m_s, 0.0, 0.0], (n, 1)),
+        2.0,
+        seconds,
         noise_sigma=setting.noise_sigma(),
         rng=rng,
         disturb=disturb,
@@ -186,7 +173,7 @@ def _survival(
     return {"trials": n, "survived": survived, "v_x_m_s": v_x_m_s, "fell": _told(recording)}
 
 
-def _told(recording: Recording) -> list[dict[str, Any]]:
+def _told(recording: WalkRecord) -> list[dict[str, Any]]:
     """The first falls, for whoever asks when and why."""
     return [fall.figures() for fall in recording.falls[:MOST_TOLD]]
 

@@ -20,8 +20,7 @@ from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
-from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint
-from trainer.ppo.run_folder import read_run_record
+from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint, read_run_record
 
 OPSET = 18
 NORMALISER_FLOOR = 1.0e-2

@@ -11,8 +11,7 @@ import torch
 
 from spot_model.errors import BadInputError
 from trainer.config.train_config import TrainConfig
-from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint
-from trainer.ppo.run_folder import make_run_folder
+from trainer.ppo.checkpoint import config_of, find_checkpoint, make_run_folder, read_checkpoint
 from trainer.ppo.runner import PpoRunner
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.simulate.options import check_device

@@ -31,7 +31,7 @@ def train(
     # A mistake in the config is told before torch is loaded, which takes seconds.
     checked = load_config(config, overrides) if config is not None else None
     typer.echo("loading torch …", err=True)
-    from trainer.ppo.run_folder import command_line
+    from trainer.ppo.checkpoint import command_line
     from trainer.ppo.train import resume as resume_run
     from trainer.ppo.train import train as train_run
 

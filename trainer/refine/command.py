@@ -33,7 +33,7 @@ def refine(
 
     check_new(out)
     typer.echo("loading torch …", err=True)
-    from trainer.ppo.run_folder import command_line
+    from trainer.ppo.checkpoint import command_line
     from trainer.refine.config import load_refine_config
     from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
     from trainer.refine.judge import in_words

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.policy.policy import Policy
-from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import random_commands
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig
-from trainer.simulate.recording import roll_out
+from trainer.simulate.walks import hold, record_walks
 
 Array = NDArray[np.float64]
 
@@ -61,21 +60,16 @@ def run_steadily(policy: Policy, robot: RobotConfig, config: RefineConfig) -> St
         [np.stack([speeds, 0 * speeds, 0 * speeds], axis=-1), np.array(config.others).reshape(-1, 3)]
     )
     setting = _setting(policy, robot)
-    rate, steady_s = policy.contract.rate_hz, config.ramp_s + config.settle_s
-    recording = roll_out(
-        policy,
-        setting.plant(len(target)),
-        lambda k: target * min(1.0, (k + 1) / (config.ramp_s * rate)),
-        round((steady_s + config.watch_s) * rate),
-    )
+    steady_s = config.ramp_s + config.settle_s
+    recording = hold(policy, setting.plant(len(target)), target, config.ramp_s, steady_s + config.watch_s)
     span = recording.ticks(steady_s, steady_s + config.watch_s)
-    error = np.nan_to_num(tracking_error(recording, span), nan=1.0)
+    error = np.nan_to_num(recording.tracking_error(span), nan=1.0)
     tracked = np.flatnonzero(speeds <= TRACKED_UP_TO_M_S)
     return Steady(
-        duty_spread=tuple(gait(recording, span, int(i))["duty_spread"] for i in tracked),
+        duty_spread=tuple(recording.gait(span, int(i))["duty_spread"] for i in tracked),
         forward_error_m_s=float(error[tracked, 0].mean()) if len(tracked) else 0.0,
         other_error=float(error[len(speeds) :].mean()) if len(config.others) else 0.0,
-        top_speed_m_s=float(mean_velocity(recording, span)[int(np.argmax(speeds)), 0]),
+        top_speed_m_s=float(recording.mean_velocity(span)[int(np.argmax(speeds)), 0]),
         falls=int((~recording.survived).sum()),
     )
 
@@ -90,7 +84,7 @@ def run_starts(policy: Policy, robot: RobotConfig, start: StartConfig, seed: int
     plant = setting.random_plant(start.robots, rng)
     first, second = (random_commands(setting, start.robots, rng, top_m_s=start.top_m_s) for _ in range(2))
     jump = round(start.jump_s * policy.contract.rate_hz)
-    recording = roll_out(
+    recording = record_walks(
         policy, plant, lambda k: first if k < jump else second, 2 * jump, noise_sigma=setting.noise_sigma(), rng=rng
     )
     return int((~recording.survived).sum())

@@ -17,7 +17,7 @@ from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import CONTACT_CHOICES_S, SysidConfig
 from trainer.sysid.logs import LogSet
 from trainer.sysid.measured import (
-    DirectChange,
+    MeasuredData,
     MeasuredDelays,
     ObservationNoise,
     measure_delays,
@@ -46,7 +46,7 @@ class Preparation:
     logs: LogSet
     noise: ObservationNoise
     delays: MeasuredDelays
-    changes: tuple[DirectChange, ...]
+    changes: tuple[MeasuredData, ...]
     samples: TorqueSamples | None
     problem: Problem
     final: Problem
@@ -110,7 +110,7 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
     return Preparation(logs, noise, delays, changes, samples, problem, final)
 
 
-def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectChange]:
+def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, MeasuredData]:
     """The same problem with the contact time constant whose score at ``values``, shape (n,), is best."""
     choices = []
     for choice_s in CONTACT_CHOICES_S:
@@ -118,7 +118,8 @@ def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectC
         choices.append((candidate.score(candidate.evaluate(values[None, :])[0]), choice_s, candidate))
     _, best_s, chosen = min(choices, key=lambda c: c[:2])
     scores = ", ".join(f"{value:.3g} at {1e3 * s:g} ms" for value, s, _ in choices)
-    return chosen, DirectChange("contact time constant", best_s, "s", f"the best of {len(choices)} by score: {scores}")
+    source = f"the best of {len(choices)} by score: {scores}"
+    return chosen, MeasuredData(what="contact time constant", value=best_s, unit="s", source=source)
 
 
 def identify(

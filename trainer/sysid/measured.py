@@ -23,6 +23,7 @@ import numpy as np
 import scipy.signal
 import yaml
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 from scipy.ndimage import find_objects, label
 
 from spot_log.read.run import Run
@@ -236,26 +237,40 @@ LEAST_INERTIA_KG_M2: Final = 0.002
 """A smaller inertia between motor and torque sensor is taken for none."""
 
 
-@dataclass(frozen=True)
-class DirectChange:
-    """One number that was measured and put into the model."""
+class ResultPart(BaseModel):
+    """A part of ``result.json``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class MeasuredData(ResultPart):
+    """A quantity that was measured from the logs and put into the model."""
 
     what: str
+    """Name of the quantity."""
     value: float
+    """The number."""
     unit: str
+    """Its unit."""
     source: str
+    """What it was measured from."""
 
 
 def with_measured(
     space: SearchSpace, delays: MeasuredDelays, fit: TorqueFit | None, *, use_delay: bool, use_inertia: bool
-) -> tuple[SearchSpace, tuple[DirectChange, ...]]:
+) -> tuple[SearchSpace, tuple[MeasuredData, ...]]:
     """The same search on a model with the measured delay and inertia; parameters that are searched stay untouched."""
     model, changes = space.model, []
     searched = {(p.effect, p.parameter) for p in space.parameters}
     if use_delay and np.isfinite(delays.path_median_s) and ("command_delay", "delay_s") not in searched:
         model = _with_delay(model, delays.path_median_s)
         changes.append(
-            DirectChange("command delay", delays.path_median_s, "s", f"median of {len(delays.path_s)} command receipts")
+            MeasuredData(
+                what="command delay",
+                value=delays.path_median_s,
+                unit="s",
+                source=f"median of {len(delays.path_s)} command receipts",
+            )
         )
     has_armature = any(isinstance(e, Armature) for e in model.effects)
     if use_inertia and fit is not None and not has_armature:
@@ -263,7 +278,12 @@ def with_measured(
             if value > LEAST_INERTIA_KG_M2:
                 model = model.with_effects(Armature(joints=(joints,), inertia_kg_m2=value))
                 changes.append(
-                    DirectChange(f"reflected inertia of {joints}", value, "kg·m²", "load against acceleration")
+                    MeasuredData(
+                        what=f"reflected inertia of {joints}",
+                        value=value,
+                        unit="kg·m²",
+                        source="load against acceleration",
+                    )
                 )
     return replace(space, model=model), tuple(changes)
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from spot_model.io.model_file import save_model
 from trainer.sysid.config import SysidConfig
 from trainer.sysid.identify import Identification
-from trainer.sysid.measured import delay_histogram, write_delay_csv, write_noise
+from trainer.sysid.measured import MeasuredData, ResultPart, delay_histogram, write_delay_csv, write_noise
 from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict
 
 SCHEMA: Final = "spot-rl/sysid-result/1"
@@ -23,24 +23,7 @@ REPORT_NAME: Final = "report.html"
 OUTPUTS: Final = (RESULT_NAME, MODEL_NAME, NOISE_NAME, DELAY_NAME, REPORT_NAME)
 
 
-class _Data(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
-
-
-class MeasuredData(_Data):
-    """A quantity that was measured from the logs and put into the model."""
-
-    what: str
-    """Name of the quantity."""
-    value: float
-    """The number."""
-    unit: str
-    """Its unit."""
-    source: str
-    """What it was measured from."""
-
-
-class SequenceData(_Data):
+class SequenceData(ResultPart):
     """One command sequence: floor and distances, Wasserstein in N·m, MMD without unit."""
 
     name: str
@@ -55,7 +38,7 @@ class SequenceData(_Data):
     """Median distance between two samples, which sets the kernels' widths."""
 
 
-class ResultData(_Data):
+class ResultData(ResultPart):
     """What an identification found: ``result.json``."""
 
     schema_name: Literal["spot-rl/sysid-result/1"] = Field(default=SCHEMA, alias="schema")
@@ -117,7 +100,7 @@ def result_data(found: Identification, config: SysidConfig) -> ResultData:
         logs=[str(run.path) for run in preparation.logs.runs],
         confidence=CONFIDENCE,
         parameters=list(found.verdicts),
-        measured=[MeasuredData(what=c.what, value=c.value, unit=c.unit, source=c.source) for c in preparation.changes],
+        measured=list(preparation.changes),
         score={name: _finite(value) for name, value in found.scores.items()},
         score_is_over_floor=all(s.repeats > 1 for s in sequences),
         score_by_generation=[_finite(b) for b in best],

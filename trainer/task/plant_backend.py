@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,6 +18,15 @@ from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.config.task_config import TaskConfig
+
+Tensor = torch.Tensor
+
+FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
+
+DISABLE_FLAGS = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+"""On the cores. Thirteen shapes and one ground need no search for near pairs: the same bits without it. Without a warm
+start a physics step takes 14 % less CPU time, and after twelve policy periods joints are within 4e-7 rad of where the
+warm start has them (``benchmarks/solver_options.py``)."""
 
 
 @dataclass(frozen=True)
@@ -75,46 +84,6 @@ class SimulationDraws:
     """Shape (n,)."""
 
 
-class Backend(Protocol):
-    """Physics of ``n_envs`` robots under the policy's PD law, the model's effects included."""
-
-    n_envs: int
-    device: torch.device
-    generators: list[torch.Generator]
-    """On a GPU, what its effects draw from."""
-
-    def step(self, setpoint_position_rad: Tensor) -> None:
-        """Advance one policy period. Set-points of shape (n, 12) reach the servo after the model's command delay."""
-
-    def read(self) -> PlantState:
-        """The state now."""
-
-    def read_reported(self, truth: PlantState) -> PlantState:
-        """What the robots report where effects falsify it; ``truth`` itself where they do not."""
-
-    def reset(self, mask: Tensor, initial: InitialState) -> None:
-        """Put the robots of ``mask`` (bool, shape (n,)) into their initial state; what is under way is lost."""
-
-    def add_velocity(self, delta_m_s: Tensor) -> None:
-        """Push: change the body's linear velocity in the world, shape (n, 3)."""
-
-    def snapshot(self) -> dict[str, Any]:
-        """All that :meth:`restore` needs to continue bit for bit, as tensors by name."""
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue from a snapshot of a back end of the same size and config."""
-
-
-Tensor = torch.Tensor
-
-FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
-
-DISABLE_FLAGS = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_WARMSTART)
-"""On the cores. Thirteen shapes and one ground need no search for near pairs: the same bits without it. Without a warm
-start a physics step takes 14 % less CPU time, and after twelve policy periods joints are within 4e-7 rad of where the
-warm start has them (``benchmarks/solver_options.py``)."""
-
-
 class PlantBackend:
     """``n_envs`` robots under the policy's PD law with the model's effects; no step on a GPU waits for it.
 
@@ -143,6 +112,7 @@ class PlantBackend:
         options = PlantOptions(mjcf=mjcf_options(config), device=device, n_threads=n_threads, seed=seed)
         self._is_falsified = any(isinstance(e, (SensorEffect, EstimateEffect)) and not e.is_null for e in effects)
         self.plant = Plant(effects, n, options)
+        # On a GPU, what the effects draw from.
         self.generators: list[torch.Generator] = [] if self._is_on_cores else self.plant.generators()
         if self._is_on_cores:
             self.plant.fields["opt.disableflags"][...] |= DISABLE_FLAGS
@@ -151,7 +121,7 @@ class PlantBackend:
         self._duty = torch.zeros(n, facts.N_LEGS, device=self.device) if config.counts_duty else None
 
     def step(self, setpoint_position_rad: Tensor) -> None:
-        """Advance one policy period."""
+        """Advance one policy period. Set-points of shape (n, 12) reach the servo after the model's command delay."""
         if self._duty is None:
             self.plant.step(self._into_plant(setpoint_position_rad), self._substeps)
             return
@@ -179,7 +149,7 @@ class PlantBackend:
         )
 
     def read_reported(self, truth: PlantState) -> PlantState:
-        """The joints' sensors and the estimator; the truth where no effect acts on them."""
+        """What sensors and estimator report where effects falsify it; ``truth`` itself where they do not."""
         if not self._is_falsified:
             return truth
         joints, body = self.plant.reading, self.plant.estimate
@@ -194,7 +164,7 @@ class PlantBackend:
         )
 
     def reset(self, mask: Tensor, initial: InitialState) -> None:
-        """Put the robots of ``mask`` into their initial state."""
+        """Put the robots of ``mask`` (bool, shape (n,)) into their initial state; what is under way is lost."""
         if self._is_on_cores and not mask.any():
             return
 
@@ -215,7 +185,7 @@ class PlantBackend:
         )
 
     def add_velocity(self, delta_m_s: Tensor) -> None:
-        """Push: change the body's linear velocity in the world."""
+        """Push: change the body's linear velocity in the world, shape (n, 3)."""
         if not self._is_on_cores:
             self.plant.push(linear_vel_in_world_m_s=delta_m_s)
             return

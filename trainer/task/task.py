@@ -18,8 +18,7 @@ from trainer.config.train_config import TrainConfig
 from trainer.simulate.options import check_device
 from trainer.task.draws import Draws, draw_initial_state, draw_simulations, training_effects
 from trainer.task.feet import FootMotion, FootTimers, Ground, foot_motion
-from trainer.task.observation_noise import noise_sigmas
-from trainer.task.plant_backend import Backend, PlantBackend, PlantState
+from trainer.task.plant_backend import PlantBackend, PlantState
 from trainer.task.rewards import Moment, reward_term
 from trainer.task.velocity_commands import VelocityCommands
 
@@ -86,7 +85,7 @@ class StepResult:
 class Task:
     """n walking robots. All tensors stay on the back end's device, and no step waits for the device."""
 
-    def __init__(self, config: TaskConfig, backend: Backend, generator: torch.Generator) -> None:
+    def __init__(self, config: TaskConfig, backend: PlantBackend, generator: torch.Generator) -> None:
         self.config = config
         self.backend = backend
         n, device = backend.n_envs, backend.device
@@ -100,7 +99,7 @@ class Task:
         self.feet = FootTimers(n, device, config.reward_shape.duty_window_s)
         self._ground = Ground(config.terrain, device)
         self._default = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
-        self._sigmas = torch.from_numpy(noise_sigmas(config.noise)).to(device)
+        self._sigmas = torch.from_numpy(config.noise.sigmas()).to(device)
         self._first_weights, self._late_weights = (
             PERIOD_S * torch.tensor([weights[name] for name in self.stats.terms], device=device)
             for weights in (first, {**first, **config.late_rewards.weights})

@@ -34,7 +34,7 @@ def export(
 
     check_new(out, *(() if networks is None else (networks,)))
     typer.echo("loading torch …", err=True)
-    from trainer.export.export import export_policy
+    from trainer.evaluate.export import export_policy
     from trainer.ppo.checkpoint import find_checkpoint, save_networks
 
     typer.echo("measuring the gait at each speed", err=True)

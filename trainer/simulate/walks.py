@@ -1,4 +1,4 @@
-"""Many robots under one policy, recorded, and how each of them fell."""
+"""Many robots under one policy: what they did, how well, and how each of them fell."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from spot_model.plant.plant import Plant
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import like, on_host
+from spot_model.robot.gait import measure_gait
 from spot_model.robot.rotation import AnyArray, tilt_rad
 from trainer.simulate.recorded_loop import stacked
 
@@ -136,7 +137,7 @@ Disturb = Callable[[Plant, int], None]
 
 
 @dataclass(frozen=True)
-class Recording:
+class WalkRecord:
     """What happened, tick by tick (T ticks, n robots); rows after a robot's fall are meaningless."""
 
     command: Array
@@ -166,8 +167,66 @@ class Recording:
         """Robots that never fell, shape (n,)."""
         return np.asarray(self.alive[-1])
 
+    def tracking_error(self, span: slice) -> Array:
+        """Mean over time of |command − mean velocity over a stride|, shape (n, 3); NaN for robots that fell.
 
-def roll_out(
+        Velocity is averaged over half a second, about a stride, so that sway within a stride is not an error.
+        """
+        window = round(0.5 * self.rate_hz)
+        velocity, command = _running_mean(self.velocity[span], window), _running_mean(self.command[span], window)
+        error = np.abs(velocity - command).mean(axis=0)
+        return np.where(self.alive[span][-1][:, None], error, np.nan)
+
+    def mean_velocity(self, span: slice) -> Array:
+        """Mean velocity, shape (n, 3)."""
+        return np.asarray(self.velocity[span].mean(axis=0))
+
+    def gait(self, span: slice, robot: int) -> dict[str, Any]:
+        """The gait of one robot; see :class:`spot_model.robot.gait.Gait`."""
+        contact = self.foot_contact[span, :, robot].reshape(-1, facts.N_LEGS)
+        descent = self.foot_descent_m_s[span, :, robot].reshape(-1, facts.N_LEGS)
+        step_s = 1.0 / (self.rate_hz * self.foot_contact.shape[1])
+        measured = measure_gait(step_s * np.arange(len(contact)), contact, descent)
+        return {
+            "gait": measured.name,
+            "clarity": round(measured.clarity, 3),
+            "stride_hz": round(measured.stride_hz, 2),
+            "duty_factors": [round(d, 3) for d in measured.duty],
+            "duty_spread": round(max(measured.duty) - min(measured.duty), 3),
+            "flight_share": round(measured.flight_share, 3),
+            "phases": [None if np.isnan(p) else round(p, 3) for p in measured.phase],
+            "agreement": {name: round(share, 3) for name, share in measured.agreement.items()},
+            "diagonals_agree": round(measured.diagonals_agree, 3),
+            "others_agree": round(measured.others_agree, 3),
+            "touchdown_m_s": None if np.isnan(measured.touchdown_m_s) else round(measured.touchdown_m_s, 3),
+        }
+
+
+def hold(
+    policy: Policy,
+    plant: Plant,
+    target: Array,
+    ramp_s: float,
+    seconds: float,
+    *,
+    noise_sigma: Array | None = None,
+    rng: np.random.Generator | None = None,
+    disturb: Disturb | None = None,
+) -> WalkRecord:
+    """Let robots walk for ``seconds`` under commands that rise evenly to ``target``, shape (n, 3), and stay there."""
+    rate_hz = policy.contract.rate_hz
+    return record_walks(
+        policy,
+        plant,
+        lambda tick: target * min(1.0, (tick + 1) / max(1.0, ramp_s * rate_hz)),
+        round(seconds * rate_hz),
+        noise_sigma=noise_sigma,
+        rng=rng,
+        disturb=disturb,
+    )
+
+
+def record_walks(
     policy: Policy,
     plant: Plant,
     command_at: CommandAt,
@@ -176,7 +235,7 @@ def roll_out(
     noise_sigma: Array | None = None,
     rng: np.random.Generator | None = None,
     disturb: Disturb | None = None,
-) -> Recording:
+) -> WalkRecord:
     """Run the policy from the plant's present state.
 
     Args:
@@ -241,6 +300,11 @@ def roll_out(
         descent.clear()
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     commands, velocities, contacts, descents, powers, lives = columns
-    return Recording(
+    return WalkRecord(
         commands, velocities, contacts, descents, powers, peak, lives, policy.contract.rate_hz, tuple(falls)
     )
+
+
+def _running_mean(values: Array, window: int) -> Array:
+    sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
+    return np.asarray((sums[window:] - sums[:-window]) / window)

@@ -10,11 +10,10 @@ from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.contract import StatedGait
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.evaluate.figures import gait
 from trainer.evaluate.setting import Setting
 from trainer.ppo.checkpoint import find_checkpoint
 from trainer.ppo.checkpoint_policy import check_agreement, onnx_bytes, read_actor
-from trainer.simulate.recording import roll_out
+from trainer.simulate.walks import hold
 
 SPEEDS_M_S = (0.3, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
 RAMP_S, SETTLE_S, WATCH_S = 4.0, 2.0, 4.0
@@ -27,17 +26,13 @@ def stated_gaits(policy: Policy, model: RobotModel) -> tuple[StatedGait, ...]:
     if not speeds:
         return ()
     target = np.array([[v, 0.0, 0.0] for v in speeds])
-    rate, steady_s = policy.contract.rate_hz, RAMP_S + SETTLE_S
-    recording = roll_out(
-        policy,
-        Setting(policy=policy, model=model).plant(len(target)),
-        lambda tick: target * min(1.0, (tick + 1) / (RAMP_S * rate)),
-        round((steady_s + WATCH_S) * rate),
-    )
+    steady_s = RAMP_S + SETTLE_S
+    plant = Setting(policy=policy, model=model).plant(len(target))
+    recording = hold(policy, plant, target, RAMP_S, steady_s + WATCH_S)
     span = recording.ticks(steady_s, steady_s + WATCH_S)
     stated = []
     for robot, speed in enumerate(speeds):
-        figures = gait(recording, span, robot)
+        figures = recording.gait(span, robot)
         stated.append(
             StatedGait(
                 v_x_m_s=speed,

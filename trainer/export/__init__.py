@@ -1,1 +1,0 @@
-"""Exporting a trained policy to ONNX with its contract."""
