@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,70 +24,83 @@ from spot_model.policy.contract import (
     MAX_POLICY_BYTES,
     METADATA_KEY,
     OUTPUT_NAME,
-    PolicyContract,
     StoredPair,
 )
-from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
+from spot_model.policy.observation import COLUMNS, N_OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot import facts
-from trainer.foreign.description import LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
+from trainer.foreign.description import JOINT_FIELDS, LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
 
 Array = NDArray[np.float64]
-_FIELDS = {field.name: field for field in OBSERVATION}
 
 
-@dataclass(frozen=True)
-class ObservationMap:
-    """``theirs = scale · clip(ours @ matrix + offset, low, high)``.
+Step = tuple[str, str, NDArray[Any]]
+"""An operator of ONNX, the name of its weight, and the weight."""
+_IN_NUMPY: Final = {"MatMul": np.matmul, "Add": np.add, "Mul": np.multiply, "Max": np.maximum, "Min": np.minimum}
 
-    ``ours`` holds the last ticks, the newest first: shape (history · 48,). The rest has one column a foreign number.
+
+def applied(steps: Sequence[Step], values: Array) -> Array:
+    """What steps make of values, shape (..., n)."""
+    for operator, _, weight in steps:
+        values = np.asarray(_IN_NUMPY[operator](values, weight))
+    return values
+
+
+def observation_steps(policy: ForeignPolicy) -> list[Step]:
+    """From our last ticks, the newest first, shape (..., history · 48), to the foreign observation.
+
+    It is ``scale · clip(ours @ matrix + offset, low, high)``; no clip and no scale where there is none.
     """
-
-    matrix: Array
-    offset: Array
-    low: Array
-    high: Array
-    scale: Array
-
-    def __call__(self, ours: Array) -> Array:
-        """Foreign observations, shape (..., n), of ours, shape (..., history · 48)."""
-        return np.asarray(self.scale * np.clip(ours @ self.matrix + self.offset, self.low, self.high))
-
-
-def observation_map(policy: ForeignPolicy) -> ObservationMap:
-    """The map of a policy whose contract names its action's joints in their order."""
     n = policy.width
-    matrix, offset = np.zeros((policy.history * N_OBSERVATION, n)), np.zeros(n)
-    low, high, scale = np.full(n, -np.inf), np.full(n, np.inf), np.ones(n)
+    matrix, offset = np.zeros((policy.history * N_OBSERVATION, n)), np.zeros((1, n))
+    low, high, scale = np.full((1, n), -np.inf), np.full((1, n), np.inf), np.ones((1, n))
     start = 0
     default = dict(zip(policy.joint_names, policy.default_position_rad, strict=True))
-    gain = np.array(policy.action_scale_rad) / common_scale(policy)
     for term in policy.terms:
         for age in reversed(range(term.history)):
             columns = slice(start, start + term.width)
             rows = _rows(term, policy.joint_names) + age * N_OBSERVATION
-            matrix[rows, np.arange(columns.start, columns.stop)] = _weights(term, policy.joint_names, gain)
+            matrix[rows, np.arange(columns.start, columns.stop)] = _weights(term, policy)
             if term.is_absolute:
-                offset[columns] = [default[name] for name in term.joint_names]
-            low[columns], high[columns] = term.clip
-            scale[columns] = term.scale
+                offset[:, columns] = [default[name] for name in term.joint_names]
+            low[:, columns], high[:, columns] = term.clip
+            scale[:, columns] = term.scale
             start += term.width
-    return ObservationMap(matrix, offset, low, high, scale)
+    steps: list[Step] = [("MatMul", "observation_matrix", matrix), ("Add", "observation_offset", offset)]
+    if np.isfinite(low).any() or np.isfinite(high).any():
+        bound = np.finfo(np.float32).max
+        steps.append(("Max", "observation_low", np.maximum(low, -bound)))
+        steps.append(("Min", "observation_high", np.minimum(high, bound)))
+    return [*steps, ("Mul", "observation_scale", scale)] if (scale != 1.0).any() else steps
+
+
+def action_steps(policy: ForeignPolicy) -> list[Step]:
+    """From the foreign action, shape (..., 12), to ours, whose joints share one scale."""
+    clip, gain = policy.action_clip, _gain(policy)[None]
+    steps: list[Step] = []
+    if np.isfinite(clip):
+        steps += [("Max", "action_low", np.array([[-clip]])), ("Min", "action_high", np.array([[clip]]))]
+    return [*steps, ("Mul", "joint_gain", gain)]
+
+
+def _gain(policy: ForeignPolicy) -> Array:
+    """Each joint's share of the common scale, shape (12,)."""
+    return np.array(policy.action_scale_rad) / common_scale(policy)
 
 
 def _rows(term: Term, joint_names: tuple[str, ...]) -> NDArray[np.intp]:
     """Where the term's numbers stand in one tick of our observation."""
     start = COLUMNS[term.field].start
-    if not _FIELDS[term.field].is_of_joints:
+    if term.field not in JOINT_FIELDS:
         return np.arange(start, start + term.width)
     return start + np.array([joint_names.index(name) for name in term.joint_names])
 
 
-def _weights(term: Term, joint_names: tuple[str, ...], gain: Array) -> Array:
+def _weights(term: Term, policy: ForeignPolicy) -> Array:
     """Our last action is theirs times each joint's share of the common scale; everything else is the same number."""
     if term.field != LAST_ACTION:
         return np.ones(term.width)
-    return np.asarray(1.0 / gain[[joint_names.index(name) for name in term.joint_names]])
+    return np.asarray(1.0 / _gain(policy)[[policy.joint_names.index(name) for name in term.joint_names]])
 
 
 PREFIX: Final = "theirs_"
@@ -206,21 +218,21 @@ def _words_for_the_network() -> Iterator[None]:
 def _ours_from(network: bytes, policy: ForeignPolicy, revision: str) -> bytes:
     theirs = onnx.load_from_string(network)
     source, target = _ends(theirs, policy)
-    seen = observation_map(policy)
+    before, after = observation_steps(policy), action_steps(policy)
     session = onnxruntime.InferenceSession(network, providers=["CPUExecutionProvider"])
     ours = np.random.default_rng(48).normal(size=(PROOFS, policy.history * N_OBSERVATION)).astype(np.float32)
-    gain = np.array(policy.action_scale_rad) / common_scale(policy)
     asked = [
-        session.run([target], {source: seen(row[None]).astype(np.float32)})[0][0] for row in ours.astype(np.float64)
+        session.run([target], {source: applied(before, row[None]).astype(np.float32)})[0][0]
+        for row in ours.astype(np.float64)
     ]
     if np.shape(asked) != (PROOFS, facts.N_JOINTS) or not np.isfinite(asked).all():
         raise BadInputError(
             f"the network's action {target!r} is not {facts.N_JOINTS} numbers; is it trained, and whole?"
         )
-    actions = np.clip(asked, -policy.action_clip, policy.action_clip) * gain
+    actions = applied(after, np.array(asked))
     pair = StoredPair(observation=tuple(map(float, ours[0])), action=tuple(map(float, actions[0])))
-    contract = contract_of(policy, pair, revision)
-    data = _joined(theirs, source, target, seen, policy.action_clip, gain, contract)
+    metadata = {METADATA_KEY: contract_of(policy, pair, revision).to_json()}
+    data = surrounded(theirs, (source, target), before, after, (INPUT_NAME, OUTPUT_NAME), metadata)
     made = policy_from_bytes(data, source="the imported policy")
     error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
     if not error <= TOLERANCE:
@@ -256,65 +268,51 @@ def _width(value: onnx.ValueInfoProto) -> int:
     return int(shape[-1].dim_value) if shape else 0
 
 
-def _joined(
-    theirs: onnx.ModelProto,
-    source: str,
-    target: str,
-    seen: ObservationMap,
-    clip: float,
-    gain: NDArray[np.float64],
-    contract: PolicyContract,
+def surrounded(
+    inner: onnx.ModelProto,
+    ends: tuple[str, str],
+    before: Sequence[Step],
+    after: Sequence[Step],
+    names: tuple[str, str],
+    metadata: dict[str, str],
 ) -> bytes:
-    graph = compose.add_prefix_graph(theirs.graph, PREFIX)
-    before, weights = _observation_nodes(seen, PREFIX + source)
-    steps = [("Mul", "joint_gain", gain[None])]
-    if np.isfinite(clip):
-        steps = [("Max", "action_low", np.array([[-clip]])), ("Min", "action_high", np.array([[clip]])), *steps]
-    after, gains = _chain(PREFIX + target, steps, OUTPUT_NAME)
-    weights += gains
-    width = contract.observation_history * N_OBSERVATION
-    nodes = [*before, *graph.node, *after]
+    """A network between two chains of steps, as one file.
+
+    Args:
+        inner: The network.
+        ends: Names of its input and of its action.
+        before: From the file's input, a row, to the network's.
+        after: From the network's action to the file's output.
+        names: Of the file's input and output.
+        metadata: Of the file.
+    """
+    graph = compose.add_prefix_graph(inner.graph, PREFIX)
+    first = _chain(names[0], before, PREFIX + ends[0])
+    last = _chain(PREFIX + ends[1], after, names[1])
+    weights = [numpy_helper.from_array(weight.astype(np.float32), name) for _, name, weight in (*before, *after)]
     joined = helper.make_graph(
-        nodes,
+        [*first, *graph.node, *last],
         "policy",
-        [helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, [1, width])],
-        [helper.make_tensor_value_info(OUTPUT_NAME, TensorProto.FLOAT, [1, facts.N_JOINTS])],
+        [helper.make_tensor_value_info(names[0], TensorProto.FLOAT, [1, len(before[0][2])])],
+        [helper.make_tensor_value_info(names[1], TensorProto.FLOAT, [1, facts.N_JOINTS])],
         [*weights, *graph.initializer],
     )
-    model = helper.make_model(joined, opset_imports=theirs.opset_import, producer_name="spot-rl")
-    model.ir_version = min(theirs.ir_version, 10)
+    model = helper.make_model(joined, opset_imports=inner.opset_import, producer_name="spot-rl")
+    model.ir_version = min(inner.ir_version, 10)
     for node in model.graph.node:
         node.ClearField("doc_string")
         node.ClearField("metadata_props")
-    helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    helper.set_model_props(model, metadata)
     onnx.checker.check_model(model, full_check=True)
     data: bytes = model.SerializeToString()
     return data
 
 
-def _observation_nodes(seen: ObservationMap, out: str) -> tuple[list[Any], list[Any]]:
-    """Nodes from our observation to theirs; no clip and no scale where there is none."""
-    steps = [("MatMul", "observation_matrix", seen.matrix), ("Add", "observation_offset", seen.offset[None])]
-    if np.isfinite(seen.low).any() or np.isfinite(seen.high).any():
-        bound = np.finfo(np.float32).max
-        steps += [
-            ("Max", "observation_low", np.maximum(seen.low, -bound)[None]),
-            ("Min", "observation_high", np.minimum(seen.high, bound)[None]),
-        ]
-    if (seen.scale != 1.0).any():
-        steps.append(("Mul", "observation_scale", seen.scale[None]))
-    return _chain(INPUT_NAME, steps, out)
-
-
-def _chain(source: str, steps: list[tuple[str, str, NDArray[np.float64]]], out: str) -> tuple[list[Any], list[Any]]:
-    """Nodes and weights of one step after the other: an operator, its weight's name, and the weight."""
+def _chain(source: str, steps: Sequence[Step], out: str) -> list[onnx.NodeProto]:
+    """Nodes of one step after the other."""
     nodes, current = [], source
     for i, (operator, name, _) in enumerate(steps):
         result = out if i + 1 == len(steps) else f"{name}_done"
         nodes.append(helper.make_node(operator, [current, name], [result]))
         current = result
-    return nodes, [_tensor(name, value) for _, name, value in steps]
-
-
-def _tensor(name: str, values: NDArray[np.float64]) -> onnx.TensorProto:
-    return numpy_helper.from_array(values.astype(np.float32), name)
+    return nodes
