@@ -56,7 +56,6 @@ FUNCTIONS = {
     "joint_vel": "joint_vel_rel",
     "actions": "last_action",
 }
-WIDTHS = {"joint_pos": 12, "joint_vel": 12, "actions": 12}
 
 app = typer.Typer()
 app.command("import")(import_policy)
@@ -194,6 +193,21 @@ def invoke(*words: str, code: int = 0) -> Any:
     return told
 
 
+def imported(path: Path, *words: str, like: str = "isaac-lab") -> Policy:
+    """The policy that ``spot-rl policy import`` makes of a file, under the default name or the last word's."""
+    invoke("import", str(path), "--like", like, "--yes", *words)
+    return load_policy(path.with_suffix(".spot.onnx"))
+
+
+def refused(path: Path, *words: str, like: str = "isaac-lab") -> str:
+    """Why it refuses, in words, and that it writes nothing."""
+    before = sorted(path.parent.iterdir())
+    told = invoke("import", str(path), "--like", like, "--yes", *words, code=1)
+    assert isinstance(told.exception, BadInputError)
+    assert sorted(path.parent.iterdir()) == before
+    return str(told.exception)
+
+
 @pytest.fixture
 def run(tmp_path: Path) -> Callable[..., Path]:
     """Lay out a training run as Isaac Lab leaves it; returns the exported policy."""
@@ -236,8 +250,7 @@ def test_another_layout_scales_clips_and_a_history(run: Callable[..., Path]) -> 
         "actions": {"history_length": 2},
     }
     path = run(environment(**terms), width=3 + 3 + 3 + 36 + 36 + 24)
-    invoke("import", str(path), "--like", "isaac-lab", "--yes")
-    made = load_policy(path.with_name("policy.spot.onnx"))
+    made = imported(path)
     assert made.contract.observation_history == 3
     theirs = [
         {"of": "base_ang_vel", "scale": 0.25},
@@ -283,7 +296,7 @@ def test_the_learners_file_names_groups_and_clips_actions(run: Callable[..., Pat
 def test_a_learners_file_that_cannot_be_is_refused(run: Callable[..., Path], agent: dict[str, Any], told: str) -> None:
     path = run(environment())
     (path.parent.parent / "params" / "agent.yaml").write_text(yaml.dump(agent))
-    assert told in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert told in refused(path)
 
 
 def test_weights_in_a_file_beside_the_policy_are_taken_in(run: Callable[..., Path]) -> None:
@@ -291,12 +304,11 @@ def test_weights_in_a_file_beside_the_policy_are_taken_in(run: Callable[..., Pat
     path = run(environment())
     theirs = TheirRobot(path, TERMS, ISAAC, pose_of(ISAAC))
     onnx.save(onnx.load(path), path, save_as_external_data=True, location="policy.onnx.data", size_threshold=0)
-    invoke("import", str(path), "--like", "isaac-lab", "--yes")
-    assert_same_setpoints(load_policy(path.with_name("policy.spot.onnx")), theirs, dict.fromkeys(ISAAC, 0.2))
+    assert_same_setpoints(imported(path), theirs, dict.fromkeys(ISAAC, 0.2))
     path.with_name("policy.onnx.data").unlink()
-    told = invoke("import", str(path), "--like", "isaac-lab", "--yes", "--out", str(path.with_name("b.onnx")), code=1)
-    assert "is not whole" in str(told.exception)
-    assert "with the .data file beside it" in str(told.exception)
+    told = refused(path, "--out", str(path.with_name("b.onnx")))
+    assert "is not whole" in told
+    assert "with the .data file beside it" in told
 
 
 def test_joints_in_any_order_with_a_scale_each(run: Callable[..., Path]) -> None:
@@ -310,8 +322,7 @@ def test_joints_in_any_order_with_a_scale_each(run: Callable[..., Path]) -> None
         "scale": {f".*_{end}": v for end, v in scale.items()},
     }
     path = run(env)
-    invoke("import", str(path), "--like", "isaac-lab", "--yes", "--joint-order", ",".join(robot_order))
-    made = load_policy(path.with_name("policy.spot.onnx"))
+    made = imported(path, "--joint-order", ",".join(robot_order))
     assert made.contract.joint_names == tuple(action_order)
     terms = [t if t["of"] not in {"joint_pos", "joint_vel"} else {**t, "joints": robot_order} for t in TERMS]
     theirs = TheirRobot(path, terms, action_order, pose_of(action_order))
@@ -346,8 +357,7 @@ def test_mjlab_before_and_since_it_names_histories(tmp_path: Path) -> None:
     terms = [{"of": name} for name in ("base_lin_vel", "base_ang_vel", "projected_gravity", "joint_pos", "joint_vel")]
     terms += [{"of": "actions"}, {"of": "command"}]
     old = with_metadata(network(tmp_path / "old.onnx", 48), mjlab_metadata(joints))
-    invoke("import", str(old), "--like", "mjlab", "--yes", "--rate-hz", "40", "--commands=-1,-1,-1:2,1,1")
-    made = load_policy(tmp_path / "old.spot.onnx")
+    made = imported(old, "--rate-hz", "40", "--commands=-1,-1,-1:2,1,1", like="mjlab")
     assert made.contract.rate_hz == 40.0
     assert made.contract.velocity_command_high == (2.0, 1.0, 1.0)
     assert_same_setpoints(made, TheirRobot(old, terms, joints, pose_of(joints)), dict.fromkeys(joints, 0.25))
@@ -361,12 +371,11 @@ def test_mjlab_before_and_since_it_names_histories(tmp_path: Path) -> None:
             observation_terms_flatten_history_dim=",".join(["True"] * 7),
         ),
     )
-    invoke("import", str(new), "--like", "mjlab", "--yes")
     terms[1] |= {"scale": [0.25, 0.5, 1.0], "history": 2}
     terms[3] |= {"clip": (-0.1, 0.1)}
     terms[4] |= {"history": 2}
     terms[6] |= {"scale": 2.0}
-    made = load_policy(tmp_path / "new.spot.onnx")
+    made = imported(new, like="mjlab")
     assert_same_setpoints(made, TheirRobot(new, terms, joints, pose_of(joints)), dict.fromkeys(joints, 0.25))
 
 
@@ -374,8 +383,7 @@ def test_the_vendors_example_and_back(tmp_path: Path) -> None:
     folder = tmp_path / "theirs"
     told = invoke("export", str(WALK), "--for", "spot-rl-example", "--out", str(folder))
     assert "env_cfg.json" in told.output
-    invoke("import", str(folder / "policy.onnx"), "--like", "spot-rl-example", "--yes")
-    ours, back = load_policy(WALK), load_policy(folder / "policy.spot.onnx")
+    ours, back = load_policy(WALK), imported(folder / "policy.onnx", like="spot-rl-example")
     assert back.contract.joint_names == tuple(ISAAC)
     environment_file = json.loads((folder / "env_cfg.json").read_text())
     assert environment_file["actions"]["joint_pos"]["scale"] == ours.contract.action_scale_rad
@@ -389,8 +397,7 @@ def test_mjlab_and_back(tmp_path: Path) -> None:
     invoke("export", str(WALK), "--for", "mjlab", "--out", str(path))
     metadata = {p.key: p.value for p in onnx.load(path).metadata_props}
     assert metadata["joint_names"].split(",") == list(load_policy(WALK).contract.joint_names)
-    invoke("import", str(path), "--like", "mjlab", "--yes")
-    _assert_same_policy(load_policy(WALK), load_policy(tmp_path / "for_mjlab.spot.onnx"))
+    _assert_same_policy(load_policy(WALK), imported(path, like="mjlab"))
 
 
 def _assert_same_policy(one: Policy, other: Policy) -> None:
@@ -412,8 +419,7 @@ def test_torchscript(tmp_path: Path, run: Callable[..., Path]) -> None:
     net = torch.nn.Sequential(torch.nn.Linear(48, 8), torch.nn.ELU(), torch.nn.Linear(8, 12))
     script = path.with_suffix(".pt")
     torch.jit.save(torch.jit.trace(net, torch.zeros(1, 48)), script)
-    invoke("import", str(script), "--like", "isaac-lab", "--yes", "--name", "scripted")
-    made = load_policy(script.with_name("policy.spot.onnx"))
+    made = imported(script, "--name", "scripted")
     assert made.contract.name == "scripted"
     row = np.random.default_rng(0).normal(size=48).astype(np.float32)
     with torch.no_grad():
@@ -432,8 +438,7 @@ def test_legged_gym_by_the_file_in_the_documentation(tmp_path: Path) -> None:
     torch.manual_seed(1)
     actor = torch.nn.Sequential(torch.nn.Linear(48, 16), torch.nn.ELU(), torch.nn.Linear(16, 12))
     torch.jit.script(actor).save(str(tmp_path / "policy_1.pt"))
-    invoke("import", str(tmp_path / "policy_1.pt"), "--like", "isaac-lab", "--joint-order", order, "--yes")
-    made, rng = load_policy(tmp_path / "policy_1.spot.onnx"), np.random.default_rng(3)
+    made, rng = imported(tmp_path / "policy_1.pt", "--joint-order", order), np.random.default_rng(3)
     urdf = [f"{leg}_{joint}" for leg in ("fl", "fr", "hl", "hr") for joint in ("hx", "hy", "kn")]
     pose = np.array([0.1, 0.9, -1.5, -0.1, 0.9, -1.5, 0.1, 1.1, -1.5, -0.1, 1.1, -1.5])
     ours = [urdf.index(name) for name in facts.JOINT_NAMES]
@@ -479,7 +484,7 @@ def test_torchscript_with_a_memory_is_refused(run: Callable[..., Path]) -> None:
 
     path = run(environment()).with_suffix(".pt")
     torch.jit.save(torch.jit.script(Recurrent()), path)
-    told = str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    told = refused(path)
     assert "has a memory; only networks without memory are run" in told
 
 
@@ -494,8 +499,7 @@ def test_torchscript_with_a_memory_is_refused(run: Callable[..., Path]) -> None:
 )
 def test_what_cannot_be_is_refused_by_name(run: Callable[..., Path], change: dict[str, Any], told: str) -> None:
     path = run(environment(**change))
-    assert told in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
-    assert not path.with_name("policy.spot.onnx").exists()
+    assert told in refused(path)
 
 
 @pytest.mark.parametrize(
@@ -523,11 +527,8 @@ def test_numbers_that_no_robot_bears_are_refused_before_anybody_is_asked(
     env["sim"]["dt"] = change.get("dt", 0.002)
     env["actions"]["joint_pos"]["scale"] = change.get("scale", 0.2)
     path = run(env)
-    found = invoke("import", str(path), "--like", "isaac-lab", code=1)
-    assert isinstance(found.exception, BadInputError)
-    assert told in str(found.exception)
-    assert "Is this what" not in found.output
-    assert sorted(file.name for file in path.parent.iterdir()) == [path.name]
+    assert told in refused(path)
+    assert "Is this what" not in invoke("import", str(path), "--like", "isaac-lab", code=1).output
 
 
 BAD: Final = (
@@ -629,9 +630,7 @@ def of_three_axes(path: Path) -> None:
 def test_a_network_that_is_none_is_refused_in_words(run: Callable[..., Path], spoil: Callable[[Path], None]) -> None:
     path = run(environment())
     spoil(path)
-    told = invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1)
-    assert isinstance(told.exception, BadInputError)
-    assert sorted(file.name for file in path.parent.iterdir()) == [path.name]
+    assert refused(path)
 
 
 @pytest.mark.parametrize(
@@ -647,7 +646,7 @@ def test_actions_that_mean_something_else_are_refused(
 ) -> None:
     env = environment()
     env["actions"]["joint_pos"] |= change
-    assert told in str(invoke("import", str(run(env)), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert told in refused(run(env))
 
 
 def test_of_a_robot_with_an_arm_only_the_legs_may_be_meant(run: Callable[..., Path]) -> None:
@@ -655,14 +654,13 @@ def test_of_a_robot_with_an_arm_only_the_legs_may_be_meant(run: Callable[..., Pa
     env["scene"]["robot"]["init_state"]["joint_pos"] = {**POSE, "arm0_sh0": 0.0}
     env["actions"]["joint_pos"]["joint_names"] = [".*_h[xy]", ".*_kn"]
     path = run(env)
-    told = str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    told = refused(path)
     assert "observations.policy.joint_pos: joints fl_hx" in told
     assert "arm0_sh0" in told
     for term in ("joint_pos", "joint_vel"):
         env["observations"]["policy"][term]["params"] = {"asset_cfg": {"joint_names": [".*_h[xy]", ".*_kn"]}}
     (path.parent.parent / "params" / "env.yaml").write_text(yaml.dump(env))
-    invoke("import", str(path), "--like", "isaac-lab", "--yes")
-    assert load_policy(path.with_name("policy.spot.onnx")).contract.name == "policy"
+    assert imported(path).contract.name == "policy"
 
 
 def test_no_joint_order_is_assumed_where_the_file_tells_it(run: Callable[..., Path]) -> None:
@@ -678,20 +676,20 @@ def test_no_joint_order_is_assumed_where_the_file_tells_it(run: Callable[..., Pa
 
 def test_networks_that_do_not_fit_are_refused(run: Callable[..., Path]) -> None:
     path = run(environment(), width=45)
-    assert "sees 45 numbers" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert "sees 45 numbers" in refused(path)
     network(path, 48, extra_input="h_in")
-    assert "recurrent" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert "recurrent" in refused(path)
 
 
 def test_a_missing_side_file_or_key_is_named(tmp_path: Path) -> None:
     path = network(tmp_path / "p.onnx", 48)
-    assert "--env" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
-    assert "one beside" in str(invoke("import", str(path), "--like", "spot-rl-example", "--yes", code=1).exception)
-    assert "joint_names" in str(invoke("import", str(path), "--like", "mjlab", "--yes", code=1).exception)
+    assert "--env" in refused(path)
+    assert "one beside" in refused(path, like="spot-rl-example")
+    assert "joint_names" in refused(path, like="mjlab")
     with_metadata(path, mjlab_metadata(list(facts.JOINT_NAMES), action_scale="0.2,0.3"))
     assert "action_scale has 2 values" in str(invoke("import", str(path), "--like", "mjlab", code=1).exception)
     (tmp_path / "env.yaml").write_text("!!python/object/apply:os.system ['true']\n")
-    assert "no mapping" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert "no mapping" in refused(path)
 
 
 def test_nothing_is_written_without_a_yes_and_nothing_overwritten(run: Callable[..., Path]) -> None:
