@@ -44,15 +44,14 @@ from diagnosis.selection.search import search
 from diagnosis.verdict.causes import CALIBRATED, candidates_of, decide, name_of, own_nats
 from diagnosis.verdict.evidence import Explained, explain
 from diagnosis.verdict.probability import excess
-from spot_log import read_run
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
-from withheld.cases.draw import Case, draw, kind_of
-from withheld.cases.protocol import CaseKind
-from withheld.cases.source import Source, source_of
-from withheld.measuring.distances import TWIN_REPEATS, make_runs, moved
+from withheld.blind.execution import what_faults_do
+from withheld.cases import Case, CaseKind, draw, kind_of
+from withheld.measuring import record_runs
 from withheld.plan import Fault, Reality, RecordingPlan
+from withheld.realities.source import Source, source_of
 from withheld.simulator.simulation import RealityDivergedError
 
 Array = NDArray[np.float64]
@@ -125,22 +124,12 @@ def recorded(case: Case, source: Source, policy: Policy) -> tuple[Reality, list[
         RealityDivergedError: Its simulation broke down.
     """
     path = POLICIES / f"{case.policy}.onnx"
-
-    def plan(repeats: int, recording_seed: int) -> RecordingPlan:
-        return RecordingPlan(path, case.sequences, repeats, recording_seed, frozenset(case.missing), case.detail)
-
+    plan = RecordingPlan(path, case.sequences, case.repeats, case.recording_seed, frozenset(case.missing), case.detail)
     with tempfile.TemporaryDirectory() as folder:
-        logs = Path(folder) / "logs"
-        logs.mkdir()
         reality = source.make(case.requests, case.reality_seed)
-        made = make_runs(reality, plan(case.repeats, case.recording_seed), logs)
-        made.write(logs)
-        walks, by = made.walks(policy), []
-        for i in range(len(case.requests)):
-            twin = source.make(case.requests[:i] + case.requests[i + 1 :], case.reality_seed)
-            healthy = make_runs(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
-            by.append(moved(walks, healthy.walks(policy)))
-        runs, _ = prepared([read_run(path) for path in sorted(logs.glob("*.mcap"))], SPOT)
+        logs = record_runs(reality, plan, Path(folder) / "logs")
+        by = [own for own, _ in what_faults_do(source, case, reality, logs, policy, path, Path(folder))]
+        runs, _ = prepared(sorted(logs, key=lambda run: str(run.path)), SPOT)
     return reality, list(runs), by
 
 

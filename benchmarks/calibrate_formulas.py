@@ -26,10 +26,9 @@ from diagnosis.selection.unexplained import remainder
 from diagnosis.verdict.evidence import evidence_of
 from spot_log import read_run
 from spot_model.policy.policy import load_policy
-from withheld.cases.draw import chosen, draw
-from withheld.cases.source import source_of
-from withheld.measuring.distances import make_runs
+from withheld.cases import chosen, draw
 from withheld.plan import RecordingPlan
+from withheld.realities.source import source_of
 from withheld.simulator.simulation import RealityDivergedError
 
 POLICIES = Path("policies")
@@ -44,7 +43,7 @@ def left_by_channel(seed: int, number: int) -> Mapping[str, tuple[float, float]]
     plan = RecordingPlan(file, case.sequences, case.repeats, case.recording_seed, frozenset(case.missing), case.detail)
     with TemporaryDirectory() as folder:
         try:
-            make_runs(reality, plan, Path(folder)).write(Path(folder))
+            reality.record(plan, Path(folder))
         except RealityDivergedError:
             return {}
         runs, _ = prepared([read_run(path) for path in sorted(Path(folder).glob("*.mcap"))], SPOT)

@@ -28,9 +28,9 @@ from spot_log import read_run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence, save_sequence, sequence_of
-from withheld.cases.draw import draw, kind_of
-from withheld.cases.source import source_of
+from withheld.cases import draw, kind_of
 from withheld.plan import RecordingPlan
+from withheld.realities.source import source_of
 
 SLOW_M_S: Final = (2.0, 3.0, 4.0)
 WANTED_M_S: Final = 0.15

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
@@ -42,18 +43,16 @@ from spot_model.io.whole import write_over
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from trainer.simulate.engine import Engine, Place, Tell
-from withheld.cases.draw import Case, draw, kind_of
-from withheld.cases.protocol import WHOLE_RUN
-from withheld.cases.source import CATALOGUES, source_of
-from withheld.measuring.distances import TWIN_REPEATS, moved
-from withheld.outcome import Outcome
+from withheld.cases import WHOLE_RUN, Case, draw, kind_of
+from withheld.measuring import TWIN_REPEATS, moved, record_runs, walk_of_run
+from withheld.outcome import Outcome, read_verdict
 from withheld.plan import RecordingPlan
 from withheld.realities.reality import ComposedReality, make
+from withheld.realities.source import CATALOGUES, source_of
 from withheld.scoring.scores import differences, is_right
 from withheld.scoring.sizes import LARGE
 from withheld.scoring.statistics import Estimate, Share, mean
 from withheld.simulator.simulation import RealityDivergedError
-from withheld.verdict import read_verdict
 
 POLICIES: Final = Path("policies")
 ROUNDS: Final = 2
@@ -120,7 +119,12 @@ def opened(own: Subject, catalogue: str) -> dict[str, Any]:
     told: dict[str, Any] = {"kind": own.case.requests[0].kind, "names": list(own.reality.truth.faults[0].names)}
     try:
         policy = load_policy(own.policy)
-        by = moved(own.reality.make_runs(own.plan).walks(policy), twin.make_runs(twins).walks(policy))
+        with TemporaryDirectory() as folder:
+            runs, healthy = (
+                [walk_of_run(run, policy) for run in record_runs(reality, plan, Path(folder) / name)]
+                for name, reality, plan in (("with", own.reality, own.plan), ("without", twin, twins))
+            )
+        by = moved(runs, healthy)
         told["moved"] = None if by is None else round(by, 3)
         if by is not None and by >= LARGE:
             inputs, place = own.inputs(), own.work / FIRST

@@ -23,14 +23,13 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from tests.diagnosis.standing_starts import POLICY, scripts
-from tests.withheld.blind.test_run import finish, jobs
+from tests.withheld.blind.test_execution import finish, jobs
 from trainer.simulate.engine import Engine, EngineError, Place, Tell
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import SearchConfig, SysidConfig
 from trainer.sysid.search import Problem, SearchState, build_problem, candidates_engine, run_search
-from withheld.blind.execute import Job
-from withheld.blind.ledger import read_ledger
-from withheld.blind.run import run_cases
+from withheld.blind.execution import Job, run_cases
+from withheld.blind.seal import read_ledger
 from withheld.outcome import Outcome
 
 pytest.importorskip("ray", reason="Ray is not installed (extra ray)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -51,12 +52,11 @@ def run(
     from spot_model.errors import BadInputError
     from spot_model.io.progress import Progress
     from trainer.simulate.engine import Engine, Place
-    from withheld.blind.execute import Job, case_folder
+    from withheld.blind.execution import Job, execute, run_cases
     from withheld.blind.jail import MEANING, hide_this_process, strongest_level
-    from withheld.blind.run import run_case, run_cases
-    from withheld.blind.run_folder import begin, go_on
-    from withheld.cases.draw import chosen
-    from withheld.cases.source import source_of
+    from withheld.blind.run_folder import Secret, begin, go_on
+    from withheld.cases import chosen
+    from withheld.realities.source import source_of
 
     hide_this_process()
     source_of(reality)
@@ -67,9 +67,10 @@ def run(
     if resume:
         head, secret = go_on(out, policies, part)
     else:
-        head, secret = begin(
+        secret = Secret(seed=secrets.randbits(62) if seed is None else seed)
+        head = begin(
             out,
-            seed,
+            secret,
             policies,
             reality=reality,
             level=level,
@@ -92,7 +93,7 @@ def run(
     # In the order of their numbers, whatever they cost: what is done when a run is stopped is then a fair part.
     numbers = chosen(secret.seed, range(*head.part), kind or ())
     jobs = [replace(job, number=n) for n in numbers]
-    done = sum((case_folder(out, job.number) / "outcome.json").exists() for job in jobs)
+    done = sum(job.is_done for job in jobs)
     progress = Progress("cases", len(jobs), done=done)
 
     def tell(number: int, text: str) -> None:
@@ -105,7 +106,7 @@ def run(
     is_ray = engine is EngineName.RAY
     place = Place(max(1, min(workers, len(jobs))), is_ray, ray_address, is_apart=not is_ray)
     try:
-        with Engine(run_case, None, place) as started:
+        with Engine(execute, None, place) as started:
             left = run_cases(jobs, started, out, until, tell)
     except KeyboardInterrupt:
         typer.echo(f"interrupted; go on with `spot-rl withheld run --resume --out {out}`", err=True)
@@ -145,7 +146,7 @@ def pack(
     most_mib: Annotated[float, typer.Option("--most-mib", min=0.1, help="Largest size of the file, MiB.")] = 16.0,
 ) -> None:
     """Pack a run without its reports into one file that can be scored after unpacking."""
-    from withheld.blind.pack import pack as write
+    from withheld.blind.run_folder import pack as write
 
     typer.echo(f"{write(folder, file, most_mib)} cases in {file}")
 

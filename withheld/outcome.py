@@ -1,34 +1,146 @@
-"""What is known of one case after its seal was opened: truth, verdict, what its faults do, times."""
+"""What is known of one case after its seal was opened: truth, verdict as far as it is scored, what its faults do."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from withheld.cases.draw import Case
-from withheld.features import Gap
+from spot_model.errors import BadInputError
+from spot_model.io.validation import explain
+from withheld.cases import Case
 from withheld.plan import Truth
-from withheld.verdict import Verdict
 
-SCHEMA: Final = "spot-rl/withheld-case/3"
+UNKNOWN_FROM: Final = 0.5
+"""A verdict that explains a part calls the rest unknown from this probability on."""
+Gap = Literal["torque", "joint motion", "body motion"]
+GAPS: Final[tuple[Gap, ...]] = ("torque", "joint motion", "body motion")
 
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
+class _Read(BaseModel):
+    """Part of a verdict: what is scored and nothing else, so that any other field may come or go."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, populate_by_name=True)
+
+
 class Change(_Part):
-    """A quantity of the robot without a fault and with it; None where no run is long enough."""
+    """A quantity of the robot without something and with it; None where no run is long enough."""
 
     before: float | None
     after: float | None
 
     @property
     def of(self) -> float | None:
-        """With the fault less without it."""
+        """With it less without it."""
         return None if self.before is None or self.after is None else self.after - self.before
+
+
+# A verdict ------------------------------------------------------------------------------------------------------------
+
+
+class Number(_Read):
+    """A stated number with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+class QuantityChange(Change):
+    """A quantity of simulated runs, by name."""
+
+    model_config = ConfigDict(extra="ignore")
+    quantity: str
+
+
+class StatedConsequences(_Read):
+    """What a difference is said to do."""
+
+    changes: tuple[QuantityChange, ...] = ()
+
+
+class Difference(_Read):
+    """One stated difference, or a group of rivals that the logs cannot part."""
+
+    name: str
+    probability: float = Field(ge=0.0, le=1.0)
+    group: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+    parameters: dict[str, Number] = Field(default_factory=dict)
+    by_type: dict[str, dict[str, Number]] = Field(default_factory=dict)
+    """The same by joint type (``hx``, ``hy``, ``kn``), where one number does not serve."""
+    rivals: dict[str, float] = Field(default_factory=dict)
+    consequences: StatedConsequences | None = None
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The difference and its rivals."""
+        return frozenset({self.name, *self.group})
+
+
+class CalibratedNumber(_Read):
+    """One of the robot's own numbers."""
+
+    title: str = ""
+    where: str = ""
+    nominal: float
+    value: float
+    stands_out: bool = False
+
+
+class Calibration(_Read):
+    """The robot's own numbers."""
+
+    numbers: tuple[CalibratedNumber, ...] = ()
+
+
+class Formula(_Read):
+    """A formula for what is unknown."""
+
+    predicted_share: float
+    """Of the remaining residual, in runs that it was not fitted to."""
+
+
+class Unknown(_Read):
+    """What the library does not explain."""
+
+    formula: Formula | None = None
+
+
+class Shrink(_Read):
+    """How far the verdict says that the gap goes away."""
+
+    d0: float
+    d1: float
+    floor: float
+    s: float | None
+
+
+class Verdict(_Read):
+    """One verdict."""
+
+    schema_name: Literal["spot-rl/verdict/2"] = Field(alias="schema")
+    status: str
+    differences: tuple[Difference, ...]
+    calibration: Calibration = Calibration()
+    probability_none: float
+    probability_unknown: float
+    unknown: Unknown | None = None
+    shrink: Shrink | None = None
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether it says that something is there which no effect of the library is."""
+        is_in_part = self.status == "partly_explained" and self.probability_unknown > UNKNOWN_FROM
+        return self.status == "unknown_effect" or is_in_part
+
+
+# A case ---------------------------------------------------------------------------------------------------------------
 
 
 class Consequences(_Part):
@@ -47,7 +159,7 @@ class Consequences(_Part):
 class Outcome(_Part):
     """One case."""
 
-    schema_name: Literal["spot-rl/withheld-case/3"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/withheld-case/3"] = Field(default="spot-rl/withheld-case/3", alias="schema")
     case: Case
     truth: Truth
     verdict: Verdict | None
@@ -76,10 +188,30 @@ class Outcome(_Part):
         return self.verdict.status if self.verdict is not None else "failed"
 
 
-def load_outcome(path: Path) -> Outcome:
+Read = TypeVar("Read", Verdict, Outcome)
+
+
+def read_verdict(path: Path) -> Verdict:
+    """Read a ``verdict.json``.
+
+    Raises:
+        BadInputError: It cannot be read, or lacks what is scored.
+    """
+    return _read(Verdict, path, "cannot be scored")
+
+
+def read_outcome(path: Path) -> Outcome:
     """Read a case's ``outcome.json``.
 
     Raises:
-        pydantic.ValidationError: It does not follow the schema.
+        BadInputError: It cannot be read, or does not follow the schema.
     """
-    return Outcome.model_validate_json(path.read_text(encoding="utf-8"))
+    return _read(Outcome, path, "does not follow its schema")
+
+
+def _read(model: type[Read], path: Path, problem: str) -> Read:
+    try:
+        return model.model_validate_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValidationError) as error:
+        reason = explain(error) if isinstance(error, ValidationError) else str(error)
+        raise BadInputError(f"{path} {problem}: {reason}") from error

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal, Protocol, runtime_checkable
+from typing import Final, Literal, Protocol
 
 from pydantic import Field
 
 from spot_model.io.model_file import RobotModel
 from spot_model.io.settings import Settings
 from spot_model.io.velocity_sequence import VelocitySequence
-from spot_model.policy.policy import Policy
-from withheld.features import Walk
 
 Family = Literal[
     "friction",
@@ -86,18 +84,6 @@ class RecordingPlan:
     detail: Detail = "stream"
 
 
-class Made(Protocol):
-    """Runs that were simulated, and not written yet."""
-
-    def walks(self, policy: Policy) -> list[Walk]:
-        """In the order of their sequences and repeats."""
-        ...
-
-    def write(self, folder: Path) -> None:
-        """As :meth:`Reality.record` writes them."""
-
-
-@runtime_checkable
 class Reality(Protocol):
     """A robot that nobody but the judge knows; ``module:Class`` with a constructor ``(seed: int)`` plugs one in."""
 
@@ -111,12 +97,3 @@ class Reality(Protocol):
     @property
     def nominal(self) -> RobotModel:
         """The model that the diagnosis is given: the reality without its faults and its small errors."""
-
-
-@runtime_checkable
-class MakesRuns(Reality, Protocol):
-    """A reality that can make its runs before it is known whether they are wanted; the package's own can."""
-
-    def make_runs(self, plan: RecordingPlan) -> Made:
-        """The runs that :meth:`Reality.record` would write."""
-        ...

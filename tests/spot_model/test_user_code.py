@@ -15,7 +15,7 @@ from spot_model.io.command_line import main
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.registry import HalRequest, find_adapter
 from trainer.task.rewards import reward_term
-from withheld.cases.source import source_of
+from withheld.realities.source import source_of
 
 BROKEN = {
     "syntax": ("def half(:\n", r"line 1"),

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from spot_model.io.model_file import RobotModel
-from withheld.plan import FaultRequest, Made, RecordingPlan, Truth
+from withheld.plan import FaultRequest, RecordingPlan, Truth
 from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.fault_kind import Ask, Built, FaultKind, at
 from withheld.realities.reality import make
@@ -33,7 +33,7 @@ KINDS: dict[str, FaultKind] = {
 
 
 class Alone:
-    """Chooses what is hidden by itself, and can only record."""
+    """Chooses what is hidden by itself."""
 
     def __init__(self, seed: int, requests: Sequence[FaultRequest] | None = None) -> None:
         if requests is None:
@@ -54,12 +54,9 @@ class Alone:
 
 
 class StandIn(Alone):
-    """The same with kinds that a draw may ask for, and runs that need no logs."""
+    """The same with kinds that a draw may ask for."""
 
     KINDS = KINDS
-
-    def make_runs(self, plan: RecordingPlan) -> Made:
-        return self._made.make_runs(plan)
 
 
 class Brittle(StandIn):
@@ -67,9 +64,9 @@ class Brittle(StandIn):
 
     attempts: ClassVar[dict[str, int]] = {}
 
-    def make_runs(self, plan: RecordingPlan) -> Made:
+    def record(self, plan: RecordingPlan, folder: Path) -> None:
         name = repr(plan.sequences)
         self.attempts[name] = self.attempts.get(name, 0) + 1
         if self.attempts[name] == 1:
             raise RealityDivergedError("not a number")
-        return super().make_runs(plan)
+        super().record(plan, folder)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from withheld.cases.draw import kind_of
+from withheld.cases import kind_of
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 

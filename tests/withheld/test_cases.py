@@ -8,13 +8,12 @@ import pytest
 from spot_model.effects.registry import BUILT_IN
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
-from withheld.cases import protocol
-from withheld.cases.draw import Case, chosen, draw, kind_of
-from withheld.cases.source import source_of
+from withheld.cases import BLOCK, SIZES, SLOTS, SPRINT_KINDS, WHOLE_RUN, Case, chosen, draw, kind_of
+from withheld.realities.source import source_of
 
 POLICIES = Path("policies")
 JUDGING = source_of("judging")
-N = protocol.BLOCK
+N = BLOCK
 
 
 @pytest.fixture(scope="module")
@@ -23,17 +22,17 @@ def cases() -> list[Case]:
 
 
 def test_a_whole_run_has_the_cases_that_are_asked_for() -> None:
-    whole = {kind: 10 * count for kind, count in protocol.SLOTS.items()}
+    whole = {kind: 10 * count for kind, count in SLOTS.items()}
     assert whole["single"] + whole["sprint"] >= 300
     assert whole["double"] >= 150
     assert whole["faultless"] >= 150
     assert whole["outside"] + whole["left_out"] >= 150
-    assert protocol.SIZES == (0.3, 1.0)
-    assert sum(whole.values()) == protocol.WHOLE_RUN
+    assert SIZES == (0.3, 1.0)
+    assert sum(whole.values()) == WHOLE_RUN
 
 
 def test_kinds_come_in_their_proportions(cases: list[Case]) -> None:
-    assert Counter(c.kind for c in cases) == protocol.SLOTS
+    assert Counter(c.kind for c in cases) == SLOTS
     assert [kind_of(11, n) for n in range(N)] != [kind_of(12, n) for n in range(N)]
 
 
@@ -64,7 +63,7 @@ def test_requests_fit_the_kind(cases: list[Case]) -> None:
 
 
 def test_a_sprint_is_fast_and_keeps_all_rivals_in_the_library(cases: list[Case]) -> None:
-    rivals = {n for k in protocol.SPRINT_KINDS for n in JUDGING.kinds[k].names}
+    rivals = {n for k in SPRINT_KINDS for n in JUDGING.kinds[k].names}
     for case in (c for c in cases if c.kind == "sprint"):
         assert max(s.sampled(50.0)[:, 0].max() for s in case.sequences) >= 4.0
         assert not rivals & set(case.without)

@@ -8,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from spot_model.errors import BadInputError
-from withheld.blind.ledger import read_ledger
 from withheld.blind.run_folder import load_head
+from withheld.blind.seal import read_ledger
 from withheld.command import app
-from withheld.outcome import load_outcome
+from withheld.outcome import read_outcome
 from withheld.scoring.verify import check
 
 REALITY = "tests.withheld.stand_in:StandIn"
@@ -46,7 +46,7 @@ def test_the_seal_was_published_before_the_verdict_and_opened_after(run: Path) -
 
 @pytest.mark.slow
 def test_what_was_given_is_logs_model_and_policy_and_says_nothing(run: Path) -> None:
-    outcome = load_outcome(run / "cases" / "0001" / "outcome.json")
+    outcome = read_outcome(run / "cases" / "0001" / "outcome.json")
     given = run / "cases" / "0001" / "given"
     names = {str(p.relative_to(given)) for p in given.rglob("*") if p.is_file()}
     logs = {n for n in names if n.startswith("logs/")}
@@ -65,8 +65,8 @@ def test_a_finished_part_is_resumed_at_once_and_gives_the_same_scores(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Sources that are edited while the tests run are none of this test's business.
-    monkeypatch.setattr("withheld.blind.run_folder.protocol_digest", lambda: load_head(run).protocol)
-    monkeypatch.setattr("withheld.blind.run_folder.generator_digest", lambda: load_head(run).generator)
+    head = load_head(run)
+    monkeypatch.setattr("withheld.blind.run_folder.source_digests", lambda: (head.protocol, head.generator))
     before = (run / "scores.json").read_text()
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
     assert done.exit_code == 0, done.exception
@@ -102,7 +102,7 @@ def test_a_case_is_shown(run: Path) -> None:
 
 @pytest.mark.slow
 def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("withheld.blind.run_folder.protocol_digest", lambda: "another")
+    monkeypatch.setattr("withheld.blind.run_folder.source_digests", lambda: ("another", ""))
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
     assert isinstance(done.exception, BadInputError)
     assert "start anew" in str(done.exception)

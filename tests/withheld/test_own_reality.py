@@ -11,8 +11,8 @@ import pytest
 from spot_log import read_run
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from tests.docs.blocks import blocks_of
-from withheld.cases.source import source_of
 from withheld.plan import RecordingPlan
+from withheld.realities.source import source_of
 
 ROOT = Path(__file__).parents[2]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -22,8 +22,32 @@ def make_alike(logs: Path) -> None:
             file.truncate(-(-size // PAD_BYTES) * PAD_BYTES)
 
 
+def _digest(*parts: object) -> float:
+    """Return a number that differs where the parts do."""
+    return float(int(hashlib.sha256("".join(map(str, parts)).encode()).hexdigest()[:8], 16))
+
+
+OF_A_RUN: Final[Mapping[str, Callable[[Run], float]]] = {
+    "states": lambda r: len(r.states),
+    "commands": lambda r: len(r.commands),
+    "ticks": lambda r: len(r.ticks),
+    "polls": lambda r: len(r.slow_states),
+    "events": lambda r: len(r.events),
+    "damage": lambda r: len(r.damage),
+    "run id": lambda r: _digest(r.header.run_id),
+    "labels and config": lambda r: _digest(
+        (r.header.labels, r.header.config_json, r.header.robot_id, r.header.adapter)
+    ),
+    "version": lambda r: _digest(r.header.software_version, r.header.software_revision),
+    "began": lambda r: r.header.started_host_stamp_ns % 10**15,
+    "first state": lambda r: int(r.states.robot_stamp_ns[0]) % 10**12 if len(r.states) else 0,
+    "length": lambda r: float(np.ptp(r.states.robot_stamp_ns)) if len(r.states) else 0,
+}
+"""What is known of each run; of a case, its mean and its spread."""
+
+
 def features(folder: Path, runs: Sequence[Run], without: Sequence[str]) -> dict[str, float]:
-    """Numbers by name.
+    """Return numbers by name.
 
     Args:
         folder: As the diagnosing process sees it.
@@ -31,49 +55,29 @@ def features(folder: Path, runs: Sequence[Run], without: Sequence[str]) -> dict[
         without: Effects that are left out of the library.
     """
     files = sorted(p for p in folder.rglob("*") if p.is_file() and p.suffix in (".mcap", ".yaml"))
-    sizes = np.array([p.stat().st_size for p in files], dtype=np.float64)
-    logs = [p for p in files if p.suffix == ".mcap"]
-    found: dict[str, float] = {
-        "files": float(len(files)),
-        "bytes, least": float(sizes.min()),
-        "bytes, most": float(sizes.max()),
-        "bytes, mean": float(sizes.mean()),
-        "age, s": float(np.mean([p.stat().st_mtime for p in files])),
-        "age spread, s": float(np.ptp([p.stat().st_mtime for p in files])),
-        "name": float(np.mean([int(hashlib.sha256(p.name.encode()).hexdigest()[:6], 16) for p in logs])),
-        "name as number": float(np.mean([int(p.stem[:6], 16) if _is_hex(p.stem[:6]) else -1 for p in logs])),
-        "model file": _number(next((p.read_text(encoding="utf-8") for p in files if p.suffix == ".yaml"), "")),
-        "left out of the library": _number(",".join(without)),
-        "count left out": float(len(without)),
+    sizes, ages = np.array([(p.stat().st_size, p.stat().st_mtime) for p in files], dtype=np.float64).T
+    names = [p.stem for p in files if p.suffix == ".mcap"]
+    found = {
+        "files": len(files),
+        "bytes, least": sizes.min(),
+        "bytes, most": sizes.max(),
+        "bytes, mean": sizes.mean(),
+        "age, s": ages.mean(),
+        "age spread, s": np.ptp(ages),
+        "name": np.mean([_digest(name) for name in names]),
+        "name as number": np.mean([_hexadecimal(name[:6]) for name in names]),
+        "model file": _digest(*(p.read_text(encoding="utf-8") for p in files if p.suffix == ".yaml")),
+        "left out of the library": _digest(",".join(without)),
+        "count left out": len(without),
     }
-    for name, values in _of_runs(runs).items():
-        found[f"{name}, mean"] = float(np.mean(values))
-        found[f"{name}, spread"] = float(np.ptp(values))
-    return found
+    for name, of in OF_A_RUN.items():
+        values = [float(of(run)) for run in runs]
+        found |= {f"{name}, mean": np.mean(values), f"{name}, spread": np.ptp(values)}
+    return {name: float(value) for name, value in found.items()}
 
 
-def _of_runs(runs: Sequence[Run]) -> dict[str, list[float]]:
-    return {
-        "states": [float(len(r.states)) for r in runs],
-        "commands": [float(len(r.commands)) for r in runs],
-        "ticks": [float(len(r.ticks)) for r in runs],
-        "polls": [float(len(r.slow_states)) for r in runs],
-        "events": [float(len(r.events)) for r in runs],
-        "damage": [float(len(r.damage)) for r in runs],
-        "run id": [_number(r.header.run_id) for r in runs],
-        "labels and config": [
-            _number(repr((r.header.labels, r.header.config_json, r.header.robot_id, r.header.adapter))) for r in runs
-        ],
-        "version": [_number(r.header.software_version + r.header.software_revision) for r in runs],
-        "began": [float(r.header.started_host_stamp_ns % 10**15) for r in runs],
-        "first state": [float(r.states.robot_stamp_ns[0] % 10**12) if len(r.states) else 0.0 for r in runs],
-        "length": [float(np.ptp(r.states.robot_stamp_ns)) if len(r.states) else 0.0 for r in runs],
-    }
-
-
-def _number(text: str) -> float:
-    return float(int(hashlib.sha256(text.encode()).hexdigest()[:8], 16))
-
-
-def _is_hex(text: str) -> bool:
-    return all(c in "0123456789abcdef" for c in text) and bool(text)
+def _hexadecimal(text: str) -> int:
+    try:
+        return int(text, 16)
+    except ValueError:
+        return -1

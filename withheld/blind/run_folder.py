@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import secrets
+import tarfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Literal
@@ -14,22 +15,26 @@ from pydantic import Field, ValidationError
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
-from withheld.blind.jail import Level
+from spot_model.io.whole import check_new, whole_file
+from withheld.blind.jail import HOME_OF_OURS, Level
+from withheld.blind.seal import LEDGER, file_digest
 
-SCHEMA: Final = "spot-rl/withheld-run/3"
 RUN: Final = "run.json"
 SEED_FILE: Final = "seed.json"
-SOURCES: Final = ("*.py", "*.json")
-ROOT: Final = Path(__file__).resolve().parent.parent.parent
 DIAGNOSES: Final = ("diagnosis", "spot_model", "trainer/sysid")
-GENERATES: Final = ("withheld/plan.py", "withheld/cases", "withheld/realities", "withheld/simulator")
+"""Sources that decide a verdict."""
+GENERATES: Final = ("withheld/plan.py", "withheld/cases.py", "withheld/realities", "withheld/simulator")
+"""Sources that draw and make the cases."""
 NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
+"""Libraries that decide numbers."""
+PACKED_OF_A_RUN: Final = (RUN, SEED_FILE, LEDGER, "scores.json")
+PACKED_OF_A_CASE: Final = ("outcome.json", "verdict.json", LEDGER, "corrected_model.yaml")
 
 
 class RunHead(Settings):
     """``run.json``: fixed before the first case."""
 
-    schema_name: Literal["spot-rl/withheld-run/3"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/withheld-run/3"] = Field(default="spot-rl/withheld-run/3", alias="schema")
     protocol: str
     """Digest of diagnosis, calibration and library bounds."""
     generator: str
@@ -49,7 +54,13 @@ class RunHead(Settings):
     """Of Python and the libraries that decide numbers: with others the last digits, and a close case, may differ."""
 
     def write(self, out: Path) -> None:
-        """As ``run.json`` of a folder."""
+        """Write ``run.json`` of a folder.
+
+        Raises:
+            BadInputError: The part lies outside of the run.
+        """
+        if self.part[1] > self.cases:
+            raise BadInputError(f"part {self.part[0]}:{self.part[1]} ends beyond the run's {self.cases} cases")
         (out / RUN).write_text(self.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
 
 
@@ -57,39 +68,17 @@ class Secret(Settings):
     """``seed.json``: readable by the generator's user alone; cases can be made again from it."""
 
     seed: int
-    nonce: str
+    nonce: str = Field(default_factory=lambda: secrets.token_hex(32))
 
     @property
     def digest(self) -> str:
         """What ``run.json`` says of it."""
         return hashlib.sha256(f"{self.nonce}\n{self.seed}".encode()).hexdigest()
 
-    @staticmethod
-    def of(seed: int | None) -> Secret:
-        """A given seed, or one of the operating system."""
-        return Secret(seed=secrets.randbits(62) if seed is None else seed, nonce=secrets.token_hex(32))
-
-
-def start(out: Path, head: RunHead, secret: Secret) -> None:
-    """Make the folder.
-
-    Raises:
-        BadInputError: It holds a run.
-    """
-    if (out / RUN).exists():
-        raise BadInputError(f"folder {out} holds a run; give --resume to go on, or another --out folder")
-    out.mkdir(parents=True, exist_ok=True)
-    out.chmod(0o700)
-    (out / "cases").mkdir(exist_ok=True)
-    file = out / SEED_FILE
-    file.touch(mode=0o600)
-    file.write_text(secret.model_dump_json(), encoding="utf-8")
-    head.write(out)
-
 
 def begin(
     out: Path,
-    seed: int | None,
+    secret: Secret,
     policies: Path,
     *,
     reality: str,
@@ -97,17 +86,16 @@ def begin(
     cases: int,
     part: tuple[int, int],
     is_quick: bool,
-) -> tuple[RunHead, Secret]:
+) -> RunHead:
     """Begin a run: everything that decides a verdict is fixed from here on.
 
     Raises:
         BadInputError: The folder holds a run, or the part lies outside of it.
     """
-    _check_part(part, cases)
-    secret = Secret.of(seed)
+    protocol, generator = source_digests()
     head = RunHead(
-        protocol=protocol_digest(),
-        generator=generator_digest(),
+        protocol=protocol,
+        generator=generator,
         seed_digest=secret.digest,
         policies=policy_digests(policies),
         reality=reality,
@@ -115,10 +103,29 @@ def begin(
         cases=cases,
         part=part,
         is_quick=is_quick,
-        versions=versions(),
+        versions={
+            "python": platform.python_version(),
+            "machine": platform.machine(),
+            **{name: version(name) for name in NUMBERS},
+        },
     )
-    start(out, head, secret)
-    return head, secret
+    make_folder(out, head, secret)
+    return head
+
+
+def make_folder(out: Path, head: RunHead, secret: Secret) -> None:
+    """Make the folder of a run without cases.
+
+    Raises:
+        BadInputError: It holds a run, or the part lies outside of it.
+    """
+    if (out / RUN).exists():
+        raise BadInputError(f"folder {out} holds a run; give --resume to go on, or another --out folder")
+    (out / "cases").mkdir(parents=True, exist_ok=True)
+    out.chmod(0o700)
+    (out / SEED_FILE).touch(mode=0o600)
+    (out / SEED_FILE).write_text(secret.model_dump_json(), encoding="utf-8")
+    head.write(out)
 
 
 def go_on(out: Path, policies: Path, part: tuple[int, int] | None) -> tuple[RunHead, Secret]:
@@ -128,22 +135,15 @@ def go_on(out: Path, policies: Path, part: tuple[int, int] | None) -> tuple[RunH
         BadInputError: There is none, or sources or policies are no longer what they were.
     """
     head = load_head(out)
-    now = (protocol_digest(), generator_digest(), policy_digests(policies))
-    if now != (head.protocol, head.generator, head.policies):
+    if (*source_digests(), policy_digests(policies)) != (head.protocol, head.generator, head.policies):
         raise BadInputError(
             f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
         )
     secret = load_secret(out, head)
-    if part is not None and part != head.part:
-        _check_part(part, head.cases)
+    if part is not None:
         head = head.model_copy(update={"part": part})
         head.write(out)
     return head, secret
-
-
-def _check_part(part: tuple[int, int], cases: int) -> None:
-    if part[1] > cases:
-        raise BadInputError(f"part {part[0]}:{part[1]} ends beyond the run's {cases} cases")
 
 
 def load_head(out: Path) -> RunHead:
@@ -177,38 +177,50 @@ def load_secret(out: Path, head: RunHead) -> Secret:
     return secret
 
 
-def versions() -> dict[str, str]:
-    """Of what computes."""
-    return {"python": platform.python_version(), "machine": platform.machine(), **{n: version(n) for n in NUMBERS}}
+def pack(out: Path, file: Path, most_mib: float) -> int:
+    """Write a ``.tar.gz`` with all of a run but its reports, which can be scored and resumed when it is unpacked.
+
+    Args:
+        out: The run's folder.
+        file: To write.
+        most_mib: Largest size, MiB.
+
+    Returns:
+        Number of cases.
+
+    Raises:
+        OutputExistsError: The file exists.
+        BadInputError: It would be larger; nothing is written.
+    """
+    check_new(file)
+    folders = sorted(p.parent for p in (out / "cases").glob("*/outcome.json"))
+    with whole_file(file) as part:
+        with tarfile.open(part, "w:gz", compresslevel=9) as archive:
+            for folder, names in ((out, PACKED_OF_A_RUN), *((folder, PACKED_OF_A_CASE) for folder in folders)):
+                for path in (folder / name for name in names if (folder / name).exists()):
+                    archive.add(path, str(path.relative_to(out)))
+        size = part.stat().st_size / 2**20
+        if size > most_mib:
+            raise BadInputError(f"{file} would have {size:.1f} MiB; allowed: {most_mib:g} (--most-mib)")
+    return len(folders)
 
 
 def policy_digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each policy."""
-    return {p.stem: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.glob("*.onnx"))}
+    """Return the SHA-256 of each policy."""
+    return {path.stem: file_digest(path) for path in sorted(folder.glob("*.onnx"))}
 
 
-def protocol_digest() -> str:
-    """SHA-256 over the sources of the diagnosis, its constants and the effects that it knows; hexadecimal."""
-    return _digest(DIAGNOSES)
+def source_digests() -> tuple[str, str]:
+    """Return the SHA-256 of the sources that decide a verdict, and of those that draw and make the cases."""
+    return _digest(DIAGNOSES), _digest(GENERATES)
 
 
-def generator_digest() -> str:
-    """SHA-256 over the sources that draw and make the cases; hexadecimal."""
-    return _digest(GENERATES)
-
-
-def _digest(parts: tuple[str, ...]) -> str:
+def _digest(places: tuple[str, ...]) -> str:
+    """Over names and bytes of all sources and constants of some folders and files."""
     h = hashlib.sha256()
-    for part in parts:
-        path = ROOT / part
-        h.update(_folder(path) if path.is_dir() else path.read_bytes())
+    for place in (HOME_OF_OURS / place for place in places):
+        files = [p for p in place.rglob("*") if p.suffix in (".py", ".json")] if place.is_dir() else [place]
+        for path in sorted(files):
+            h.update(f"{path.relative_to(HOME_OF_OURS).as_posix()}\n{path.stat().st_size}\n".encode())
+            h.update(path.read_bytes())
     return h.hexdigest()
-
-
-def _folder(folder: Path) -> bytes:
-    h = hashlib.sha256()
-    files = sorted({p for pattern in SOURCES for p in folder.rglob(pattern)}, key=lambda p: p.relative_to(folder).parts)
-    for path in files:
-        h.update(f"{path.relative_to(folder).as_posix()}\n{path.stat().st_size}\n".encode())
-        h.update(path.read_bytes())
-    return h.digest()

@@ -14,7 +14,6 @@ from spot_model.policy.joint_motion import JointMotion
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot.facts import Array
-from withheld.features import Walk, walk_of
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth
 from withheld.realities.fault_kind import Ask, Built, FaultKind, flags_of
 from withheld.simulator.nominal import NOMINAL
@@ -24,7 +23,7 @@ from withheld.simulator.recording.log_writer import LogSetting, write_log
 from withheld.simulator.recording.run_arrays import RunArrays
 from withheld.simulator.robot import Robot
 from withheld.simulator.settings import Settings
-from withheld.simulator.simulation import Asked, RunRequest, simulate
+from withheld.simulator.simulation import RunRequest, simulate
 from withheld.simulator.surroundings import add_surroundings, draw_settings
 
 EPOCH_NS: Final = 1_790_000_000_000_000_000
@@ -60,9 +59,23 @@ class ComposedReality:
 
         Raises:
             PolicyError: The policy cannot be loaded.
+            RealityDivergedError: The simulation broke down; nothing is written.
             OSError: The folder cannot be written.
         """
-        self.make_runs(plan).write(folder)
+        policy, robot = load_policy(plan.policy), self.robot()
+        runs = [(repeat, number) for repeat in range(plan.repeats) for number in range(len(plan.sequences))]
+        # Those of one length run side by side.
+        runs.sort(key=lambda run: plan.sequences[run[1]].duration_s)
+        made: list[tuple[int, int, RunArrays]] = []
+        for _, group in groupby(runs, key=lambda run: plan.sequences[run[1]].duration_s):
+            alike = list(group)
+            for start in range(0, len(alike), SIDE_BY_SIDE):
+                some = alike[start : start + SIDE_BY_SIDE]
+                requests = [RunRequest(plan.sequences[n], stream(plan.seed, "run", n, r)) for r, n in some]
+                simulated = simulate(robot, policy, requests, self.settings)
+                made += [(r, n, run) for (r, n), run in zip(some, simulated, strict=True)]
+        for repeat, number, run in made:
+            _write(run, policy, plan.sequences[number].name, plan, repeat, number, folder)
 
     def perform(self, experiment: JointExperiment, seed: int, folder: Path) -> None:
         """Simulate a joint experiment once, and write its log.
@@ -74,31 +87,7 @@ class ComposedReality:
         script, plan = joint_script(experiment), RecordingPlan(Path(), (), 1, seed)
         asked = Offsets(experiment.name, script.motion)
         (run,) = simulate(self.robot(), script, [RunRequest(asked, stream(seed, "run", 0, 0))], self.settings)
-        Made(plan, script, ((0, 0, asked, run),)).write(folder)
-
-    def make_runs(self, plan: RecordingPlan) -> Made:
-        """Simulate.
-
-        Raises:
-            PolicyError: The policy cannot be loaded.
-        """
-        policy = load_policy(plan.policy)
-        robot = self.robot()
-        jobs = [
-            (repeat, number, sequence)
-            for repeat in range(plan.repeats)
-            for number, sequence in enumerate(plan.sequences)
-        ]
-        jobs.sort(key=lambda job: job[2].duration_s)
-        runs: list[tuple[int, int, Asked, RunArrays]] = []
-        for _, group in groupby(jobs, key=lambda job: job[2].duration_s):
-            alike = list(group)
-            for start in range(0, len(alike), SIDE_BY_SIDE):
-                some = alike[start : start + SIDE_BY_SIDE]
-                requests = [RunRequest(s, stream(plan.seed, "run", n, r)) for r, n, s in some]
-                made = simulate(robot, policy, requests, self.settings)
-                runs += [(r, n, s, run) for (r, n, s), run in zip(some, made, strict=True)]
-        return Made(plan, policy, tuple(runs))
+        _write(run, script, asked.name, plan, 0, 0, folder)
 
 
 @dataclass(frozen=True)
@@ -118,44 +107,33 @@ class Offsets:
         return self.motion.at(time_s)
 
 
-@dataclass(frozen=True)
-class Made:
-    """Runs that were simulated."""
+def _write(
+    run: RunArrays, policy: Policy, sequence: str, plan: RecordingPlan, repeat: int, number: int, folder: Path
+) -> None:
+    """Write the log of a run, under a name that tells nothing.
 
-    plan: RecordingPlan
-    policy: Policy
-    runs: tuple[tuple[int, int, Asked, RunArrays], ...]
-    """Repeat, number of the sequence, sequence, and what came of it."""
-
-    def walks(self, policy: Policy) -> list[Walk]:
-        """As the judge sees them, in the order of sequences and repeats."""
-        ordered = sorted(self.runs, key=lambda made: (made[2].name, made[0]))
-        return [
-            walk_of(sequence.name, run.observation, run.action, run.is_active, run.load_nm[run.tick_state], policy)
-            for _, _, sequence, run in ordered
-        ]
-
-    def write(self, folder: Path) -> None:
-        """Write a log of each.
-
-        Raises:
-            OSError: The folder cannot be written.
-        """
-        folder.mkdir(parents=True, exist_ok=True)
-        plan = self.plan
-        for repeat, number, sequence, run in self.runs:
-            rng = stream(plan.seed, "log", number, repeat)
-            setting = LogSetting(
-                run_id=rng.bytes(16).hex(),
-                sequence=sequence.name,
-                repeat=repeat,
-                started_host_ns=EPOCH_NS + int(rng.integers(0, 86_400_000_000_000)),
-                skew_ns=int(rng.integers(-300_000_000_000, 300_000_000_000)),
-                first_state_ns=int(rng.integers(500_000_000, 900_000_000)),
-                detail=plan.detail,
-                echoes_last_run=bool(rng.random() < 0.5),
-            )
-            write_log(run, self.policy, setting, plan.missing, rng, folder / f"{rng.bytes(8).hex()}.mcap")
+    Args:
+        run: What came of it.
+        policy: That walked it.
+        sequence: Name of its sequence.
+        plan: What was asked for.
+        repeat: Number of the run among those of its sequence.
+        number: Of the sequence.
+        folder: Of the logs.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = stream(plan.seed, "log", number, repeat)
+    setting = LogSetting(
+        run_id=rng.bytes(16).hex(),
+        sequence=sequence,
+        repeat=repeat,
+        started_host_ns=EPOCH_NS + int(rng.integers(0, 86_400_000_000_000)),
+        skew_ns=int(rng.integers(-300_000_000_000, 300_000_000_000)),
+        first_state_ns=int(rng.integers(500_000_000, 900_000_000)),
+        detail=plan.detail,
+        echoes_last_run=bool(rng.random() < 0.5),
+    )
+    write_log(run, policy, setting, plan.missing, rng, folder / f"{rng.bytes(8).hex()}.mcap")
 
 
 def make(

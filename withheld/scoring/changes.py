@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from withheld.outcome import Change, Outcome
+from withheld.outcome import Change, Difference, Outcome, QuantityChange
 from withheld.scoring.scores import score
 from withheld.scoring.sizes import POWER
-from withheld.verdict import Difference, QuantityChange
 
 SPEED_M_S: Final = 0.05
 SHARE: Final = 0.3

@@ -10,7 +10,7 @@ from typing import Any, Final
 from spot_log.page.cells import Html, table
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc
-from withheld.cases.protocol import WORDS
+from withheld.cases import WORDS
 from withheld.outcome import Outcome
 from withheld.scoring.scores import differences
 from withheld.scoring.show import fault_words, verdict_words

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from spot_model.effects.registry import BUILT_IN
-from withheld.outcome import Outcome
+from withheld.outcome import Difference, Number, Outcome, Verdict
 from withheld.plan import Fault
 from withheld.scoring.sizes import inside, matters, outside
-from withheld.verdict import Difference, Number, Verdict
 
 MAX_GROUP: Final = 3
 """A larger group of rivals names nothing."""

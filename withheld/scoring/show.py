@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from spot_model.errors import BadInputError
-from withheld.cases.protocol import WORDS
-from withheld.outcome import Outcome, load_outcome
+from withheld.cases import WORDS
+from withheld.outcome import Outcome, Verdict, read_outcome
 from withheld.plan import Fault
 from withheld.scoring.scores import is_right, parameters, score
 from withheld.scoring.sizes import does
 from withheld.scoring.verify import case_of
-from withheld.verdict import Verdict
 
 
 def folder_of(path: Path) -> Path:
@@ -35,7 +34,7 @@ def show_case(path: Path) -> list[str]:
     """
     folder = folder_of(path)
     case_of(folder)
-    o = load_outcome(folder / "outcome.json")
+    o = read_outcome(folder / "outcome.json")
     made = [f"case {o.case.number}: {WORDS[o.case.kind]}"]
     made.append(f"seal    {o.seal} holds; verdict {o.verdict_sha256[:16]} was hashed before it was opened")
     made.append(f"locked  {o.locked_in}; left out of the library: {', '.join(o.case.without) or 'nothing'}")

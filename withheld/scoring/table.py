@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from withheld.features import GAPS
-from withheld.outcome import Outcome
+from withheld.outcome import GAPS, Outcome, Shrink
 from withheld.scoring.changes import falls_right, power_right, speeds_right
 from withheld.scoring.rows import Row, between, estimate, share
 from withheld.scoring.scores import claims, differences, is_right, joints_f1, parameters, score, stated_claims
 from withheld.scoring.sizes import inside, matters, outside
 from withheld.scoring.statistics import Estimate, Share, calibration_error, mean, median
-from withheld.verdict import Shrink
 
 PARAMETER_ERROR: Final = 0.20
 SURE: Final = 0.9

@@ -5,20 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
-
-from pydantic import ValidationError
 
 from spot_model.errors import BadInputError, SpotRlError
-from withheld.blind.execute import NO_VERDICT
-from withheld.blind.ledger import LedgerError, check_order, read_ledger
+from withheld.blind.execution import NO_VERDICT
 from withheld.blind.run_folder import SEED_FILE, RunHead, load_head, load_secret
-from withheld.blind.seal import SealError, file_digest, opened
-from withheld.cases.draw import draw
-from withheld.cases.source import source_of
-from withheld.outcome import Outcome, load_outcome
-
-LEDGER: Final = "ledger.jsonl"
+from withheld.blind.seal import LEDGER, LedgerError, Seal, SealError, file_digest, read_case_ledger, read_ledger
+from withheld.cases import draw
+from withheld.outcome import Outcome, read_outcome
+from withheld.realities.source import source_of
 
 
 @dataclass(frozen=True)
@@ -92,14 +86,10 @@ def case_of(folder: Path) -> Outcome:
         BadInputError: It does not follow the schema.
         SpotRlError: Its ledger, seal or verdict does not hold.
     """
-    try:
-        outcome = load_outcome(folder / "outcome.json")
-    except ValidationError as error:
-        raise BadInputError(f"{folder / 'outcome.json'} does not follow its schema: {error}") from error
-    path = folder / LEDGER
-    events = check_order(read_ledger(path), path)
+    outcome = read_outcome(folder / "outcome.json")
+    events = read_case_ledger(folder / LEDGER)
     end = events["opened"].data
-    truth = opened(events["sealed"].data["truth"], end["nonce"], end["text"])
+    truth = Seal(end["nonce"], end["text"]).opened(events["sealed"].data["truth"])
     if truth != outcome.truth or outcome.seal != events["sealed"].data["truth"]:
         raise SealError(f"{folder / 'outcome.json'}: its truth is not the one that was sealed")
     verdict = folder / "verdict.json"

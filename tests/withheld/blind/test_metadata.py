@@ -9,8 +9,8 @@ from spot_log import read_run
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from withheld.blind.metadata import PAD_BYTES, features, make_alike
-from withheld.cases.source import source_of
 from withheld.plan import FaultRequest, RecordingPlan
+from withheld.realities.source import source_of
 
 RANDOM = (
     "name",

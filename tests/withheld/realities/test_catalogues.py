@@ -14,10 +14,10 @@ import withheld
 from spot_model.effects.registry import BUILT_IN
 from spot_model.robot.facts import JOINT_NAMES
 from tests.withheld.simulator.quick import brief
-from withheld.cases.source import CATALOGUES
 from withheld.plan import FaultRequest
 from withheld.realities.fault_kind import FaultKind
 from withheld.realities.reality import make
+from withheld.realities.source import CATALOGUES
 
 ROOT = Path(withheld.__file__).parent
 CALIBRATING, JUDGING = (ROOT / "realities" / name for name in ("calibrating", "judging"))

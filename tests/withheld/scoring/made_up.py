@@ -6,12 +6,19 @@ from collections.abc import Sequence
 from typing import Any
 
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
-from withheld.cases.draw import Case
-from withheld.cases.protocol import CaseKind
-from withheld.outcome import Change, Consequences, Outcome
+from withheld.cases import Case, CaseKind
+from withheld.outcome import (
+    Change,
+    Consequences,
+    Difference,
+    Formula,
+    Outcome,
+    QuantityChange,
+    StatedConsequences,
+    Unknown,
+    Verdict,
+)
 from withheld.plan import Fault, Truth
-from withheld.verdict import Consequences as Said
-from withheld.verdict import Difference, Formula, QuantityChange, Unknown, Verdict
 
 KNEES = ("fl_kn", "fr_kn", "hl_kn", "hr_kn")
 
@@ -40,7 +47,7 @@ def said(
         probability=probability,
         group=(name, *group),
         joints=tuple(joints),
-        consequences=Said(changes=tuple(changes)),
+        consequences=StatedConsequences(changes=tuple(changes)),
         **more,
     )
 

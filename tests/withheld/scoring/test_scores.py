@@ -4,13 +4,12 @@ from typing import Any
 
 import pytest
 
-from withheld.outcome import Outcome
+from withheld.outcome import Number, Outcome
 from withheld.scoring.changes import falls_right, power_right, speeds_right
 from withheld.scoring.rows import Row
 from withheld.scoring.scores import claims, differences, f1, is_right, joints_f1, parameters, score
 from withheld.scoring.sizes import inside, is_costly, matters, outside
 from withheld.scoring.table import breakdown, table
-from withheld.verdict import Number
 
 from .made_up import KNEES, does, fault, outcome, said, verdict
 

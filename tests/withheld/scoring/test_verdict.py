@@ -18,7 +18,7 @@ from diagnosis.document import (
 )
 from spot_model.errors import BadInputError
 from withheld.outcome import Consequences as True_
-from withheld.verdict import read_verdict
+from withheld.outcome import read_verdict
 
 CHANGE = QuantityChange(quantity="top_speed", title="top speed", unit="m/s", before=2.0, after=1.8)
 NUMBER = Number(value=0.8, low=0.7, high=0.9)

@@ -7,9 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from spot_model.errors import BadInputError, SpotRlError
-from withheld.blind.ledger import Ledger
-from withheld.blind.run_folder import RunHead, Secret, go_on, load_head, load_secret, start
-from withheld.blind.seal import Seal, file_digest
+from withheld.blind.run_folder import RunHead, Secret, go_on, load_head, load_secret, make_folder
+from withheld.blind.seal import LEDGER, Seal, enter, file_digest
 from withheld.command import app
 from withheld.outcome import Outcome
 from withheld.plan import Truth
@@ -33,11 +32,11 @@ def put(out: Path, o: Outcome) -> Path:
     folder.mkdir(parents=True)
     (folder / "verdict.json").write_text("{}")
     seal = Seal.of(o.truth)
-    ledger = Ledger(folder / "ledger.jsonl")
-    ledger.add("sealed", case=o.case.number, truth=seal.digest)
+    ledger = folder / LEDGER
+    enter(ledger, "sealed", case=o.case.number, truth=seal.digest)
     digest = file_digest(folder / "verdict.json")
-    ledger.add("verdict", case=o.case.number, verdict=digest)
-    ledger.add("opened", case=o.case.number, truth=seal.digest, nonce=seal.nonce, text=seal.text)
+    enter(ledger, "verdict", case=o.case.number, verdict=digest)
+    enter(ledger, "opened", case=o.case.number, truth=seal.digest, nonce=seal.nonce, text=seal.text)
     o = o.model_copy(update={"seal": seal.digest, "verdict_sha256": digest})
     (folder / "outcome.json").write_text(o.model_dump_json(by_alias=True))
     return folder
@@ -46,7 +45,7 @@ def put(out: Path, o: Outcome) -> Path:
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     out = tmp_path / "run"
-    start(out, head(), SEED)
+    make_folder(out, head(), SEED)
     put(out, outcome([fault("coulomb_friction")], [said("coulomb_friction")], number=0, moved=(4.0,), true_s=0.9))
     put(out, outcome((), number=1, kind="faultless"))
     return out
@@ -59,10 +58,9 @@ def test_a_whole_run_is_read(run: Path) -> None:
 
 
 def test_a_part_goes_on_as_that_part(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("withheld.blind.run_folder.protocol_digest", lambda: "p")
-    monkeypatch.setattr("withheld.blind.run_folder.generator_digest", lambda: "g")
+    monkeypatch.setattr("withheld.blind.run_folder.source_digests", lambda: ("p", "g"))
     part = tmp_path / "part"
-    start(part, head().model_copy(update={"part": (2, 5)}), SEED)
+    make_folder(part, head().model_copy(update={"part": (2, 5)}), SEED)
     nowhere = tmp_path / "no policies"
     assert go_on(part, nowhere, None)[0].part == (2, 5)
     assert go_on(part, nowhere, (5, 7))[0].part == (5, 7)
@@ -73,7 +71,7 @@ def test_a_part_goes_on_as_that_part(run: Path, tmp_path: Path, monkeypatch: pyt
 
 def test_parts_are_merged(run: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
-    start(other, head(), SEED)
+    make_folder(other, head(), SEED)
     put(other, outcome((), number=7, kind="faultless"))
     assert [o.case.number for o in check([run, other]).outcomes] == [0, 1, 7]
     put(other, outcome((), number=1, kind="faultless"))
@@ -84,7 +82,7 @@ def test_parts_are_merged(run: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["protocol", "generator", "reality"])
 def test_different_protocols_do_not_mix(run: Path, tmp_path: Path, name: str) -> None:
     other = tmp_path / "other"
-    start(other, head(**{name: "another"}), SEED)
+    make_folder(other, head(**{name: "another"}), SEED)
     put(other, outcome((), number=7, kind="faultless"))
     with pytest.raises(BadInputError, match=f"differ in {name}"):
         check([run, other])
@@ -93,7 +91,7 @@ def test_different_protocols_do_not_mix(run: Path, tmp_path: Path, name: str) ->
 def test_different_seeds_do_not_mix(run: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     secret = Secret(seed=6, nonce="00")
-    start(other, head(seed_digest=secret.digest), secret)
+    make_folder(other, head(seed_digest=secret.digest), secret)
     put(other, outcome((), number=7, kind="faultless"))
     with pytest.raises(BadInputError, match="different seeds"):
         check([run, other])
@@ -121,7 +119,7 @@ def test_a_truth_that_was_changed_is_refused(run: Path) -> None:
 
 
 def test_a_case_that_was_exchanged_is_refused(run: Path) -> None:
-    Ledger(run / "ledger.jsonl").add("case", case=1, ledger="another", seal="", verdict="")
+    enter(run / LEDGER, "case", case=1, ledger="another", seal="", verdict="")
     with pytest.raises(SpotRlError, match="the run's own ledger entered"):
         check([run])
 
@@ -133,17 +131,12 @@ def test_cases_that_the_seed_does_not_draw_are_refused(run: Path) -> None:
 
 def test_a_folder_with_a_run_is_not_overwritten(run: Path) -> None:
     with pytest.raises(BadInputError, match="--resume"):
-        start(run, head(), SEED)
+        make_folder(run, head(), SEED)
 
 
 def test_an_empty_folder_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="spot-rl withheld run"):
         check([tmp_path])
-
-
-def test_a_seed_of_the_system_is_a_new_one_each_time() -> None:
-    assert len({Secret.of(None).seed for _ in range(10)}) == 10
-    assert Secret.of(7).seed == 7
 
 
 def test_the_same_outcomes_give_the_same_scores(run: Path) -> None:

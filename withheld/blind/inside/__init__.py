@@ -1,1 +1,0 @@
-"""Two programs that run by themselves, on the standard library alone: they lock the diagnosing process in."""

@@ -1,1 +1,0 @@
-"""Which cases are drawn: kinds, sizes, places, motions, logs."""
