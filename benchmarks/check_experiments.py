@@ -24,7 +24,7 @@ from diagnosis.next.candidates import HEAT, candidates
 from diagnosis.next.robots import compact, with_ordinary_errors
 from diagnosis.next.trial import STAND_S, burden, refusals, try_on
 from spot_log.read.run import Run
-from spot_model.effects.drive.armature import Armature
+from spot_model.effects.friction import Armature
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts

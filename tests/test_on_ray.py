@@ -18,7 +18,7 @@ from diagnosis.closed_loop.simulation import SensorNoise, rollouts_under, simula
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_log.read.run import Run
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.friction import CoulombFriction
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy

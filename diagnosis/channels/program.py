@@ -25,7 +25,7 @@ from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Ints
 from diagnosis.channels.stack import Stack
 from spot_log.tools.measures import NEVER_NS
 from spot_model.effects.base import Effect
-from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.commands import CommandDelay
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
 from trainer.signals.recording import Recording

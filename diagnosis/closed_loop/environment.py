@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from diagnosis.closed_loop.shrink import Features, compare, simulated_features
 from diagnosis.closed_loop.simulation import Rollouts, run_all
-from spot_model.effects.body.ground_compliance import GroundCompliance
-from spot_model.effects.sensing.leg_odometry import LegOdometry
+from spot_model.effects.bodies import GroundCompliance
+from spot_model.effects.leg_odometry import LegOdometry
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.robot.mjcf import MjcfOptions

@@ -14,12 +14,8 @@ from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.kinematics import InertialSignals, StanceSignals
 from diagnosis.library import STEPS, Coefficient, Grid, LibraryEffect, Location, constant_columns, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, STAND, TAPED_DISTANCE, TURN
-from spot_model.effects.body.foot_radius import FootRadius
-from spot_model.effects.body.ground_compliance import GroundCompliance
-from spot_model.effects.body.ground_friction import GroundFriction
-from spot_model.effects.sensing.contact_delay import ContactDelay
-from spot_model.effects.sensing.imu_tilt import ImuTilt
-from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
+from spot_model.effects.bodies import FootRadius, GroundCompliance, GroundFriction
+from spot_model.effects.estimator import ContactDelay, ImuTilt, VelocityEstimate
 from spot_model.robot import facts
 from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz
 

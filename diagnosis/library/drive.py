@@ -22,18 +22,16 @@ from diagnosis.library import (
 )
 from diagnosis.library.experiments import LOADED_WALK, LONG_WALK, OTHER_KD, OTHER_KP, SLOW_WALK, STAND
 from spot_model.effects.base import Motion
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.backlash import Backlash
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.load_friction import LoadFriction
-from spot_model.effects.drive.stribeck_friction import StribeckFriction
-from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
-from spot_model.effects.drive.torque_delay import TorqueDelay
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.drive.torque_offset import TorqueOffset
-from spot_model.effects.drive.viscous_friction import ViscousFriction
-from spot_model.effects.friction import smooth_sign
-from spot_model.effects.limits.thermal_derating import ThermalDerating
+from spot_model.effects.drivetrain import Backlash, TorqueBandwidth, TorqueDelay, TorqueGain, TorqueOffset
+from spot_model.effects.friction import (
+    Armature,
+    CoulombFriction,
+    LoadFriction,
+    StribeckFriction,
+    ViscousFriction,
+    smooth_sign,
+)
+from spot_model.effects.power import ThermalDerating
 from trainer.signals.motor_torque import presliding, side_by_side
 
 BUILDS_UP_RAD: Final = "builds_up_rad"

@@ -18,12 +18,14 @@ from diagnosis.channels.kinematics import StanceSignals
 from diagnosis.channels.sensors import USUAL, RateSignals
 from diagnosis.library import Coefficient, Grid, LibraryEffect, constant_columns, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KP, STAND, TURN
-from spot_model.effects.drive.joint_compliance import JointCompliance
-from spot_model.effects.sensing.encoder_offset import EncoderOffset
-from spot_model.effects.sensing.load_filter import LoadFilter
-from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
-from spot_model.effects.sensing.sensor_noise import SensorNoise
-from spot_model.effects.sensing.velocity_filter import VelocityFilter
+from spot_model.effects.joint_sensors import (
+    EncoderOffset,
+    JointCompliance,
+    LoadFilter,
+    LoadSensorGain,
+    SensorNoise,
+    VelocityFilter,
+)
 
 OFFSET_STEP_RAD: Final = 0.01
 COMPLIANCE_STEP: Final = 2e-4

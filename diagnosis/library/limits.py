@@ -16,11 +16,8 @@ from diagnosis.channels.sensors import PowerSignals
 from diagnosis.library import ALL_OF_IT, CLOSE_STEPS, Grid, LibraryEffect, Location, on_joints
 from diagnosis.library.experiments import SLOW_WALK
 from spot_model.effects.base import Effect
-from spot_model.effects.limits.bus_sag import BusSag
-from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.limits.power_limit import PowerLimit
-from spot_model.effects.limits.torque_limit import TorqueLimit
-from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.power import BusSag, PowerLimit
+from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, TorqueSpeedCurve
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO

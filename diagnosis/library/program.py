@@ -21,12 +21,15 @@ from diagnosis.library import (
     on_joints,
 )
 from diagnosis.library.experiments import STAND, WIRED_LINK
-from spot_model.effects.command.action_scale import ActionScale
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.command.command_drop import CommandDrop
-from spot_model.effects.command.command_jitter import CommandJitter
-from spot_model.effects.command.default_pose import DefaultPose
-from spot_model.effects.command.joint_swap import LEFT_RIGHT, JointSwap
+from spot_model.effects.commands import (
+    LEFT_RIGHT,
+    ActionScale,
+    CommandDelay,
+    CommandDrop,
+    CommandJitter,
+    DefaultPose,
+    JointSwap,
+)
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import DEFAULT_POSITION_RAD
 

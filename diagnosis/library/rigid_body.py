@@ -14,10 +14,7 @@ from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.library import WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
 from spot_model.effects.base import Effect
-from spot_model.effects.body.body_inertia import BodyInertia
-from spot_model.effects.body.com_offset import ComOffset
-from spot_model.effects.body.leg_mass import LegMass
-from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.bodies import BodyInertia, ComOffset, LegMass, PayloadMass
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.rotation import rotate_inverse_wxyz
 

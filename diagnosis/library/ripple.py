@@ -11,7 +11,7 @@ from diagnosis.channels import Array, Channel, Flags, Shape, Views
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.library import Coefficient, LibraryEffect
 from diagnosis.library.experiments import SLOW_WALK
-from spot_model.effects.drive.torque_ripple import TorqueRipple
+from spot_model.effects.drivetrain import TorqueRipple
 
 BIN_RAD: Final = 0.002
 LOWEST_PER_RAD: Final = 36.0

@@ -15,7 +15,7 @@ from diagnosis.selection.ordinary_errors import ErrorKind, error_sets
 from diagnosis.selection.robot_models import with_kind
 from diagnosis.verdict.posterior_file import Possibility, Posterior
 from spot_model.effects.base import Effect, SensorEffect, TorqueEffect
-from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.bodies import PayloadMass
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints

@@ -19,7 +19,7 @@ from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.decision_constants import ErrorScale
 from diagnosis.library import LibraryEffect, Location, Robot
 from spot_model.effects.base import Effect, TorqueEffect
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.friction import CoulombFriction
 from trainer.signals.motor_torque import direction, nominal_torque_nm, presliding
 
 BUILDS_UP_RAD: Final = 0.003

@@ -25,8 +25,7 @@ from diagnosis.selection.fitted import Z_90, with_formula_error
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, Scorer
 from spot_model.effects.base import Effect, Parameter
-from spot_model.effects.body.com_offset import ComOffset
-from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.bodies import ComOffset, PayloadMass
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 

@@ -17,7 +17,7 @@ ENTRY_POINT_GROUP = "spot_rl.effects"
 
 
 def effects_in(package: ModuleType) -> dict[str, type[Effect]]:
-    """Every effect that a module of the package's sub-packages defines, by name: a new file is a new effect.
+    """Every effect that a module of the package defines, by name: a new class is a new effect.
 
     Raises:
         ValueError: Two classes have the same name.

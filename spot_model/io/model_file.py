@@ -20,12 +20,10 @@ import yaml
 from pydantic import Field, ValidationError
 
 from spot_model.effects.base import Effect
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.limits.torque_limit import TorqueLimit
-from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.friction import CoulombFriction
 from spot_model.effects.registry import make_effect, reference_of
+from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, TorqueSpeedCurve
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings
 from spot_model.io.validation import explain

@@ -29,7 +29,7 @@ from diagnosis.document import (
 from diagnosis.library import Robot
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.friction import CoulombFriction
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts

@@ -8,12 +8,11 @@ import pytest
 from diagnosis.closed_loop.simulation import SensorNoise, merged, simulate
 from diagnosis.library.registry import LIBRARY
 from spot_model.effects.base import Effect
-from spot_model.effects.body.payload_mass import PayloadMass
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
+from spot_model.effects.bodies import PayloadMass
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.estimator import VelocityEstimate
+from spot_model.effects.friction import Armature, CoulombFriction
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy

@@ -26,14 +26,10 @@ from diagnosis.verdict.evidence import evidence_of
 from diagnosis.verdict.measured import gap_changes
 from spot_log.read.run import Run
 from spot_model.effects.base import Effect
-from spot_model.effects.body.leg_mass import LegMass
-from spot_model.effects.body.payload_mass import PayloadMass
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.load_friction import LoadFriction
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.bodies import LegMass, PayloadMass
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.friction import Armature, CoulombFriction, LoadFriction, ViscousFriction
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import JOINT_NAMES

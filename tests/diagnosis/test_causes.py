@@ -5,7 +5,7 @@ from __future__ import annotations
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.causes import CALIBRATED, decide
 from diagnosis.verdict.evidence import explain
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.friction import CoulombFriction
 
 from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence

@@ -11,9 +11,8 @@ from diagnosis.channels.stack import stack
 from diagnosis.library.drive import ViscousEntry
 from diagnosis.library.rigid_body import LegMassEntry
 from spot_log.read.run import CommandTable, StateTable
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
-from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.drivetrain import TorqueBandwidth
+from spot_model.effects.friction import Armature, ViscousFriction
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.delay import ConstantDelay

@@ -45,7 +45,7 @@ def test_left_out_effects_are_not_tried_and_twice_is_once() -> None:
         (["half_done:Bare"], [], r"lacks the attribute effect; write it"),
         (["half_done:Wide"], [], r"wide.at_rad cannot be searched from -1e\+09 to 1e\+09; bound it closer"),
         (["half_done:Empty"], [], r"effect empty has no parameter to fit"),
-        (["spot_model.effects.body.leg_mass:LegMass"], [], r"leg_mass changes no torque between set-point and load"),
+        (["spot_model.effects.bodies:LegMass"], [], r"leg_mass changes no torque between set-point and load"),
     ],
 )
 def test_what_cannot_be_done_is_said(

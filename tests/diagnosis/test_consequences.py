@@ -18,8 +18,8 @@ from diagnosis.read.robot_file import SPOT
 from diagnosis.read.segments import cut
 from diagnosis.read.signal_checks import plausible
 from spot_log.read.run import Run
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.limits.torque_limit import TorqueLimit
+from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.torque_limits import TorqueLimit
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from trainer.signals.policy_ticks import policy_ticks, scripts_of

@@ -14,8 +14,8 @@ from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from diagnosis.selection.unexplained import describe, nats_by_joint, remainder
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.friction import CoulombFriction
 from trainer.signals.recording import record
 
 from .planted import Truth, planted_runs

@@ -16,7 +16,7 @@ from diagnosis.library import acts_last, effect_columns
 from diagnosis.library.registry import LIBRARY, entry_of
 from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter
 from spot_model.effects.friction import smooth_sign
-from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.torque_limits import TorqueSpeedCurve
 from spot_model.io.model_file import RobotModel, paper_model
 from spot_model.robot.facts import PAPER_IDENTIFIED
 from spot_model.robot.joints import select_joints

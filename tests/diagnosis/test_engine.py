@@ -11,9 +11,9 @@ import pytest
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.simulation import Rollout, Rollouts, rollouts_under, run_all, simulate_all
 from spot_log.read.run import Run
-from spot_model.effects.command.command_jitter import CommandJitter
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.sensing.sensor_noise import SensorNoise
+from spot_model.effects.commands import CommandJitter
+from spot_model.effects.friction import CoulombFriction
+from spot_model.effects.joint_sensors import SensorNoise
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy

@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.evidence import explain
-from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 

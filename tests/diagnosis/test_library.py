@@ -7,10 +7,10 @@ from diagnosis.channels.stack import stack
 from diagnosis.library import Location
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.ripple import strongest_orders
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.limits.torque_limit import TorqueLimit
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.leg_odometry import LegOdometry
 from spot_model.effects.registry import BUILT_IN
-from spot_model.effects.sensing.leg_odometry import LegOdometry
+from spot_model.effects.torque_limits import TorqueLimit
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot.joints import select_joints

@@ -8,7 +8,7 @@ import pytest
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.scoring import Placed, Scorer, likeness
 from diagnosis.verdict.evidence import evidence_of
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.friction import CoulombFriction
 
 from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence

@@ -47,8 +47,8 @@ from diagnosis.next.trial import _roughness, refusals, try_on
 from diagnosis.session import Inputs
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
+from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.torque_limits import PositionTorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import Squat, load_joint_experiment
 from spot_model.io.model_file import RobotModel, load_model

@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.read.prepare import _after_steps, rows_apart
 from spot_log.read.run import Run
-from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.friction import ViscousFriction
 from spot_model.plant.delay import ConstantDelay
 
 from .planted import Truth, planted_runs, walk_sequence

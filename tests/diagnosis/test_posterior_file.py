@@ -8,7 +8,7 @@ import pytest
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.posterior_file import LEAST, Possibility, Posterior, Term, is_right
 from diagnosis.verdict.probability import Belief
-from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drivetrain import TorqueGain
 from spot_model.io.model_file import RobotModel
 
 BASE = RobotModel((TorqueGain(joints=("fl_hx",), gain=1.03),)).to_data()

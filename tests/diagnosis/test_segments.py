@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.read.segments import cut
-from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drivetrain import TorqueGain
 from spot_model.io.velocity_sequence import standing_sequence
 from trainer.signals.recording import record
 

@@ -14,7 +14,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.report.output import write_all
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from diagnosis.verdict.posterior_file import load_posterior
-from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.policy.policy import load_policy
 from trainer.signals.recording import record

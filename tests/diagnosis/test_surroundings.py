@@ -12,7 +12,7 @@ from diagnosis.closed_loop.environment import OWN, Surroundings, best_surroundin
 from diagnosis.closed_loop.shrink import features_by_sequence
 from diagnosis.closed_loop.simulation import Rollout, rollouts_under
 from spot_log.read.run import Run
-from spot_model.effects.body.ground_compliance import GroundCompliance
+from spot_model.effects.bodies import GroundCompliance
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 from trainer.simulate.engine import Engine

@@ -15,7 +15,7 @@ from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.search import ranked
-from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.bodies import PayloadMass
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz

@@ -15,11 +15,9 @@ from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.search import Rival, ranked
 from diagnosis.verdict.advice import cannot_show
 from spot_model.effects.base import Effect
-from spot_model.effects.body.ground_friction import GroundFriction
-from spot_model.effects.drive.torque_offset import TorqueOffset
-from spot_model.effects.drive.torque_ripple import TorqueRipple
-from spot_model.effects.sensing.encoder_offset import EncoderOffset
-from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
+from spot_model.effects.bodies import GroundFriction
+from spot_model.effects.drivetrain import TorqueOffset, TorqueRipple
+from spot_model.effects.joint_sensors import EncoderOffset, LoadSensorGain
 from trainer.signals.recording import record
 
 from .cases import NOMINAL

@@ -15,8 +15,8 @@ from diagnosis.library import with_stand_in
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.evidence import Explained, explain
 from spot_log.read.run import Run
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.friction import ViscousFriction
 from trainer.signals.recording import record
 
 from .cases import NOMINAL

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import CommandEffect
-from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.commands import CommandDelay
 from spot_model.plant.closed_loop import ClosedLoop, schedule_by_messages, schedule_by_rate, true_state
 from spot_model.plant.command_path import ReceiptPath
 from spot_model.plant.plant import Plant, PlantOptions, ServoCommand

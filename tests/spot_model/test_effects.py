@@ -19,47 +19,31 @@ from spot_model.effects.base import (
     SoftwareEffect,
     TorqueEffect,
 )
-from spot_model.effects.body.body_inertia import BodyInertia
-from spot_model.effects.body.com_offset import ComOffset
-from spot_model.effects.body.foot_radius import FootRadius
-from spot_model.effects.body.ground_compliance import GroundCompliance
-from spot_model.effects.body.ground_friction import GroundFriction
-from spot_model.effects.body.leg_mass import LegMass
-from spot_model.effects.body.payload_mass import PayloadMass
-from spot_model.effects.command.action_scale import ActionScale
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.command.command_drop import CommandDrop
-from spot_model.effects.command.command_jitter import CommandJitter
-from spot_model.effects.command.default_pose import DefaultPose
-from spot_model.effects.command.joint_swap import JointSwap
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.backlash import Backlash
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.joint_compliance import JointCompliance
-from spot_model.effects.drive.load_friction import LoadFriction
-from spot_model.effects.drive.stribeck_friction import StribeckFriction
-from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
-from spot_model.effects.drive.torque_delay import TorqueDelay
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.drive.torque_offset import TorqueOffset
-from spot_model.effects.drive.torque_ripple import TorqueRipple
-from spot_model.effects.drive.viscous_friction import ViscousFriction
-from spot_model.effects.limits.bus_sag import BusSag
-from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.limits.power_limit import PowerLimit, scale_to_power
-from spot_model.effects.limits.thermal_derating import ThermalDerating
-from spot_model.effects.limits.torque_limit import TorqueLimit
-from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.bodies import (
+    BodyInertia,
+    ComOffset,
+    FootRadius,
+    GroundCompliance,
+    GroundFriction,
+    LegMass,
+    PayloadMass,
+)
+from spot_model.effects.commands import ActionScale, CommandDelay, CommandDrop, CommandJitter, DefaultPose, JointSwap
+from spot_model.effects.drivetrain import Backlash, TorqueBandwidth, TorqueDelay, TorqueGain, TorqueOffset, TorqueRipple
+from spot_model.effects.estimator import ContactDelay, ImuTilt, VelocityEstimate
+from spot_model.effects.friction import Armature, CoulombFriction, LoadFriction, StribeckFriction, ViscousFriction
+from spot_model.effects.joint_sensors import (
+    EncoderOffset,
+    JointCompliance,
+    LoadFilter,
+    LoadSensorGain,
+    SensorNoise,
+    VelocityFilter,
+)
+from spot_model.effects.leg_odometry import LegOdometry
+from spot_model.effects.power import BusSag, PowerLimit, ThermalDerating, scale_to_power
 from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
-from spot_model.effects.sensing.contact_delay import ContactDelay
-from spot_model.effects.sensing.encoder_offset import EncoderOffset
-from spot_model.effects.sensing.imu_tilt import ImuTilt
-from spot_model.effects.sensing.leg_odometry import LegOdometry
-from spot_model.effects.sensing.load_filter import LoadFilter
-from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
-from spot_model.effects.sensing.sensor_noise import SensorNoise
-from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
-from spot_model.effects.sensing.velocity_filter import VelocityFilter
+from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, TorqueSpeedCurve
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
 from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
@@ -474,4 +458,4 @@ def test_bad_effects_are_refused_in_words(name: str, fields: dict, message: str)
 
 
 def test_an_effect_of_ones_own_is_found_by_module_and_class():
-    assert effect_class("spot_model.effects.limits.torque_limit:TorqueLimit") is TorqueLimit
+    assert effect_class("spot_model.effects.torque_limits:TorqueLimit") is TorqueLimit

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import ModelEffect, ModelFields, parameter
-from spot_model.effects.body.payload_mass import PayloadMass
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.viscous_friction import ViscousFriction
-from spot_model.effects.friction import STICK_SPEED_RAD_S, smooth_sign
+from spot_model.effects.bodies import PayloadMass
+from spot_model.effects.friction import STICK_SPEED_RAD_S, Armature, CoulombFriction, ViscousFriction, smooth_sign
 from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
 
 MOTION = LossMotion(

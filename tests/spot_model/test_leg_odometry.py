@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import BodyEstimate, JointReading
-from spot_model.effects.sensing.leg_odometry import LegOdometry
+from spot_model.effects.leg_odometry import LegOdometry
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model.effects.limits.torque_limit import TorqueLimit
+from spot_model.effects.torque_limits import TorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import BUILT_IN, RobotModel, load_model, model_from_data, save_model
 

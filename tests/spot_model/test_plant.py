@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import Effect, Memory, Motion, TorqueEffect, parameter
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.limits.torque_limit import TorqueLimit
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.friction import CoulombFriction
 from spot_model.effects.registry import BUILT_IN
+from spot_model.effects.torque_limits import TorqueLimit
 from spot_model.io.model_file import load_model
 from spot_model.plant.plant import Plant, PlantDivergedError, PlantOptions, ServoCommand
 from spot_model.robot import facts

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import CommandEffect, parameter
-from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.commands import CommandDelay
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
 
 DT = 0.005

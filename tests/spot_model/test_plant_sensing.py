@@ -3,13 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_model.effects.command.action_scale import ActionScale
-from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.effects.commands import ActionScale, CommandJitter
+from spot_model.effects.estimator import ContactDelay, VelocityEstimate
+from spot_model.effects.joint_sensors import EncoderOffset, SensorNoise
 from spot_model.effects.registry import BUILT_IN
-from spot_model.effects.sensing.contact_delay import ContactDelay
-from spot_model.effects.sensing.encoder_offset import EncoderOffset
-from spot_model.effects.sensing.sensor_noise import SensorNoise
-from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.friction import CoulombFriction
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import CommandEffect, Effect, parameter
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.command.command_drop import CommandDrop
-from spot_model.effects.command.command_jitter import CommandJitter
-from spot_model.effects.sensing.leg_odometry import LegOdometry
-from spot_model.effects.sensing.sensor_noise import SensorNoise
+from spot_model.effects.commands import CommandDelay, CommandDrop, CommandJitter
+from spot_model.effects.joint_sensors import SensorNoise
+from spot_model.effects.leg_odometry import LegOdometry
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.plant.closed_loop import ClosedLoop

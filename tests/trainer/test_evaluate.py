@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import Effect
-from spot_model.effects.body.ground_friction import GroundFriction
+from spot_model.effects.bodies import GroundFriction
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy

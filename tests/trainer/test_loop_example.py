@@ -15,8 +15,7 @@ import pytest
 
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
-from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueSpeedCurve
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 

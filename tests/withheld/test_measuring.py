@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drivetrain import TorqueGain
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.effects.base import Effect
-from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.commands import CommandDelay
 from spot_model.plant.closed_loop import ClosedLoop, schedule_by_rate
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.plant.start import StartState, put_at

@@ -28,8 +28,8 @@ from scipy.ndimage import find_objects, label
 
 from spot_log.read.run import Run
 from spot_log.tools.measures import NEVER_NS, receipts_ns
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.armature import Armature
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.friction import Armature
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.io.whole import whole_file, write_new

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.armature import Armature
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.friction import Armature
 from spot_model.io.model_file import RobotModel, paper_model
 from spot_model.robot import facts
 from withheld.simulator.parameters import LinkParameters

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from spot_model.effects.base import CommandEffect, Draws
-from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.effects.commands import CommandJitter
 from spot_model.errors import BadInputError
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.command_path import arrival_of, servo_command

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fake_robot.body.drive import Drive
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import Motion, TorqueEffect
-from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.drivetrain import TorqueBandwidth
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.torque import TorqueChain
 from spot_model.robot.facts import DEFAULT_POSITION_RAD

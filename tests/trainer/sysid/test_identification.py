@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from spot_log import Run
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.armature import Armature
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.friction import Armature
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.plant.delay import read_delay_csv

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from spot_log import Run
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.friction import CoulombFriction
 from spot_model.plant.start import standing_height_m
 from spot_model.policy.policy import Policy
 from trainer.signals.policy_ticks import start_of

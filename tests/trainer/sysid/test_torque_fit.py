@@ -128,8 +128,8 @@ def test_friction_has_a_direction_only_in_steady_motion() -> None:
 
 
 def test_an_effect_with_a_memory_is_not_fitted_sample_by_sample() -> None:
-    from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
-    from spot_model.effects.limits.torque_limit import TorqueLimit
+    from spot_model.effects.drivetrain import TorqueBandwidth
+    from spot_model.effects.torque_limits import TorqueLimit
 
     assert TorqueLimit(limit_nm=40.0).is_memoryless
     assert not TorqueBandwidth(time_constant_s=0.01).is_memoryless

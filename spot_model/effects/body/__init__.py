@@ -1,1 +1,0 @@
-"""Effects on the rigid bodies and the ground."""

@@ -1,1 +1,0 @@
-"""Limits on torque and power."""

@@ -1,1 +1,0 @@
-"""Effects on what the sensors and the state estimator report."""
