@@ -7,8 +7,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from compare.errors import CompareError
-from compare.tracks import STEP_S, Track
+from compare.tracks import STEP_S, CompareError, Track
 from diagnosis.document import Verdict, load_verdict
 from diagnosis.report.words import joints_in_short
 from spot_log.read.run import Run

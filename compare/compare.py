@@ -11,13 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from compare.align import aligned
 from compare.cause import Cause, cause_in_words, causes
 from compare.differences import SIGNALS, Differences, differences
-from compare.errors import CompareError
 from compare.ghost import write_ghosts
 from compare.page import comparison_page, sentence, stretch
-from compare.tracks import STEP_S, Track, track_of
+from compare.tracks import STEP_S, CompareError, Track, aligned, track_of
 from diagnosis.document import Verdict
 from spot_log.read.run import Run
 from spot_model.io.whole import whole_folder

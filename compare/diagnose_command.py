@@ -27,7 +27,7 @@ diagnose.command("predict")(predict_run)
 @wraps(command.explain_logs)
 def explain_and_compare(**asked: Any) -> None:
     """The diagnosis' own options and help; the comparison never fails a diagnosis that is written."""
-    from compare.errors import CompareError
+    from compare.tracks import CompareError
     from spot_model.io.whole import check_new
 
     folder = Path(asked["out"]) / FOLDER
@@ -47,7 +47,7 @@ def set_beside(result: Diagnosis, folder: Path) -> Path:
         CompareError: Nothing was simulated, or the runs cannot be compared.
     """
     from compare.compare import PAGE_NAME, Named, compare_runs, write_comparison
-    from compare.errors import CompareError
+    from compare.tracks import CompareError
 
     models = {name: {_key(r): r for r in runs} for name, runs in result.simulated.items() if runs}
     logs = [r for r in result.runs if all(_key(r) in runs for runs in models.values())]

@@ -7,21 +7,21 @@ from typing import Final
 
 import numpy as np
 
-from compare.align import SLIP_S
 from compare.cause import Cause
 from compare.differences import SIGNALS, TITLES, Differences, SignalDifference
-from compare.figures import COLOURS, joint_map, liveliest, over_time
-from compare.tracks import STEP_S, Track
-from spot_log.page.chart import stance
-from spot_log.page.look import boxed, framed, headed
+from compare.tracks import SLIP_S, STEP_S, Array, Track
+from spot_log.page.chart import Series, Shade, chart
+from spot_log.page.look import boxed, folded, framed, headed, listed, table
+from spot_log.page.rows import Cell, heat_map, stance
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
 CLOSE: Final = 0.10
 """Distributions that differ by less than this share of their spread are called close."""
 SPAN_S: Final = 3.0
+COLOURS: Final = ("var(--real)", "var(--nominal)", "var(--corrected)", "var(--floor)")
 _MORE: Final = """
-.unit { color: var(--soft); } .joints { display: grid; grid-template-columns: repeat(3, 1fr); gap: 2px 16px; }
+.joints { display: grid; grid-template-columns: repeat(3, 1fr); gap: 2px 16px; }
 .joints details[open] { grid-column: 1 / -1; }
 """
 
@@ -47,8 +47,7 @@ def comparison_page(
         _all_joints(tracks, found, causes),
         _figures(found),
     ]
-    if notes:
-        body.append(boxed("Notes", "", "<ul>" + "".join(f"<li>{esc(n)}</li>" for n in notes) + "</ul>"))
+    body.append(boxed("Notes", "", listed(notes)))
     return framed(f"{tracks[0].name} beside {', '.join(t.name for t in tracks[1:])}", body, _MORE)
 
 
@@ -157,29 +156,73 @@ def _all_joints(tracks: Sequence[Track], found: Sequence[Differences], causes: S
             ]
             title = f"{TITLES[name]}, {SIGNALS[name]}"
             figures.append(over_time(lines, title, height=110, causes=causes))
-        parts.append(f"<details><summary>{joint}</summary>{''.join(figures)}</details>")
+        parts.append(folded(joint, "".join(figures)))
     about = f"Difference from {tracks[0].name} over time. A simulated run drifts out of phase, so it grows with time."
     return boxed("Every joint", about, f"<div class='joints'>{''.join(parts)}</div>")
 
 
 def _figures(found: Sequence[Differences]) -> str:
-    rows = []
-    for d in found:
-        rows += [
-            f"<tr><th>{esc(d.name)}: {TITLES[n]}, {u}</th>"
-            + "".join(f"<td>{_pair(s, j)}</td>" for j in range(len(JOINT_NAMES)))
-            + "</tr>"
-            for n, u in SIGNALS.items()
-            for s in (d.signals[n],)
-        ]
-    head = "<tr><th></th>" + "".join(f"<th>{j}</th>" for j in JOINT_NAMES) + "</tr>"
-    table = f"<div style='overflow-x:auto'><table>{head}{''.join(rows)}</table></div>"
-    return boxed(
-        "Figures", "", f"<details><summary>Distance by joint (in brackets: rms in step)</summary>{table}</details>"
-    )
+    rows = [
+        (f"{d.name}: {TITLES[n]}, {unit}", *(_pair(d.signals[n], j) for j in range(len(JOINT_NAMES))))
+        for d in found
+        for n, unit in SIGNALS.items()
+    ]
+    shown = f"<div style='overflow-x:auto'>{table(('', *JOINT_NAMES), rows)}</div>"
+    return boxed("Figures", "", folded("Distance by joint (in brackets: rms in step)", shown))
 
 
 def _pair(signal: SignalDifference, joint: int) -> str:
     if not np.isfinite(signal.distance[joint]):
         return "–"
-    return f"{signal.distance[joint]:.3g} <span class='unit'>({signal.rms[joint]:.3g})</span>"
+    return f"{signal.distance[joint]:.3g} ({signal.rms[joint]:.3g})"
+
+
+def joint_map(found: Differences) -> str:
+    """Joints against signals: distance of the distributions in shares of the reference's spread; darkest at 1."""
+    rows = []
+    for name, unit in SIGNALS.items():
+        signal, cells = found.signals[name], []
+        for j, joint in enumerate(JOINT_NAMES):
+            share, title = float(signal.share[j]), f"{TITLES[name]}, {joint}"
+            tip = (
+                f"{title}\ndistance {signal.distance[j]:.3g} {unit}, {100 * share:.0f} % of the standard deviation\n"
+                f"rms in step {signal.rms[j]:.3g} {unit}"
+            )
+            is_known = np.isfinite(signal.distance[j])
+            cells.append(
+                Cell(share, tip, f"{100 * share:.0f}") if is_known else Cell(None, f"{title}: not in both", "–")
+            )
+        rows.append((TITLES[name], cells))
+    return heat_map(JOINT_NAMES, rows, f"Differences of {found.name} by joint")
+
+
+def over_time(
+    lines: Sequence[tuple[str, float, Array]],
+    title: str,
+    *,
+    from_s: float = 0.0,
+    height: float = 190,
+    causes: Sequence[Cause] = (),
+) -> str:
+    """Lines on one axis of time.
+
+    Args:
+        lines: Colour, width and samples :data:`STEP_S` apart, each of shape (n,).
+        title: Of the vertical axis, with its unit.
+        from_s: Time of the first sample.
+        height: Of the plot.
+        causes: Stretches that are shaded.
+    """
+    series = [Series(c, from_s + np.arange(len(v)) * STEP_S, v, width=w) for c, w, v in lines]
+    end_s = from_s + max(len(v) for _, _, v in lines) * STEP_S
+    shades = [Shade(max(c.start_s, from_s), min(c.end_s, end_s), c.text) for c in causes]
+    return chart(series, title, x_unit=" s", height=height, shades=shades)
+
+
+def liveliest(track: Track, span_s: float) -> slice:
+    """The stretch of ``span_s`` in which the joints move most."""
+    length = min(len(track), round(span_s / STEP_S))
+    speed = np.nan_to_num(np.abs(track.velocity_rad_s).sum(axis=1))
+    sums = np.concatenate([[0.0], np.cumsum(speed)])
+    start = int(np.argmax(sums[length:] - sums[:-length]))
+    return slice(start, start + length)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compare.errors import CompareError
+from compare.tracks import CompareError
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.read import find_policy
 from spot_log import Run, read_run

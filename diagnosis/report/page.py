@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from diagnosis.channels import CHANNEL_TITLES
 from diagnosis.document import CalibratedNumber, Consequences, Difference, GapCell, Verdict
-from diagnosis.report import bars, words
+from diagnosis.report import figures, words
 from diagnosis.report.effect_file import formula_text
-from diagnosis.report.gap_map import gap_maps, has_floor, note, share_of, told
 from diagnosis.report.robot_picture import picture
 from diagnosis.report.traces import trace_figures
 from diagnosis.verdict.diagnose import Diagnosis
-from spot_log.page.cells import Html, facts, table
-from spot_log.page.look import boxed, framed, headed
+from spot_log.page.look import Html, beside, boxed, facts, folded, framed, headed, listed, table
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.text import counted
@@ -68,24 +66,19 @@ def page(result: Diagnosis) -> str:
     body = [
         _warnings(v),
         _head(result),
-        _two(_where(result, by_joint, named), _together(v)),
+        beside(_where(result, by_joint, named), _together(v)),
         boxed("Differences", words.probabilities(v), "".join(map(_difference, v.differences))),
         _calibration(v),
         _remains(v),
         _traces(result, by_joint, named),
     ]
     if cells:
-        body.append(boxed("Gap map", note(cells), _two(*gap_maps(cells, result.board.robot.joint_names))))
-    body += [_limits(v), _two(_channels(v), _timeline(result))]
-    body.append(boxed("Notes", "", _list(v.notes)) if v.notes else "")
-    body.append(boxed("Terms", "", f"<details><summary>What the words mean</summary>{facts(TERMS)}</details>"))
+        body.append(
+            boxed("Gap map", figures.note(cells), beside(*figures.gap_maps(cells, result.board.robot.joint_names)))
+        )
+    body += [_limits(v), beside(_channels(v), _timeline(result))]
+    body += [boxed("Notes", "", listed(v.notes)), boxed("Terms", "", folded("What the words mean", facts(TERMS)))]
     return framed("Diagnosis", body, STYLE)
-
-
-def _two(*parts: str) -> str:
-    """Side by side where there is room for it."""
-    there = [f"<div>{p}</div>" if p.startswith("<svg") else p for p in parts if p]
-    return f"<div class='two'>{''.join(there)}</div>" if len(there) > 1 else "".join(there)
 
 
 def _rows(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -93,12 +86,8 @@ def _rows(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return table(head, rows) if rows else ""
 
 
-def _list(items: Iterable[str], tag: str = "ul") -> str:
-    return f"<{tag}>" + "".join(f"<li>{esc(i)}</li>" for i in items) + f"</{tag}>"
-
-
 def _warnings(v: Verdict) -> str:
-    told = _list(map(words.sentence, v.warnings))
+    told = listed(map(words.sentence, v.warnings))
     return f"<section class='warning'><h2>Read this first</h2>{told}</section>" if v.warnings else ""
 
 
@@ -128,15 +117,15 @@ def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
 def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
     cells = tuple(by_joint.values())
     if not cells:
-        listed = f"<p>The verdict names {esc(words.joints_in_short(sorted(named)))}.</p>" if named else ""
-        return boxed("Where", "The gap has no figures by joint.", listed)
-    shares = {j: share_of(c, max(c.gap for c in cells)) for j, c in by_joint.items()}
+        names = f"<p>The verdict names {esc(words.joints_in_short(sorted(named)))}.</p>" if named else ""
+        return boxed("Where", "The gap has no figures by joint.", names)
+    shares = {j: figures.share_of(c, max(c.gap for c in cells)) for j, c in by_joint.items()}
     ringed = " A blue ring marks a joint that the verdict names." if named else ""
     if tuple(result.board.robot.joint_names) == JOINT_NAMES:
-        drawn = picture(shares, {j: told(c) for j, c in by_joint.items()}, named, in_floors=has_floor(cells))
+        drawn = picture(shares, {j: figures.told(c) for j, c in by_joint.items()}, named, figures.scale(cells))
     else:
         gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
-        drawn = bars.by_joint(gaps, shares, named)
+        drawn = figures.by_joint(gaps, shares, named)
     return boxed("Where", f"Gap of the {cells[0].signal} over the whole motion.{ringed}", drawn)
 
 
@@ -145,11 +134,11 @@ def _together(v: Verdict) -> str:
     c = words.whole(v)
     if c is None:
         return ""
-    key = legend(zip(bars.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
-    listed = _list(words.sentence(words.gap_told(g)) for g in c.gaps)
+    key = legend(zip(figures.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
+    told = listed(words.sentence(words.gap_told(g)) for g in c.gaps)
     changes = _rows(("", "nominal", "corrected", "robot", ""), _changes(c))
     title, about = "What the corrected model does", words.measured_on(v, c)
-    return boxed(title, about, f"{key}{bars.gap_bars(c)}{listed}{changes}")
+    return boxed(title, about, f"{key}{figures.gap_bars(c)}{told}{changes}")
 
 
 def _changes(c: Consequences) -> list[tuple[str, ...]]:
@@ -186,7 +175,7 @@ def _difference(d: Difference) -> str:
         last = "robot; of gaps, floor" if gaps else "robot"
         does = f"<div>{table(('', 'without', 'with', last, ''), [*gaps, *_changes(c)])}</div>"
     sizes = _rows(("size", "", "", "90 % interval"), rows)
-    return f"{title}{_two(f'<div>{sizes}{_group(d)}</div>', does)}"
+    return f"{title}{beside(f'<div>{sizes}{_group(d)}</div>', does)}"
 
 
 def _group(d: Difference) -> str:
@@ -218,7 +207,7 @@ def _calibration(v: Verdict) -> str:
     )
     shown = _numbers(numbers[:first])
     if numbers[first:]:
-        shown += f"<details><summary>{len(numbers) - first} more</summary>{_numbers(numbers[first:])}</details>"
+        shown += folded(f"{len(numbers) - first} more", _numbers(numbers[first:]))
     c = v.calibration.consequences
     if c is not None and shown and v.differences:
         told = "; ".join(map(words.gap_told, c.gaps))
@@ -233,7 +222,7 @@ def _numbers(numbers: list[CalibratedNumber]) -> str:
             words.place(n.where),
             f"{n.nominal:.4g} {n.unit}".rstrip(),
             f"{n.value:.4g} ({n.low:.4g} to {n.high:.4g})",
-            Html(bars.interval(n)),
+            Html(figures.interval(n)),
         )
         for n in numbers
     ]
@@ -267,20 +256,20 @@ def _unknown(v: Verdict) -> str:
             f"{words.percent(u.formula.predicted_share)} of it, in runs that it was not fitted to. Diagnose again with "
             "<code>--add-effect unknown_effect:UnknownTorque</code>.</p>"
         )
-    return about + said + _two(*bars.dependences(u.curves, u.unit))
+    return about + said + beside(*figures.dependences(u.curves, u.unit))
 
 
 def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
     found = trace_figures(result, {j: c.ratio or c.gap for j, c in by_joint.items()}, named)
     if found is None:
         return ""
-    about, figures = found
+    about, drawn = found
     key = legend(COLOURS if result.simulated.get("corrected") else COLOURS[:2])
-    return boxed("Traces", about, key + _two(*figures))
+    return boxed("Traces", about, key + beside(*drawn))
 
 
 def _limits(v: Verdict) -> str:
-    content = "<h3>Record next</h3>" + _list(v.log_advice, "ol") if v.log_advice else ""
+    content = "<h3>Record next</h3>" + listed(v.log_advice, "ol") if v.log_advice else ""
     if v.invisible:
         chips = "".join(f"<span class='chip off'>{esc(words.plain(n))}</span>" for n in v.invisible)
         content += f"<h3>Invisible in these logs</h3><p class='note'>No signal shows these effects.</p>{chips}"
@@ -300,4 +289,4 @@ def _timeline(result: Diagnosis) -> str:
     entries = [("var(--corrected)", "used")]
     entries += [("var(--nominal)", "carries much of the gap")] if True in kinds else []
     entries += [("var(--empty)", "cut out")] if False in kinds else []
-    return boxed("Logs over time", "", legend(entries) + bars.strips(result.runs, result.verdict.timeline))
+    return boxed("Logs over time", "", legend(entries) + figures.strips(result.runs, result.verdict.timeline))

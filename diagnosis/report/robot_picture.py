@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.report.gap_map import scale_bar
+from spot_log.page.rows import scale_bar
 from spot_log.page.svg import disc, heat, line, on_heat, svg, text
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
@@ -28,10 +28,10 @@ BODY_M: Final = ((-0.42, 0.42), (-0.095, 0.095), (-0.07, 0.10))
 RADIUS: Final = 15
 
 
-def picture(shares: Mapping[str, float], tips: Mapping[str, str], named: frozenset[str], *, in_floors: bool) -> str:
+def picture(shares: Mapping[str, float], tips: Mapping[str, str], named: frozenset[str], scale: Sequence[str]) -> str:
     """An SVG of Spot: by joint its ``shares``, 0 to 1, on the colour scale (grey without one) and what hovering says.
 
-    Joints that are ``named`` by the verdict get a ring; ``in_floors``: colours are times the floor.
+    Joints that are ``named`` by the verdict get a ring; ``scale``: words below the scale of colours.
     """
     legs = {leg: _points(leg) for leg in facts.LEG_NAMES}
     far_first = sorted(legs, key=lambda leg: float(legs[leg][3] @ NEARER))
@@ -55,7 +55,7 @@ def picture(shares: Mapping[str, float], tips: Mapping[str, str], named: frozens
         parts.append(text(x, y + 26, leg, size=13.5, anchor="middle", css="soft", weight=600))
     x, y = _screen(np.array([0.56, 0.0, 0.02]))
     parts.append(text(x, y, "front", size=13, anchor="middle", css="soft"))
-    parts.append(scale_bar(0.5 * WIDTH - 120, HEIGHT - 32, 240, in_floors=in_floors))
+    parts.append(scale_bar(0.5 * WIDTH - 120, HEIGHT - 32, 240, scale))
     return svg(WIDTH, HEIGHT, parts, "Spot, joints coloured by their gap")
 
 

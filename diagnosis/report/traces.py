@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels import Array
-from diagnosis.report.bars import axes
 from diagnosis.verdict.diagnose import Diagnosis
-from spot_log.page.svg import HALF, Frame, line, svg, thinned
+from spot_log.page.chart import Series, chart
+from spot_log.page.svg import HALF, thinned
 from spot_log.read.run import Run
 from trainer.signals.policy_ticks import policy_ticks
 
@@ -37,8 +37,11 @@ def trace_figures(result: Diagnosis, gaps: Mapping[str, float], named: frozenset
         shifted = [(c, w, run, in_phase_s(real, run, joint, from_s)) for c, w, run in drawn if run is not None]
         figures = []
         for title, signal in (("load, N·m", "load_nm"), ("velocity, rad/s", "velocity_rad_s")):
-            lines = [(c, w, shift, *_part(run, signal, joint, from_s + shift)) for c, w, run, shift in shifted]
-            figures.append(_figure(title, from_s, [(c, w, at - shift, y) for c, w, shift, at, y in lines if len(y)]))
+            lines = []
+            for colour, width, run, shift in shifted:
+                at, values = _part(run, signal, joint, from_s + shift)
+                lines += [Series(colour, at - shift, values, width=width)] if len(values) else []
+            figures.append(chart(lines, title, x_title="time under the policy, s", width=HALF))
         if all(figures):
             about = (
                 f"{name} in {real.header.command_sequence or 'the log'}, repeat {real.header.repeat}. Simulated runs "
@@ -51,21 +54,6 @@ def trace_figures(result: Diagnosis, gaps: Mapping[str, float], named: frozenset
 def _same(real: Run, group: tuple[Run, ...]) -> Run | None:
     key = (real.header.command_sequence or "unnamed", real.header.repeat)
     return next((r for r in group if (r.header.command_sequence, r.header.repeat) == key), None)
-
-
-def _figure(title: str, from_s: float, lines: list[tuple[str, float, Array, Array]]) -> str:
-    """Lines, each its colour, width, times and values; empty without any."""
-    if not lines:
-        return ""
-    both = np.concatenate([values for *_, values in lines])
-    pad = 0.06 * max(float(np.ptp(both)), 1e-9)
-    frame = Frame((from_s, from_s + SPAN_S), (float(both.min()) - pad, float(both.max()) + pad), HALF, 190, left=60)
-    box = f'<rect class="grid" x="{frame.left}" y="8" width="{frame.right - frame.left}" height="{frame.height}"/>'
-    parts = [box, *axes(frame, "time under the policy, s", title)]
-    for colour, width, at, values in lines:
-        points = [frame.at(a, b) for a, b in zip(at.tolist(), values.tolist(), strict=True)]
-        parts.append(line(points, colour, width))
-    return svg(HALF, frame.total_height + 26, parts, f"Real, nominal and corrected: {title}")
 
 
 def _time_s(run: Run) -> Array | None:

@@ -55,6 +55,7 @@ def chart(
     shades: Sequence[Shade] = (),
     zero: bool = False,
     least_span: float = 0.0,
+    y_range: tuple[float, float] | None = None,
 ) -> str:
     """Draw lines on common axes; an empty text where nothing is finite.
 
@@ -69,6 +70,7 @@ def chart(
         shades: Stretches behind the lines.
         zero: Whether the vertical axis begins at 0.
         least_span: What the vertical axis shows at least.
+        y_range: Of the vertical axis, where several charts share it; by default what the lines need.
     """
     drawn = [(s, np.asarray(s.x, dtype=np.float64), np.asarray(s.y, dtype=np.float64)) for s in lines]
     drawn = [(s, x, y) for s, x, y in drawn if np.isfinite(y).any()]
@@ -78,7 +80,7 @@ def chart(
     # A line that hardly moves is no mountain range.
     span = max(high - low, 0.01 * max(abs(low), abs(high)), 1e-6)
     pad = max(0.06 * span, 0.5 * (max(least_span, span) - (high - low)))
-    low, high = (0.0 if zero else low - pad), high + pad
+    low, high = y_range or ((0.0 if zero else low - pad), high + pad)
     first, last = min(float(x.min()) for _, x, _ in drawn), max(float(x.max()) for _, x, _ in drawn)
     frame = Frame((first, last), (low, high), width, height, left=62 if y_title else 44, top=26 if title else 8)
     parts = [_shade(s, frame) for s in shades] + frame.axes(x_unit=x_unit)
@@ -165,38 +167,3 @@ def histogram(values: ArrayLike, title: str, *, width: float = QUARTER, height: 
     if beyond:
         parts.append(text(4, 49, f"{beyond} more, up to {rounded(float(known.max()))}", size=12, css="soft"))
     return svg(width, frame.total_height, parts, title)
-
-
-_ROW: Final = 18
-
-
-def stance(
-    contact: ArrayLike, names: Sequence[str], colour: str, *, width: float = WIDE, span_s: tuple[float, float] = (0, 0)
-) -> str:
-    """Feet on the ground over a stretch of time, one row a foot; an empty text where there is none.
-
-    Args:
-        contact: Whether each foot is down, samples at even times. Shape (n, feet).
-        names: Of the feet.
-        colour: Of the bars.
-        width: Of the picture.
-        span_s: Begin and end on the axis of time below; no axis without them.
-    """
-    down = np.asarray(contact, dtype=np.bool_)
-    if down.ndim != 2 or down.shape[1] != len(names) or not len(down):
-        return ""
-    frame = Frame((0.0, len(down)), (0.0, 1.0), width, _ROW * len(names), top=4)
-    parts = []
-    for foot, name in enumerate(names):
-        y = frame.top + _ROW * foot
-        parts.append(text(frame.left - 8, y + 12, name, size=12, anchor="end"))
-        parts.append(rect(frame.left, y, frame.right - frame.left, _ROW - 4, "var(--empty)", radius=0))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], down[:, foot].astype(int), [0]])))
-        for a, b in edges.reshape(-1, 2):
-            left, right = frame.at(float(a), 0.0)[0], frame.at(float(b), 0.0)[0]
-            parts.append(rect(left, y, right - left, _ROW - 4, colour, f"{name} on the ground", radius=0))
-    height = frame.top + frame.height
-    if span_s[1] > span_s[0]:
-        parts += Frame(span_s, (0.0, 1.0), width, frame.height, top=4).axes(x_unit=" s", has_y=False)
-        height = frame.total_height
-    return svg(width, height, parts, "Feet on the ground")

@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.page.chart import Series, Shade, chart, histogram, stance
+from spot_log.page.chart import Series, Shade, chart, histogram
 from spot_log.page.look import panels
+from spot_log.page.rows import stance
 from spot_log.page.svg import QUARTER, legend
 from spot_log.read.run import Run
 from spot_log.tools import measures

@@ -2,11 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from typing import Final
 
 from spot_log.page.svg import esc
+
+
+class Html(str):
+    """Text that is HTML already; all other text is escaped."""
+
+    __slots__ = ()
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]], *, row_classes: Sequence[str] = ()) -> Html:
+    """A table."""
+    names = "".join(f"<th>{escaped(name)}</th>" for name in head)
+    lines = [f"<tr>{names}</tr>"] if head else []
+    for i, row in enumerate(rows):
+        css = f' class="{escaped(row_classes[i])}"' if row_classes else ""
+        lines.append(f"<tr{css}>{''.join(map(_cell, row))}</tr>")
+    return Html(f"<table>{''.join(lines)}</table>")
+
+
+def facts(rows: Iterable[tuple[str, object]]) -> Html:
+    """A table of names, each with its text."""
+    lines = [f"<tr><th>{escaped(name)}</th>{_cell(value)}</tr>" for name, value in rows]
+    return Html(f"<table>{''.join(lines)}</table>")
+
+
+def note(text: str) -> Html:
+    """A line of explanation; nothing for an empty one."""
+    return Html(f'<p class="note">{escaped(text)}</p>' if text else "")
+
+
+def escaped(text: object) -> str:
+    """Text as HTML; :class:`Html` as it is."""
+    return str(text) if isinstance(text, Html) else esc(text)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, (int, float, type(None))):
+        return f"<td>{escaped(value)}</td>"
+    text = "—" if value is None else str(value) if isinstance(value, int) else f"{value:.4g}"
+    return f'<td class="number">{text}</td>'
+
 
 _HERE: Final = files(__package__)
 STYLE: Final = (_HERE / "look.css").read_text(encoding="utf-8")
@@ -39,3 +79,20 @@ def headed(badge: str, kind: str, headline: str, lines: Iterable[str], meta: str
     told = "".join(f"<p class='lead'>{esc(line)}</p>" for line in lines)
     about = f"<p class='meta' style='margin-top:12px'>{esc(meta)}</p>" if meta else ""
     return f"<section><span class='badge {kind}'>{esc(badge)}</span><h1>{esc(headline)}</h1>{told}{about}</section>"
+
+
+def listed(items: Iterable[object], tag: str = "ul") -> str:
+    """A list of texts; empty without any."""
+    lines = "".join(f"<li>{escaped(item)}</li>" for item in items)
+    return f"<{tag}>{lines}</{tag}>" if lines else ""
+
+
+def folded(title: str, content: str) -> str:
+    """What opens on a click; nothing without content."""
+    return f"<details><summary>{esc(title)}</summary>{content}</details>" if content else ""
+
+
+def beside(*parts: str) -> str:
+    """Side by side where there is room for it."""
+    there = [f"<div>{p}</div>" if p.startswith("<svg") else p for p in parts if p]
+    return f"<div class='two'>{''.join(there)}</div>" if len(there) > 1 else "".join(there)

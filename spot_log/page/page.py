@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from spot_log.page.cells import Html, escaped, facts, note, table
 from spot_log.page.figures import FIGURES, Figure
-from spot_log.page.look import boxed, framed, headed
+from spot_log.page.look import Html, boxed, escaped, facts, framed, headed, note, table
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.log_info import LogInfo, log_info

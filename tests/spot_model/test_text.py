@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from spot_log.page.cells import escaped
+from spot_log.page.look import escaped
 from spot_model.errors import BadInputError
 from spot_model.io.command_line import error_line
 from spot_model.text import plain, plain_lines

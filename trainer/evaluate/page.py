@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import chi2
 
-from spot_log.page.cells import facts
-from spot_log.page.chart import Series, chart, stance
-from spot_log.page.look import boxed, framed, headed
+from spot_log.page.chart import Series, chart
+from spot_log.page.look import boxed, facts, framed, headed
+from spot_log.page.rows import stance
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot.facts import LEG_NAMES
 

@@ -117,9 +117,7 @@ class Recording(Measured):
 
     def rows_at(self, robot_stamp_ns: Ints) -> NDArray[np.intp]:
         """The grid's row nearest to each stamp, within the grid."""
-        after = np.clip(np.searchsorted(self.stamp_ns, robot_stamp_ns), 1, len(self) - 1)
-        is_before = robot_stamp_ns - self.stamp_ns[after - 1] < self.stamp_ns[after] - robot_stamp_ns
-        return np.asarray(after - is_before)
+        return nearest_rows(self.stamp_ns, robot_stamp_ns)
 
     def has(self, signal: str) -> bool:
         """Whether the log has the signal, an attribute's name, in at least half of its rows."""
@@ -226,3 +224,10 @@ def _continuous(wxyz: Array) -> Array:
     flips[~np.isfinite(flips) | (flips == 0.0)] = 1.0
     first = -1.0 if wxyz[0, 0] < 0.0 else 1.0
     return np.asarray(wxyz * np.concatenate([[first], first * np.cumprod(flips)])[:, None])
+
+
+def nearest_rows(stamps_ns: Ints, at_ns: Ints) -> NDArray[np.intp]:
+    """The row nearest to each instant, among rising stamps of two rows or more."""
+    after = np.clip(np.searchsorted(stamps_ns, at_ns), 1, len(stamps_ns) - 1)
+    is_before = at_ns - stamps_ns[after - 1] < stamps_ns[after] - at_ns
+    return np.asarray(after - is_before)

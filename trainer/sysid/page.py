@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.page.cells import table
 from spot_log.page.chart import Series, chart
-from spot_log.page.look import boxed, framed, headed
+from spot_log.page.look import boxed, framed, headed, table
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot import facts
 from spot_model.text import counted

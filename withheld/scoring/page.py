@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from spot_log.page.cells import Html, table
-from spot_log.page.look import boxed, framed, headed
+from spot_log.page.look import Html, boxed, framed, headed, table
 from spot_log.page.svg import esc
 from withheld.cases import WORDS
 from withheld.outcome import Outcome

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
-from spot_log.page.cells import Html, facts, note, table
-from spot_log.page.chart import Series, Shade, chart, histogram, stance
-from spot_log.page.look import boxed, framed, headed
+from spot_log.page.chart import Series, Shade, chart, histogram
+from spot_log.page.look import Html, boxed, facts, framed, headed, note, table
+from spot_log.page.rows import stance
 
 EVIL = "<b>&</b>"
 

@@ -1,0 +1,196 @@
+"""The figures of the report: gaps before and after, by joint and by regime, numbers on their axis, logs over time.
+
+A colour says how many times its floor a gap is, or without a floor its share of the signal's largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from diagnosis.document import CalibratedNumber, Consequences, Dependence, GapCell, Stretch
+from diagnosis.report.words import number
+from spot_log.page.chart import Series, Shade, chart
+from spot_log.page.rows import Bar, Cell, bands, bars, heat_map
+from spot_log.page.svg import HALF, disc, heat, line, rect, svg
+from spot_log.read.run import Run
+
+COLOURS: Final = ("var(--nominal)", "var(--corrected)", "var(--floor)")
+"""Before, after, floor."""
+WIDTH: Final = 480
+MAX_LOGS: Final = 40
+FAR: Final = 4.0
+"""Published standard deviations that an interval's axis reaches to, both ways."""
+SIGNIFICANT: Final = 0.05
+TOP_RATIO: Final = 16.0
+"""The darkest colour: so many times the floor, or more."""
+IN_FLOORS: Final = ("1× own runs", "2×", "4×", "8×", "16×")
+IN_LARGEST: Final = ("0", "largest")
+"""Words below the scale of colours."""
+SIGNALS: Final = ("load error", "load", "velocity", "position")
+REGIMES: Final = (
+    *("all", "motoring", "motoring, high speed", "motoring, high torque"),
+    *("braking", "braking, high speed", "braking, high torque"),
+    *("low torque", "middle torque", "high torque", "low speed", "middle speed", "high speed"),
+    *("velocity reversal", "stance", "swing", "low total power", "high total power"),
+    *("first third of time", "last third of time"),
+)
+QUANTITY_UNITS: Final = {
+    "position": "rad",
+    "acceleration": "rad/s²",
+    "total power": "W",
+    **dict.fromkeys(("velocity", "turn rate", "roll rate", "pitch rate"), "rad/s"),
+    **dict.fromkeys(("body speed", "vertical velocity"), "m/s"),
+    "torque": "N·m",
+    "total torque": "N·m",
+    "torque rate": "N·m/s",
+    "torque history": "(N·m)²·s",
+    **dict.fromkeys(("time since start", "time since set-point"), "s"),
+}
+"""Of what an unexplained residual may depend on."""
+
+
+def gap_bars(consequences: Consequences) -> str:
+    """Before, after and floor of each gap, each gap on its own scale."""
+    groups = []
+    for g in consequences.gaps:
+        values = (g.before, g.after, g.floor)
+        top = max(*values, 1e-12)
+        drawn = [
+            Bar(value / top, colour, number(value), f"{g.gap}: {number(value)} {g.unit}")
+            for value, colour in zip(values, COLOURS, strict=True)
+        ]
+        groups.append((g.gap, g.unit, drawn))
+    return bars(groups, "Three gaps, before and after", left=110)
+
+
+def by_joint(gaps: Mapping[str, float], shares: Mapping[str, float], named: frozenset[str]) -> str:
+    """The gap of each joint of a robot that has no picture; an arrow marks one that the verdict names."""
+    top = max(gaps.values(), default=1.0) or 1.0
+    groups = [
+        (
+            f"{name} ◂" if name in named else name,
+            "",
+            [Bar(value / top, heat(shares.get(name, 0.0)), number(value), f"{name}: {number(value)}")],
+        )
+        for name, value in gaps.items()
+    ]
+    return bars(groups, "Gap by joint")
+
+
+def interval(n: CalibratedNumber) -> str:
+    """A number on an axis of published standard deviations: nominal in the middle, two of them shaded."""
+    if n.spread <= 0.0:
+        return ""
+    width, height = 200.0, 20.0
+
+    def at(value: float) -> float:
+        return width / 2 + float(np.clip((value - n.nominal) / n.spread, -FAR, FAR)) / FAR * (width / 2 - 6)
+
+    two = 2.0 / FAR * (width / 2 - 6)
+    colour = "var(--found)" if n.stands_out else "var(--corrected)"
+    parts = [
+        rect(width / 2 - two, 3, 2 * two, height - 6, "var(--empty)"),
+        line([(width / 2, 1), (width / 2, height - 1)], "var(--nominal)", 1.5),
+        line([(at(n.low), height / 2), (at(n.high), height / 2)], colour, 4, "opacity:.5"),
+        disc(at(n.value), height / 2, 4.5, colour, f"{n.title} of {n.where}: {n.value:.4g} {n.unit}"),
+    ]
+    return svg(width, height, parts, f"{n.title} of {n.where}")
+
+
+def strips(runs: Sequence[Run], stretches: Sequence[Stretch]) -> str:
+    """Each log as a strip of time: what was cut out, and which seconds carry the gap."""
+    rows = []
+    for run in runs[:MAX_LOGS]:
+        name = f"{(run.header.command_sequence or run.path.stem)[:18]}, repeat {run.header.repeat}"
+        drawn = [Shade(0.0, run.duration_s, run.path.name, "var(--corrected)")]
+        for s in stretches:
+            if s.log == run.header.run_id:
+                colour = "var(--nominal)" if s.kind == "gap" else "var(--empty)"
+                tip = f"{s.start_s:.1f} to {s.end_s:.1f} s: {s.reason}"
+                drawn.append(Shade(s.start_s, min(s.end_s, run.duration_s), tip, colour))
+        rows.append((name, drawn))
+    longest_s = max(run.duration_s for run in runs[:MAX_LOGS]) or 1.0
+    return bands(rows, (0.0, longest_s), "Logs over time", width=HALF, left=170)
+
+
+def dependences(curves: Sequence[Dependence], unit: str) -> list[str]:
+    """What is left over one quantity each, on one scale."""
+    values = [v for c in curves for v in c.residual] + [0.0]
+    pad = 0.06 * max(max(values) - min(values), 1e-9)
+    drawn = []
+    for c in (c for c in curves if len(c.at) > 1):
+        name = f"{c.quantity}, {QUANTITY_UNITS.get(c.quantity.split(' of ')[0], '')}".rstrip(", ")
+        points = Series("var(--unknown)", c.at, c.residual, width=2.5, has_points=True, name=f"unexplained, {unit}:")
+        scale = (min(values) - pad, max(values) + pad)
+        title = f"unexplained, {unit}"
+        drawn.append(chart([points], title, x_title=name, width=WIDTH, height=156, y_range=scale))
+    return drawn
+
+
+def gap_maps(cells: Sequence[GapCell], joints: Sequence[str]) -> list[str]:
+    """A map a signal, as SVG: regimes down, joints across; hovering tells the figures."""
+    return [_gap_map(signal, cells, joints) for signal in SIGNALS if any(c.signal == signal for c in cells)]
+
+
+def _gap_map(signal: str, cells: Sequence[GapCell], joints: Sequence[str]) -> str:
+    known = {c.regime for c in cells}
+    regimes = [r for r in REGIMES if r in known] + sorted(known - set(REGIMES))
+    by_key = {(c.regime, c.joint): c for c in cells if c.signal == signal}
+    largest = max(c.gap for c in by_key.values())
+    rows = [(regime, [_cell(by_key.get((regime, joint)), largest) for joint in joints]) for regime in regimes]
+    label = f"Gap by signal, regime and joint: {signal}"
+    return heat_map(joints, rows, label, title=signal, width=HALF, left=160, row=18, is_turned=True, scale=scale(cells))
+
+
+def _cell(cell: GapCell | None, largest: float) -> Cell:
+    if cell is None:
+        return Cell(None)
+    return Cell(share_of(cell, largest), told(cell), "", cell.p_value is not None and cell.p_value <= SIGNIFICANT)
+
+
+def scale(cells: Sequence[GapCell]) -> tuple[str, ...]:
+    """What the scale of colours says."""
+    return IN_FLOORS if has_floor(cells) else IN_LARGEST
+
+
+def note(cells: Sequence[GapCell]) -> str:
+    """How to read it."""
+    about = "Load error: measured load minus the torque that the servo asks for. "
+    about += "Distance of your simulator's runs from the robot's, "
+    if has_floor(cells):
+        return (
+            f"{about}divided by that between the robot's own runs. A dot marks what is not due to chance "
+            f"(p ≤ {SIGNIFICANT}, corrected for the number of cells). Hover for figures."
+        )
+    return (
+        f"{about}each signal on its own scale. No sequence was repeated, so it is not known how much of it is due to "
+        "chance."
+    )
+
+
+def has_floor(cells: Sequence[GapCell]) -> bool:
+    """Whether real runs were repeated."""
+    return any(c.ratio is not None for c in cells)
+
+
+def share_of(cell: GapCell, largest: float) -> float:
+    """Place on the colour scale, 0 to 1; ``largest`` is the signal's largest gap."""
+    if cell.ratio is not None:
+        return float(np.log2(max(cell.ratio, 1.0)) / np.log2(TOP_RATIO))
+    return cell.gap / largest if largest > 0.0 else 0.0
+
+
+def told(cell: GapCell) -> str:
+    """A cell in words."""
+    lines = [f"{cell.signal} of {cell.joint}", cell.regime, f"gap {cell.gap:.3g} {cell.unit}"]
+    if cell.ratio is not None:
+        lines.append(f"between two runs of the robot {cell.floor:.3g} {cell.unit}: {cell.ratio:.1f} times that")
+    if cell.p_value is not None:
+        lines.append(f"p = {cell.p_value:.3f}, corrected for the number of cells")
+    if cell.low is not None and cell.high is not None:
+        lines.append(f"90 % interval {cell.low:.3g} to {cell.high:.3g} {cell.unit}")
+    lines.append(f"{cell.n_samples} samples")
+    return "\n".join(lines)
