@@ -24,7 +24,7 @@ from fake_robot.conformance.command import connect  # noqa: E402
 from fake_robot.conformance.table import run_checks  # noqa: E402
 from fake_robot.robot.robot import Robot  # noqa: E402
 from fake_robot.scenario.scenario import scenario_from_data  # noqa: E402
-from fake_robot.services.identity.tokens import Credentials  # noqa: E402
+from fake_robot.services.auth import Credentials  # noqa: E402
 from fake_robot.start.certificates import ensure_certificates  # noqa: E402
 from fake_robot.start.server import FakeServer  # noqa: E402
 from tests.fake_robot.planted_errors import ERRORS  # noqa: E402

@@ -21,7 +21,7 @@ class TokenExpired(ServiceFault):
 
     @override
     def begin(self, world: Any, duration_s: float | None) -> None:
-        world.tokens.revoke_all()
+        world.auth.revoke_all()
 
 
 class LeaseStolen(ServiceFault):
@@ -32,7 +32,7 @@ class LeaseStolen(ServiceFault):
 
     @override
     def begin(self, world: Any, duration_s: float | None) -> None:
-        world.leases.take("body", lease_pb2.LeaseOwner(client_name=self.owner, user_name=self.owner))
+        world.leases.grant("body", lease_pb2.LeaseOwner(client_name=self.owner, user_name=self.owner))
 
 
 class LeaseExpired(ServiceFault):
@@ -53,7 +53,7 @@ class EstopPressed(ServiceFault):
     @override
     def begin(self, world: Any, duration_s: float | None) -> Callable[[], None]:
         world.estop.press_elsewhere(is_pressed=True)
-        world.apply_estop()
+        world.estop.apply()
         return lambda: world.estop.press_elsewhere(is_pressed=False)
 
 
@@ -65,8 +65,8 @@ class LicenseInvalid(ServiceFault):
 
     @override
     def begin(self, world: Any, duration_s: float | None) -> Callable[[], None]:
-        world.license_state = self.state
-        return lambda: setattr(world, "license_state", world.config.joint_control_license)
+        world.license.state = self.state
+        return lambda: setattr(world.license, "state", world.config.joint_control_license)
 
 
 class TimeSyncNotReady(ServiceFault):

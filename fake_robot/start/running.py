@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import Scenario, load_scenario
-from fake_robot.services.identity.tokens import Credentials
+from fake_robot.services.auth import Credentials
 from fake_robot.start.certificates import ensure_certificates
 from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
 from fake_robot.start.server import SDK_PORT, BindError, Endpoints, FakeServer

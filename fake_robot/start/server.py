@@ -17,15 +17,14 @@ from fake_robot.robot.robot import Robot
 from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.admin.admin import AdminService
 from fake_robot.services.admin.injection import FaultInjector
-from fake_robot.services.admin.step_socket import StepSocket
-from fake_robot.services.admin.stepping import Stepping
-from fake_robot.services.calls.access import GatekeeperInterceptor
-from fake_robot.services.identity.tokens import Credentials
-from fake_robot.services.sensors.world import World
+from fake_robot.services.admin.stepping import Stepping, StepSocket
+from fake_robot.services.auth import Credentials
+from fake_robot.services.calls import UnaryCalls
+from fake_robot.services.gate import GatekeeperInterceptor
 from fake_robot.services.wiring import add_services
+from fake_robot.services.world import World
 from fake_robot.start.certificates import ServerCertificates
 from spot_model.errors import SpotRlError
-from spot_protos import fake_admin_pb2_grpc
 
 UNIX_PREFIX = "unix:"
 SDK_PORT = 443
@@ -154,7 +153,6 @@ class FakeServer:
         self._address, self._port, self._admin_target = address, port, admin
         self._world = World(robot, config, credentials)
         self._faults = FaultInjector(self._world)
-        self._credentials = credentials
         self._stop_requested = threading.Event()
         self._ticker: threading.Thread | None = None
         self._servers: list[grpc.Server] = []
@@ -183,7 +181,7 @@ class FakeServer:
         except BaseException:
             self.stop()
             raise
-        self._world.apply_estop()
+        self._world.estop.apply()
         self._ticker = threading.Thread(target=self._tick_until_stopped, name="fake-robot-ticker", daemon=True)
         self._ticker.start()
         _LOGGER.info("serving on %s, admin on %s", robot_target, admin_target)
@@ -237,7 +235,7 @@ class FakeServer:
         config, world = self._config, self._world
         server = grpc.server(
             futures.ThreadPoolExecutor(max_workers=config.max_concurrent_calls, thread_name_prefix="fake-robot"),
-            interceptors=[GatekeeperInterceptor(world.tokens, world.link, world.now_ns)],
+            interceptors=[GatekeeperInterceptor(world.auth, world.link, world.now_ns)],
             options=[
                 ("grpc.so_reuseport", 0),
                 ("grpc.max_receive_message_length", config.max_message_bytes),
@@ -245,7 +243,7 @@ class FakeServer:
             ],
             maximum_concurrent_rpcs=config.max_concurrent_calls,
         )
-        add_services(server, world, self._credentials.username)
+        add_services(server, world)
         key_and_certificate = (self._certificates.key_pem, self._certificates.certificate_pem)
         tls = grpc.ssl_server_credentials([key_and_certificate])
         target = listen_target(self._address, self._port)
@@ -263,7 +261,7 @@ class FakeServer:
         self._steps = StepSocket(stepping.step) if self._robot.is_lock_step else None
         path = "" if self._steps is None else self._steps.path
         service = AdminService(self._world, self._faults, stepping, self.request_stop, step_socket=path)
-        fake_admin_pb2_grpc.add_FakeAdminServicer_to_server(service, server)  # type: ignore[no-untyped-call]
+        server.add_generic_rpc_handlers((UnaryCalls([service]),))
         target = self._admin_target
         port = bind(target, lambda: server.add_insecure_port(target))
         server.start()

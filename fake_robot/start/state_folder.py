@@ -8,7 +8,7 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
-from fake_robot.services.identity.tokens import Credentials
+from fake_robot.services.auth import Credentials
 from fake_robot.start.certificates import locked_folder, write_private
 from spot_model.errors import BadInputError, SpotRlError
 

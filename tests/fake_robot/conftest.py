@@ -27,7 +27,7 @@ from fake_robot.network.status import (
 )
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.scenario.parts import ServicesConfig
-from fake_robot.services.identity.tokens import Credentials
+from fake_robot.services.auth import Credentials
 from fake_robot.start.certificates import ServerCertificates, ensure_certificates
 from fake_robot.start.server import Endpoints, FakeServer
 from spot_model.errors import BadInputError

@@ -34,7 +34,7 @@ from fake_robot.conformance.session import Session, drive
 from fake_robot.conformance.table import CHECKS, exit_code, markdown, run_checks, summary
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
-from fake_robot.services.identity.tokens import Credentials
+from fake_robot.services.auth import Credentials
 from fake_robot.start.commands import app
 from fake_robot.start.server import FakeServer
 from spot_model.errors import BadInputError

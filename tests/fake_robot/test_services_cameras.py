@@ -27,7 +27,7 @@ from PIL import Image
 from fake_robot.eyes.eyes import Eyes
 from fake_robot.network.camera_view import CameraView
 from fake_robot.scenario.scenario import Scenario
-from fake_robot.services.sensors.cameras import card_pixels
+from fake_robot.services.reports.cameras import card_pixels
 
 PLACES = ("back", "frontleft", "frontright", "left", "right")
 

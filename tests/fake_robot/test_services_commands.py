@@ -277,7 +277,7 @@ def test_an_empty_command_is_invalid(commands: Any) -> None:
 
 def test_no_motion_without_power_licence_or_with_faults(commands: Any, stub: Any) -> None:
     stand, joint = RobotCommandBuilder.synchro_stand_command(), RobotCommandBuilder.joint_command()
-    stub.server.world.license_state = "expired"
+    stub.server.world.license.state = "expired"
     with pytest.raises(UnsupportedError) as unlicensed:
         commands.robot_command(joint)
     assert "licence" in unlicensed.value.response.message

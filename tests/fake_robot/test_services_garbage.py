@@ -38,7 +38,7 @@ from google.protobuf.descriptor import FieldDescriptor, MethodDescriptor
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 
-from fake_robot.services.identity.directory_entries import OWN_SERVICES
+from fake_robot.services.directory import OWN_SERVICES
 from spot_protos import fake_admin_pb2
 
 SERVICE_FILES = (
@@ -67,7 +67,7 @@ SERVICE_FILES = (
     time_sync_service_pb2,
     world_object_service_pb2,
 )
-TYPES = {kind for kind, _, _ in OWN_SERVICES.values()}
+TYPES = {kind for kind, _ in OWN_SERVICES.values()}
 MESSAGES_A_METHOD = 12
 REFUSALS = {
     grpc.StatusCode.INVALID_ARGUMENT,
@@ -175,7 +175,7 @@ class GarbageStub:
 
     def call(self, path: str) -> Callable[[bytes], bytes]:
         method = self.channel.unary_unary(path)
-        token = self.stub.server.world.tokens.mint("user")
+        token = self.stub.server.world.auth.mint("user")
         return lambda wire: method(wire, metadata=(("authorization", f"Bearer {token}"),), timeout=20)
 
     def is_alive(self) -> bool:

@@ -188,7 +188,7 @@ def test_licence(robot: Any, stub: Any) -> None:
         "joint_control": True,
         "choreography": False,
     }
-    stub.server.world.license_state = "missing"
+    stub.server.world.license.state = "missing"
     assert client.get_license_info().status == client.get_license_info().STATUS_NO_LICENSE
     assert client.get_feature_enabled(["joint_control"]) == {"joint_control": False}
 
@@ -198,7 +198,7 @@ def test_payloads(robot: Any, stub: Any, call: Callable[..., Any]) -> None:
     registration = robot.ensure_client(PayloadRegistrationClient.default_service_name)
     registration.register_payload(payload_pb2.Payload(GUID="g", name="lamp"), "a secret")
     assert [payload.name for payload in call(PayloadClient, "list_payloads")] == ["lamp"]
-    assert stub.server.world.tokens.user_of(registration.get_payload_auth_token("g", "a secret")) == "payload:g"
+    assert stub.server.world.auth.user_of(registration.get_payload_auth_token("g", "a secret")) == "payload:g"
     registration.detach_payload("g", "a secret")
     assert not call(PayloadClient, "list_payloads")[0].is_enabled
     from bosdyn.client.payload_registration import InvalidPayloadCredentialsError

@@ -296,7 +296,7 @@ def test_lasting_faults_end_by_time_or_by_hand(stub: Any) -> None:
     stub_fault = faults.inject("stub_fault", {"size": 1.0}, None)
     assert set(faults.active()) == {unlicensed, stub_fault}
     assert set(faults.clear()) == {unlicensed, stub_fault}
-    assert stub.server.world.license_state == "valid"
+    assert stub.server.world.license.state == "valid"
 
 
 @pytest.mark.parametrize(

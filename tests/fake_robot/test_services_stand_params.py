@@ -16,7 +16,7 @@ from bosdyn.geometry import EulerZXY
 from google.protobuf.any_pb2 import Any as Packed
 
 from fake_robot.network.status import MotorPower, Snapshot
-from fake_robot.services.motion.stand_params import InvalidCommandError, read_course, stand_poses
+from fake_robot.services.motion.parameters import RefusedCommandError, read_course, stand_poses
 
 START_NS = 1_700_000_000_000_000_000
 BodyControl = spot_command_pb2.BodyControlParams
@@ -92,16 +92,16 @@ def test_times_count_from_the_reference_time(snapshot: Snapshot) -> None:
 )
 def test_a_course_without_sense_is_refused(points: list[Any], told: str) -> None:
     trajectory = trajectory_pb2.SE3Trajectory(points=points)
-    with pytest.raises(InvalidCommandError, match=told):
+    with pytest.raises(RefusedCommandError, match=told):
         read_course(packed(BodyControl(base_offset_rt_footprint=trajectory)))
 
 
 def test_params_of_another_kind_and_a_pose_without_a_frame_are_refused() -> None:
     other = Packed()
     other.Pack(geometry_pb2.Vec3())
-    with pytest.raises(InvalidCommandError, match=r"bosdyn\.api\.Vec3"):
+    with pytest.raises(RefusedCommandError, match=r"bosdyn\.api\.Vec3"):
         read_course(other)
-    with pytest.raises(InvalidCommandError, match="root_frame_name"):
+    with pytest.raises(RefusedCommandError, match="root_frame_name"):
         read_course(packed(BodyControl(body_pose=BodyControl.BodyPose())))
 
 

@@ -2,42 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from typing import Any
 
 from support import Target
-
-
-class AbortedError(Exception):
-    """The service has refused a call."""
-
-
-class Context:
-    """As much of a gRPC context as the services use; it hangs up after the first message of a stream."""
-
-    def __init__(self) -> None:
-        self._left = 1
-
-    def abort(self, code: object, details: str) -> None:
-        """End the call, with words."""
-        if not details:
-            raise AssertionError("refused without a word")
-        raise AbortedError(details)
-
-    def is_active(self) -> bool:
-        """Whether the client is still there."""
-        self._left -= 1
-        return self._left >= 0
-
-    def peer(self) -> str:
-        """Who calls."""
-        return "unix:"
-
-    def auth_context(self) -> dict[str, Sequence[bytes]]:
-        """No certificate."""
-        return {}
-
 
 # The fake robot's admin service --------------------------------------------------------------------------------------
 
@@ -47,9 +15,8 @@ def admin(data: bytes) -> None:
     from spot_protos import fake_admin_pb2
 
     service = admin_service()
-    with contextlib.suppress(AbortedError):
-        _admin_call(service, data[:1] or b"\0", data[1:])
-    service.ClearFaults(fake_admin_pb2.ClearFaultsRequest(), Context())
+    _admin_call(service, data[:1] or b"\0", data[1:])
+    service.ClearFaults(fake_admin_pb2.ClearFaultsRequest(), fake_admin_pb2.ClearFaultsResponse())
 
 
 def admin_row(data: bytes) -> None:
@@ -58,15 +25,15 @@ def admin_row(data: bytes) -> None:
 
     service = admin_service()
     for method, body in calls_in(data):
-        with contextlib.suppress(AbortedError):
-            _admin_call(service, method, body)
-    service.ClearFaults(fake_admin_pb2.ClearFaultsRequest(), Context())
+        _admin_call(service, method, body)
+    service.ClearFaults(fake_admin_pb2.ClearFaultsRequest(), fake_admin_pb2.ClearFaultsResponse())
 
 
 def _admin_call(service: Any, chosen: bytes, body: bytes) -> None:
     from google.protobuf.message import DecodeError
     from google.protobuf.message_factory import GetMessageClass
 
+    from spot_model.errors import SpotRlError
     from spot_protos import fake_admin_pb2
 
     methods = fake_admin_pb2.DESCRIPTOR.services_by_name["FakeAdmin"].methods
@@ -83,7 +50,13 @@ def _admin_call(service: Any, chosen: bytes, body: bytes) -> None:
             request.duration_ns = min(request.duration_ns, 3_000_000)
         elif request.state_messages:
             request.max_duration_ns = 3_000_000
-    getattr(service, method.name)(request, Context()).SerializeToString()
+    response: Any = GetMessageClass(method.output_type)()
+    try:
+        getattr(service, method.name)(request, response)
+        response.SerializeToString()
+    except SpotRlError as refusal:
+        if not str(refusal):
+            raise AssertionError("refused without a word") from refusal
 
 
 def admin_service() -> Any:
@@ -95,8 +68,8 @@ def admin_service() -> Any:
         from fake_robot.services.admin.admin import AdminService
         from fake_robot.services.admin.injection import FaultInjector
         from fake_robot.services.admin.stepping import Stepping
-        from fake_robot.services.identity.tokens import Credentials
-        from fake_robot.services.sensors.world import World
+        from fake_robot.services.auth import Credentials
+        from fake_robot.services.world import World
 
         robot = Robot(Scenario().with_changes(time_mode="lock_step"))
         world = World(robot, robot.scenario.services, Credentials("user", "password"))

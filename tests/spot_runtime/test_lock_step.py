@@ -9,8 +9,8 @@ from typing import Any
 import grpc
 import pytest
 
-from fake_robot.services.admin.step_socket import StepSocket
-from fake_robot.services.admin.stepping import StepRefusedError
+from fake_robot.services.admin.stepping import StepSocket
+from fake_robot.services.calls import RefusedCallError
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.lock_step import COMMAND_ATTEMPTS, LockStep
@@ -29,12 +29,12 @@ class Admin(fake_admin_pb2_grpc.FakeAdminServicer):
         path = self.step_socket.path
         return fake_admin_pb2.GetStatusResponse(lock_step=True, robot_stamp_ns=1_000, step_socket=path)
 
-    def step(self, request: Any) -> Any:
+    def step(self, request: Any, response: Any) -> None:
         self.waited_for.append(request.wait_for_command_key)
         if request.wait_for_command_key and self.deaf_to:
             self.deaf_to -= 1
-            raise StepRefusedError(grpc.StatusCode.DEADLINE_EXCEEDED, "no command")
-        return fake_admin_pb2.StepResponse(elapsed_ns=3_000_000, robot_stamp_ns=3_001_000)
+            raise RefusedCallError(grpc.StatusCode.DEADLINE_EXCEEDED, "no command")
+        response.elapsed_ns, response.robot_stamp_ns = 3_000_000, 3_001_000
 
 
 @pytest.fixture
@@ -73,9 +73,9 @@ def test_a_command_goes_with_the_next_step_and_with_no_other(admin: tuple[Admin,
     servicer, pace = admin
     commands: list[bytes] = []
 
-    def step(request: Any) -> Any:
+    def step(request: Any, response: Any) -> None:
         commands.append(request.command)
-        return fake_admin_pb2.StepResponse(elapsed_ns=1, refusal="no" if request.command == b"no" else "")
+        response.elapsed_ns, response.refusal = 1, "no" if request.command == b"no" else ""
 
     servicer.step_socket._step = step
     stream = Departures()

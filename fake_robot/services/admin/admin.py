@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NoReturn
-
-import grpc
+from contextlib import nullcontext
+from typing import Any
 
 from fake_robot.services.admin.injection import FaultInjector
-from fake_robot.services.admin.stepping import Stepping, StepRefusedError
-from fake_robot.services.sensors.world import World
-from spot_model.errors import BadInputError
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from fake_robot.services.admin.stepping import Stepping
+from fake_robot.services.calls import Service
+from fake_robot.services.world import World
+from spot_protos import fake_admin_pb2
 
 
-class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
+class AdminService(Service):
     """Answers whoever runs the fake."""
+
+    modules = (fake_admin_pb2,)
 
     def __init__(
         self,
@@ -26,103 +27,56 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
         *,
         step_socket: str = "",
     ) -> None:
-        self._world = world
-        self._faults = faults
-        self._request_stop = request_stop
+        super().__init__()
+        self.lock = nullcontext()  # a step may wait; faults and steps have locks of their own
+        self._world, self._faults, self._request_stop = world, faults, request_stop
         self._stepping, self._step_socket = stepping, step_socket
 
-    def GetStatus(  # noqa: N802
-        self, request: fake_admin_pb2.GetStatusRequest, context: grpc.ServicerContext
-    ) -> fake_admin_pb2.GetStatusResponse:
+    def GetStatus(self, request: Any, response: Any) -> None:  # noqa: N802
         """Robot time, mode, lease, e-stop, faults, counters."""
-        robot = self._world.robot
+        robot, link = self._world.robot, self._world.link
         snapshot = robot.snapshot()
-        faults = [fake_admin_pb2.ActiveFault(fault_id=i, name=name) for i, name in self._faults.active().items()]
-        return fake_admin_pb2.GetStatusResponse(
-            robot_stamp_ns=self._world.now_ns(),
-            lock_step=robot.is_lock_step,
-            mode=snapshot.mode.value,
-            motor_power=snapshot.motor_power.value,
-            estop_level=snapshot.estop_level.value,
-            lease_owner=self._world.leases.owner().client_name,
-            active_faults=faults,
-            last_command_key=robot.last_command_key,
-            commands_submitted=robot.commands_submitted,
-            last_state_robot_stamp_ns=robot.last_state_stamp_ns,
-            states_sent=robot.states_sent,
-            commands_received=snapshot.joint_commands_received,
-            state_streams=self._world.link.open_streams("state"),
-            command_streams=self._world.link.open_streams("command"),
-            elapsed_ns=robot.clock.elapsed_ns(),
-            step_socket=self._step_socket,
-        )
+        response.robot_stamp_ns, response.elapsed_ns = self._world.now_ns(), robot.clock.elapsed_ns()
+        response.lock_step, response.step_socket = robot.is_lock_step, self._step_socket
+        response.mode, response.motor_power = snapshot.mode.value, snapshot.motor_power.value
+        response.estop_level = snapshot.estop_level.value
+        response.lease_owner = self._world.leases.owner().client_name
+        for fault_id, name in self._faults.active().items():
+            response.active_faults.add(fault_id=fault_id, name=name)
+        response.last_command_key, response.commands_submitted = robot.last_command_key, robot.commands_submitted
+        response.commands_received = snapshot.joint_commands_received
+        response.last_state_robot_stamp_ns, response.states_sent = robot.last_state_stamp_ns, robot.states_sent
+        response.state_streams, response.command_streams = map(link.open_streams, ("state", "command"))
 
-    def Step(  # noqa: N802
-        self, request: fake_admin_pb2.StepRequest, context: grpc.ServicerContext
-    ) -> fake_admin_pb2.StepResponse:
+    def Step(self, request: Any, response: Any) -> None:  # noqa: N802
         """Wait for a command if asked to, then let robot time pass."""
-        try:
-            return self._stepping.step(request)
-        except StepRefusedError as error:
-            context.abort(error.code, str(error))
-            raise
+        self._stepping.step(request, response)
 
-    def ListFaults(  # noqa: N802
-        self, request: fake_admin_pb2.ListFaultsRequest, context: grpc.ServicerContext
-    ) -> fake_admin_pb2.ListFaultsResponse:
+    def ListFaults(self, request: Any, response: Any) -> None:  # noqa: N802
         """What can be injected."""
-        response = fake_admin_pb2.ListFaultsResponse()
         for kind in self._faults.kinds():
             response.faults.add(name=kind.name, help=kind.help, parameters=dict(kind.parameters))
-        return response
 
-    def InjectFault(  # noqa: N802
-        self, request: fake_admin_pb2.InjectFaultRequest, context: grpc.ServicerContext
-    ) -> fake_admin_pb2.InjectFaultResponse:
+    def InjectFault(self, request: Any, response: Any) -> None:  # noqa: N802
         """Make a fault happen."""
         parameters: dict[str, float | str] = {**request.numbers, **request.texts}
-        try:
-            fault_id = self._faults.inject(request.name, parameters, request.duration_s or None)
-        except BadInputError as error:
-            _refuse(context, str(error))
-        return fake_admin_pb2.InjectFaultResponse(fault_id=fault_id, robot_stamp_ns=self._world.now_ns())
+        response.fault_id = self._faults.inject(request.name, parameters, request.duration_s or None)
+        response.robot_stamp_ns = self._world.now_ns()
 
-    def ClearFaults(  # noqa: N802
-        self, request: fake_admin_pb2.ClearFaultsRequest, context: grpc.ServicerContext
-    ) -> fake_admin_pb2.ClearFaultsResponse:
+    def ClearFaults(self, request: Any, response: Any) -> None:  # noqa: N802
         """End faults."""
-        try:
-            cleared = self._faults.clear(tuple(request.fault_ids))
-        except BadInputError as error:
-            _refuse(context, str(error))
-        return fake_admin_pb2.ClearFaultsResponse(cleared_fault_ids=cleared)
+        response.cleared_fault_ids.extend(self._faults.clear(tuple(request.fault_ids)))
 
-    def GetTruth(  # noqa: N802
-        self, request: fake_admin_pb2.GetTruthRequest, context: grpc.ServicerContext
-    ) -> fake_admin_pb2.GetTruthResponse:
-        """The simulated body as it is."""
-        return truth_message(self._world.robot.truth(reset_extremes=request.reset_extremes))
+    def GetTruth(self, request: Any, response: Any) -> None:  # noqa: N802
+        """The simulated body as it is; fields of one name on both sides."""
+        truth = self._world.robot.truth(reset_extremes=request.reset_extremes)
+        for field in response.DESCRIPTOR.fields:
+            value = getattr(truth, field.name)
+            if field.is_repeated:
+                getattr(response, field.name).extend(value.tolist() if hasattr(value, "tolist") else value)
+            else:
+                setattr(response, field.name, value)
 
-    def Shutdown(  # noqa: N802
-        self, request: fake_admin_pb2.ShutdownRequest, context: grpc.ServicerContext
-    ) -> fake_admin_pb2.ShutdownResponse:
+    def Shutdown(self, request: Any, response: Any) -> None:  # noqa: N802
         """End the fake."""
         self._request_stop()
-        return fake_admin_pb2.ShutdownResponse()
-
-
-def truth_message(truth: Any) -> fake_admin_pb2.GetTruthResponse:
-    """The robot's truth on the wire; fields of one name on both sides."""
-    response = fake_admin_pb2.GetTruthResponse()
-    for field in response.DESCRIPTOR.fields:
-        value = getattr(truth, field.name)
-        if field.is_repeated:
-            getattr(response, field.name).extend(value.tolist() if hasattr(value, "tolist") else value)
-        else:
-            setattr(response, field.name, value)
-    return response
-
-
-def _refuse(context: grpc.ServicerContext, told: str) -> NoReturn:
-    context.abort(grpc.StatusCode.INVALID_ARGUMENT, told)
-    raise AssertionError

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import socket
+import tempfile
 import threading
 import time
-from typing import Any
+from collections.abc import Callable
+from pathlib import Path
 
 import grpc
 from bosdyn.api import robot_command_pb2
 from google.protobuf.message import DecodeError
 
 from fake_robot.services.admin.injection import FaultInjector
-from fake_robot.services.sensors.world import World
+from fake_robot.services.calls import RefusedCallError
+from fake_robot.services.world import World
 from spot_model.robot.stamps import NS_PER_S
 from spot_protos import fake_admin_pb2
+
+DEFAULT_WAIT_S = 5.0
+MAX_STEP_NS = 3600 * NS_PER_S
+MAX_STEP_STATES = 1_000_000
+TICK_EVERY_NS = 50_000_000
+TICK_EVERY_STATES = 16
+MAX_REQUEST_BYTES = 65536
+SEND_BUFFER_BYTES = 1 << 20
+"""An answer has to fit: 800 bytes a state."""
 
 
 class StateTap:
@@ -42,21 +55,6 @@ class StateTap:
         self._subscription.close()
 
 
-DEFAULT_WAIT_S = 5.0
-MAX_STEP_NS = 3600 * NS_PER_S
-MAX_STEP_STATES = 1_000_000
-TICK_EVERY_NS = 50_000_000
-TICK_EVERY_STATES = 16
-
-
-class StepRefusedError(Exception):
-    """A step that is not taken."""
-
-    def __init__(self, code: Any, told: str) -> None:
-        super().__init__(told)
-        self.code = code
-
-
 class Stepping:
     """Takes one step at a time, from any thread."""
 
@@ -65,11 +63,11 @@ class Stepping:
         self._lock = threading.Lock()
         self._tap: StateTap | None = None
 
-    def step(self, request: fake_admin_pb2.StepRequest) -> fake_admin_pb2.StepResponse:
+    def step(self, request: fake_admin_pb2.StepRequest, response: fake_admin_pb2.StepResponse) -> None:
         """Wait for a command if asked to, then let robot time pass.
 
         Raises:
-            StepRefusedError: The robot runs in real time, the request is not allowed, or the command did not come.
+            RefusedCallError: The robot runs in real time, the request is not allowed, or the command did not come.
         """
         robot = self._world.robot
         if not robot.is_lock_step:
@@ -90,18 +88,14 @@ class Stepping:
             else:
                 self._advance(request.duration_ns)
             self._world.stepped_s = time.monotonic()
-            response = fake_admin_pb2.StepResponse(
-                robot_stamp_ns=self._world.now_ns(),
-                last_state_robot_stamp_ns=robot.last_state_stamp_ns,
-                states_sent=robot.states_sent - states_before,
-                elapsed_ns=robot.clock.elapsed_ns(),
-            )
+            response.robot_stamp_ns, response.elapsed_ns = self._world.now_ns(), robot.clock.elapsed_ns()
+            response.last_state_robot_stamp_ns = robot.last_state_stamp_ns
+            response.states_sent = robot.states_sent - states_before
             if self._tap is not None:
                 response.states.extend(self._tap.take())
                 if self._tap.is_closed:
                     response.states_ended = self._world.link.why_down() or "the robot ended the state stream"
                     self._tap = None
-            return response
 
     def _tap_states(self, is_wanted: bool) -> None:
         if is_wanted and self._tap is None:
@@ -114,7 +108,7 @@ class Stepping:
         key, wait_s = request.wait_for_command_key, request.wait_timeout_s or DEFAULT_WAIT_S
         beyond = request.wait_beyond_commands
         if key and not self._world.robot.wait_for_command_key(key, wait_s, beyond=beyond):
-            raise StepRefusedError(
+            raise RefusedCallError(
                 grpc.StatusCode.DEADLINE_EXCEEDED,
                 f"no command with key {key} or newer arrived within {wait_s:g} s; "
                 f"the newest has key {self._world.robot.last_command_key}",
@@ -156,5 +150,53 @@ def _joint_command(wire: bytes) -> robot_command_pb2.JointControlStreamRequest:
         raise _not_allowed(f"command is no JointControlStreamRequest: {error}") from error
 
 
-def _not_allowed(told: str) -> StepRefusedError:
-    return StepRefusedError(grpc.StatusCode.INVALID_ARGUMENT, told)
+def _not_allowed(told: str) -> RefusedCallError:
+    return RefusedCallError(grpc.StatusCode.INVALID_ARGUMENT, told)
+
+
+class StepSocket:
+    """Steps without gRPC, for a client that takes fifty a second: a request and its answer are one datagram each.
+
+    Listens on a socket in a private folder until it is closed.
+    """
+
+    def __init__(self, step: Callable[[fake_admin_pb2.StepRequest, fake_admin_pb2.StepResponse], None]) -> None:
+        """Listen; ``step`` is called from one thread a client."""
+        self._step = step
+        self._folder = tempfile.TemporaryDirectory(prefix="spot-rl-steps-")
+        self.path = str(Path(self._folder.name) / "socket")
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._listener.bind(self.path)
+        self._listener.listen()
+        threading.Thread(target=self._accept, name="step-socket", daemon=True).start()
+
+    def close(self) -> None:
+        """Take no more clients."""
+        self._listener.shutdown(socket.SHUT_RDWR)  # which also ends the wait for the next client
+        self._listener.close()
+        self._folder.cleanup()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                client, _ = self._listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=self._serve, args=(client,), name="steps", daemon=True).start()
+
+    def _serve(self, client: socket.socket) -> None:
+        with client:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+            try:
+                while datagram := client.recv(MAX_REQUEST_BYTES):
+                    client.send(self._answer(datagram).SerializeToString())
+            except OSError:
+                return  # the client is gone
+
+    def _answer(self, datagram: bytes) -> fake_admin_pb2.StepResponse:
+        response = fake_admin_pb2.StepResponse()
+        try:
+            self._step(fake_admin_pb2.StepRequest.FromString(datagram), response)
+        except (RefusedCallError, DecodeError) as error:
+            return fake_admin_pb2.StepResponse(refusal=str(error))
+        return response

@@ -1,129 +1,103 @@
-"""RobotCommandService: stand, sit, stop, freeze, joint control, safe power-off, and how they go."""
+"""RobotCommandService: stand, sit, stop, freeze, walk, joint control, safe power-off, and how they go."""
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
 from typing import Any
 
-from bosdyn.api import lease_pb2, robot_command_pb2
+from bosdyn.api import lease_pb2, robot_command_pb2, robot_command_service_pb2
 
 from fake_robot.network.status import EstopLevel, MotorPower
-from fake_robot.services.calls.access import refuse_request
-from fake_robot.services.motion import commands
-from fake_robot.services.motion.commands import WALKS, Command, Verb
-from fake_robot.services.motion.feedback import feedback
-from fake_robot.services.motion.refusals import (
-    BehaviorFaultError,
-    ExpiredCommandError,
-    InvalidCommandError,
-    NotPoweredOnError,
-    RefusedCommandError,
-    TooDistantCommandError,
-    UnsupportedCommandError,
-)
-from fake_robot.services.motion.walk_params import WalkBounds
-from fake_robot.services.reports.robot_state_message import behavior_fault_message
-from fake_robot.services.sensors.world import World
+from fake_robot.services.calls import Service, refuse
+from fake_robot.services.motion.commands import TIMED, WALKS, Command, Verb, feedback, parse
+from fake_robot.services.motion.parameters import RefusedCommandError
+from fake_robot.services.reports.state_message import behavior_fault_message
+from fake_robot.services.world import World
 
 MAX_COMMANDS = 1024
-Response = robot_command_pb2.RobotCommandResponse
 
 
-class RobotCommandService:
+class RobotCommandService(Service):
     """Starts motions and tells how they go. The newest command replaces the one before."""
 
+    modules = (robot_command_service_pb2,)
+
     def __init__(self, world: World) -> None:
+        super().__init__()
         self._world = world
-        self._bounds = WalkBounds(world.config.max_walking_speed_m_s, world.config.max_turn_rate_rad_s)
-        self._lock = threading.Lock()
         self._commands: OrderedDict[int, tuple[Command, lease_pb2.LeaseUseResult]] = OrderedDict()
         self._last_id = 0
 
-    def RobotCommand(self, request: Any) -> Any:  # noqa: N802
+    def RobotCommand(self, request: Any, response: Any) -> None:  # noqa: N802
         """Begin a motion; needs the lease, the motors' power and no uncleared behaviour fault."""
-        response = Response(lease_use_result=self._world.leases.use(request.lease))
-        if response.lease_use_result.status != lease_pb2.LeaseUseResult.STATUS_OK:
-            response.status = Response.STATUS_INVALID_REQUEST
-            response.message = "the lease is not good: see lease_use_result"
-            return response
-        if not self._has_time_sync(request):
-            response.status = Response.STATUS_NO_TIMESYNC
-            response.message = (
-                f"clock_identifier {request.clock_identifier!r} is not that of a client that has finished its time "
-                "sync with this robot; wait for time sync before the first command"
-            )
-            return response
+        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
         try:
-            command = commands.parse(request.command, self._bounds)
+            if response.lease_use_result.status != lease_pb2.LeaseUseResult.STATUS_OK:
+                raise RefusedCommandError("INVALID_REQUEST", "the lease is not good: see lease_use_result")
+            self._check_time_sync(request)
+            command = parse(request.command, self._world.config)
             self._check_end_time(command)
             self._check_state(command)
-            with self._lock:
-                commands.start(command, self._world.robot)
-                self._last_id += 1
-                self._commands[self._last_id] = command, response.lease_use_result
-                response.robot_command_id = self._last_id
-                while len(self._commands) > MAX_COMMANDS:
-                    self._commands.popitem(last=False)
+            command.begin(self._world.robot)
         except RefusedCommandError as error:
             response.status, response.message = error.status, str(error)
-            return response
-        response.status = Response.STATUS_OK
-        return response
+            return
+        self._last_id += 1
+        self._commands[self._last_id] = command, response.lease_use_result
+        if len(self._commands) > MAX_COMMANDS:
+            self._commands.popitem(last=False)
+        response.status, response.robot_command_id = response.STATUS_OK, self._last_id
 
-    def RobotCommandFeedback(self, request: Any) -> Any:  # noqa: N802
+    def RobotCommandFeedback(self, request: Any, response: Any) -> None:  # noqa: N802
         """How a motion goes, and how its lease was used; without a number, the newest one."""
-        response = robot_command_pb2.RobotCommandFeedbackResponse()
-        with self._lock:
-            wanted = request.robot_command_id or self._last_id
-            given, is_current = self._commands.get(wanted), wanted == self._last_id
-        if given is None:
-            told = f"there is no robot command {wanted}" if wanted else "no robot command was given yet"
-            return refuse_request(response, told)
-        command, lease_use = given
+        wanted = request.robot_command_id or self._last_id
+        if wanted not in self._commands:
+            refuse(response, f"there is no robot command {wanted}" if wanted else "no robot command was given yet")
+            return
+        command, lease_use = self._commands[wanted]
         response.lease_use_result.CopyFrom(lease_use)
-        response.feedback.CopyFrom(feedback(command, self._world.robot.snapshot(), is_current=is_current))
-        return response
+        snapshot, is_current = self._world.robot.snapshot(), wanted == self._last_id
+        response.feedback.CopyFrom(feedback(command, snapshot, is_current=is_current))
 
-    def ClearBehaviorFault(self, request: Any) -> Any:  # noqa: N802
+    def ClearBehaviorFault(self, request: Any, response: Any) -> None:  # noqa: N802
         """Clear a behaviour fault; needs the lease."""
-        response = robot_command_pb2.ClearBehaviorFaultResponse(
-            lease_use_result=self._world.leases.use(request.lease), status=0
-        )
+        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
+        response.status = response.STATUS_NOT_CLEARED
         if response.lease_use_result.status != lease_pb2.LeaseUseResult.STATUS_OK:
-            response.status = response.STATUS_NOT_CLEARED
-            return response
-        faults = {fault.fault_id: fault for fault in self._world.robot.snapshot().behavior_faults}
-        if request.behavior_fault_id in faults:
-            response.behavior_fault.CopyFrom(behavior_fault_message(faults[request.behavior_fault_id]))
-        is_cleared = self._world.robot.clear_behavior_fault(request.behavior_fault_id)
-        response.status = response.STATUS_CLEARED if is_cleared else response.STATUS_NOT_CLEARED
-        return response
+            return
+        for fault in self._world.robot.snapshot().behavior_faults:
+            if fault.fault_id == request.behavior_fault_id:
+                response.behavior_fault.CopyFrom(behavior_fault_message(fault))
+        if self._world.robot.clear_behavior_fault(request.behavior_fault_id):
+            response.status = response.STATUS_CLEARED
 
-    def _has_time_sync(self, request: robot_command_pb2.RobotCommandRequest) -> bool:
-        """Whether the client is synchronised, or need not be for this command."""
+    def _check_time_sync(self, request: robot_command_pb2.RobotCommandRequest) -> None:
+        """The client is synchronised, or need not be for this command."""
         check = self._world.config.clock_identifier_check
         field = request.command.synchronized_command.mobility_command.WhichOneof("command") or ""
-        is_timed = field.removesuffix("_request") in {verb.value for verb in commands.TIMED}
-        if check == "none" or (check == "timed_commands" and not is_timed):
-            return True
-        return self._world.time_sync.is_established(request.clock_identifier)
+        is_timed = field.removesuffix("_request") in {verb.value for verb in TIMED}
+        is_needed = check == "every_command" or (check == "timed_commands" and is_timed)
+        if is_needed and not self._world.time_sync.is_established(request.clock_identifier):
+            raise RefusedCommandError(
+                "NO_TIMESYNC",
+                f"clock_identifier {request.clock_identifier!r} is not that of a client that has finished its time "
+                "sync with this robot; wait for time sync before the first command",
+            )
 
     def _check_end_time(self, command: Command) -> None:
         """A timed command ends after now, and not in the far future."""
         if command.end_stamp_ns is None:
             return
-        config = self._world.config
+        config, name = self._world.config, f"{command.verb.value}_request"
         if command.end_stamp_ns == 0 and config.missing_end_time_refusal == "invalid_request":
-            raise InvalidCommandError(f"{command.verb.value}_request has no end_time; it is required")
+            raise RefusedCommandError("INVALID_REQUEST", f"{name} has no end_time; it is required")
         ahead_s = (command.end_stamp_ns - self._world.now_ns()) * 1e-9
         if ahead_s < 0.0:
             told = "has no end_time" if command.end_stamp_ns == 0 else f"ended {-ahead_s:.3f} s ago"
-            raise ExpiredCommandError(f"{command.verb.value}_request {told}; give an end_time of the robot's clock")
+            raise RefusedCommandError("EXPIRED", f"{name} {told}; give an end_time of the robot's clock")
         if ahead_s > config.max_command_duration_s:
-            raise TooDistantCommandError(
-                f"end_time lies {ahead_s:.3g} s ahead; allowed: {config.max_command_duration_s:g} s"
-            )
+            told = f"end_time lies {ahead_s:.3g} s ahead; allowed: {config.max_command_duration_s:g} s"
+            raise RefusedCommandError("TOO_DISTANT", told)
 
     def _check_state(self, command: Command) -> None:
         """Motors on, e-stop released, no behaviour fault, and what the command needs beside."""
@@ -132,22 +106,19 @@ class RobotCommandService:
         if verb is Verb.SAFE_POWER_OFF:
             return
         if snapshot.motor_power is not MotorPower.ON:
-            raise NotPoweredOnError(f"the motors are {snapshot.motor_power.value}; power them on first")
-        if (
-            verb not in {Verb.SIT, Verb.STOP, Verb.FREEZE, Verb.SELFRIGHT}
-            and snapshot.estop_level is not EstopLevel.NONE
-        ):
+            told = f"the motors are {snapshot.motor_power.value}; power them on first"
+            raise RefusedCommandError("NOT_POWERED_ON", told)
+        is_stopped = snapshot.estop_level is not EstopLevel.NONE
+        if is_stopped and verb not in {Verb.SIT, Verb.STOP, Verb.FREEZE, Verb.SELFRIGHT}:
             told = f"the e-stop is pressed ({snapshot.estop_level.value}), so the motors are about to lose power"
-            raise NotPoweredOnError(told)
+            raise RefusedCommandError("NOT_POWERED_ON", told)
         if snapshot.behavior_faults:
             causes = ", ".join(f"{fault.fault_id} ({fault.cause})" for fault in snapshot.behavior_faults)
-            raise BehaviorFaultError(f"behaviour faults must be cleared first: {causes}")
-        if verb is Verb.JOINT and world.license_state != "valid":
-            refusal = InvalidCommandError if world.config.missing_license_refusal == "invalid_request" else None
-            raise (refusal or UnsupportedCommandError)(
-                f"joint control needs a licence, and the robot's is {world.license_state}"
-            )
+            raise RefusedCommandError("BEHAVIOR_FAULT", f"behaviour faults must be cleared first: {causes}")
+        if verb is Verb.JOINT and world.license.state != "valid":
+            told = f"joint control needs a licence, and the robot's is {world.license.state}"
+            raise RefusedCommandError(world.config.missing_license_refusal.upper(), told)
         if verb in WALKS:
             reason = world.robot.why_no_walk()
             if reason is not None:
-                raise UnsupportedCommandError(f"this fake robot cannot walk by itself: {reason}")
+                raise RefusedCommandError("UNSUPPORTED", f"this fake robot cannot walk by itself: {reason}")

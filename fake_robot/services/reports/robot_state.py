@@ -6,67 +6,61 @@ from collections.abc import Iterator
 from typing import Any
 
 import grpc
-from bosdyn.api import robot_state_pb2
+from bosdyn.api import robot_state_pb2, robot_state_service_pb2
 
-from fake_robot.services.calls.access import refuse_request
-from fake_robot.services.calls.stamps import timestamp_from_ns
-from fake_robot.services.reports.robot_state_message import robot_state_message
+from fake_robot.services.calls import Service, refuse, timestamp_from_ns
 from fake_robot.services.reports.skeleton import LINK_NAMES, outline_obj, urdf
-from fake_robot.services.sensors.world import World
+from fake_robot.services.reports.state_message import fill_state
+from fake_robot.services.world import World
 
 STATE_STREAM = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
 STREAM_WAIT_S = 0.5
 
 
-class RobotStateService:
+class RobotStateService(Service):
     """Power, batteries, faults, e-stops, kinematics, feet: what the stream does not carry."""
 
+    modules = (robot_state_service_pb2,)
+
     def __init__(self, world: World) -> None:
+        super().__init__()
         self._world = world
 
-    def GetRobotState(self, request: Any) -> Any:  # noqa: N802
+    def GetRobotState(self, request: Any, response: Any) -> None:  # noqa: N802
         """The state of one instant."""
-        state = robot_state_message(
-            self._world.robot.snapshot(),
-            self._world.service_faults.state(),
-            is_wifi_on=self._world.is_wifi_on,
-            are_payload_ports_on=self._world.are_payload_ports_on,
+        world, state = self._world, response.robot_state
+        fill_state(
+            state,
+            world.robot.snapshot(),
+            is_wifi_on=world.is_wifi_on,
+            are_payload_ports_on=world.are_payload_ports_on,
         )
-        return robot_state_pb2.RobotStateResponse(robot_state=state)
+        state.service_fault_state.CopyFrom(world.service_faults.state())
 
-    def GetRobotMetrics(self, request: Any) -> Any:  # noqa: N802
+    def GetRobotMetrics(self, request: Any, response: Any) -> None:  # noqa: N802
         """Distance and times since the fake was started."""
-        snapshot = self._world.robot.snapshot()
-        response = robot_state_pb2.RobotMetricsResponse()
-        metrics = response.robot_metrics
-        metrics.timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
-        metrics.metrics.add(label="distance", units="m", float_value=snapshot.distance_m)
+        snapshot, told = self._world.robot.snapshot(), response.robot_metrics
+        told.timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
+        told.metrics.add(label="distance", units="m", float_value=snapshot.distance_m)
         for label, seconds in (("time moving", snapshot.time_moving_s), ("electric power", snapshot.time_powered_s)):
-            metrics.metrics.add(label=label, units="s").duration.FromNanoseconds(round(seconds * 1e9))
-        return response
+            told.metrics.add(label=label, units="s").duration.FromNanoseconds(round(seconds * 1e9))
 
-    def GetRobotHardwareConfiguration(self, request: Any) -> Any:  # noqa: N802
+    def GetRobotHardwareConfiguration(self, request: Any, response: Any) -> None:  # noqa: N802
         """The links and a URDF, of our own numbers: the vendor's URDF and meshes are not ours to give out."""
-        response = robot_state_pb2.RobotHardwareConfigurationResponse()
         hardware = response.hardware_configuration
         for name in LINK_NAMES:
             hardware.skeleton.links.add(name=name)
         hardware.skeleton.urdf = urdf()
-        hardware.can_power_command_request_off_robot = True
-        hardware.can_power_command_request_cycle_robot = True
-        hardware.can_power_command_request_payload_ports = True
-        hardware.can_power_command_request_wifi_radio = True
-        return response
+        for what in ("off_robot", "cycle_robot", "payload_ports", "wifi_radio"):
+            setattr(hardware, f"can_power_command_request_{what}", True)
 
-    def GetRobotLinkModel(self, request: Any) -> Any:  # noqa: N802
+    def GetRobotLinkModel(self, request: Any, response: Any) -> None:  # noqa: N802
         """A link's outline: a box."""
-        response = robot_state_pb2.RobotLinkModelResponse()
         name = request.link_name
         if name not in LINK_NAMES:
-            told = f"no model of link {name!r}; links: {', '.join(LINK_NAMES)}"
-            return refuse_request(response, told)
+            refuse(response, f"no model of link {name!r}; links: {', '.join(LINK_NAMES)}")
+            return
         response.link_model.file_name, response.link_model.file_contents = f"{name}.obj", outline_obj(name)
-        return response
 
 
 def stream_handler(world: World) -> grpc.GenericRpcHandler:

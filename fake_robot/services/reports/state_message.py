@@ -6,7 +6,7 @@ from bosdyn.api import geometry_pb2, robot_state_pb2
 from bosdyn.client.math_helpers import Quat, SE3Pose
 
 from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, MotorPower, Snapshot, SystemFault
-from fake_robot.services.calls.stamps import duration_from_ns, timestamp_from_ns
+from fake_robot.services.calls import duration_from_ns, timestamp_from_ns
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.stamps import NS_PER_S
 
@@ -43,15 +43,10 @@ _BEHAVIOR = {
 }
 
 
-def robot_state_message(
-    snapshot: Snapshot,
-    service_faults: robot_state_pb2.ServiceFaultState,
-    *,
-    is_wifi_on: bool,
-    are_payload_ports_on: bool,
-) -> robot_state_pb2.RobotState:
+def fill_state(
+    state: robot_state_pb2.RobotState, snapshot: Snapshot, *, is_wifi_on: bool, are_payload_ports_on: bool
+) -> None:
     """Everything that ``GetRobotState`` tells of a base robot; there is no manipulator state, hence no arm."""
-    state = robot_state_pb2.RobotState(service_fault_state=service_faults)
     _fill_power(state.power_state, snapshot, is_wifi_on=is_wifi_on, are_payload_ports_on=are_payload_ports_on)
     if not snapshot.is_battery_missing:
         _fill_battery(state.battery_states.add(), snapshot)
@@ -65,7 +60,6 @@ def robot_state_message(
         state.system_state.motor_temperatures.add(name=_vendor_joint(name), temperature=temperature_c)
     state.terrain_state.is_unsafe_to_sit = False
     state.behavior_state.state = _BEHAVIOR.get(snapshot.mode, robot_state_pb2.BehaviorState.STATE_NOT_READY)
-    return state
 
 
 def behavior_fault_message(fault: BehaviorFault) -> robot_state_pb2.BehaviorFault:

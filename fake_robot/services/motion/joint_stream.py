@@ -11,8 +11,8 @@ from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
 
 from fake_robot.network.status import StreamFailure
 from fake_robot.robot.robot import CommandStream
-from fake_robot.services.calls.access import fill_header
-from fake_robot.services.sensors.world import World
+from fake_robot.services.gate import fill_header
+from fake_robot.services.world import World
 
 Response = robot_command_pb2.JointControlStreamResponse
 Request = robot_command_pb2.JointControlStreamRequest

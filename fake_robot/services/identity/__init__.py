@@ -1,1 +1,0 @@
-"""Who the robot is: authentication, directory, licences, time sync."""
