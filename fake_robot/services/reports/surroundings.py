@@ -163,9 +163,9 @@ class WorldObjectService(Service):
     def MutateWorldObjects(self, request: Any, response: Any) -> None:  # noqa: N802
         """Add, change or delete one object."""
         mutation, wanted = request.mutation, request.mutation.object
-        is_new = mutation.action == mutation.ACTION_ADD
+        is_new = mutation.action == request.ACTION_ADD
         is_full = len(self._objects) >= MAX_OBJECTS
-        if mutation.action not in {mutation.ACTION_ADD, mutation.ACTION_CHANGE, mutation.ACTION_DELETE} or (
+        if mutation.action not in {request.ACTION_ADD, request.ACTION_CHANGE, request.ACTION_DELETE} or (
             is_new and (is_full or not _has_properties(wanted))
         ):
             response.status = response.STATUS_INVALID_WORLD_OBJECT
@@ -176,7 +176,7 @@ class WorldObjectService(Service):
         elif wanted.id not in self._objects:
             response.status = response.STATUS_INVALID_MUTATION_ID
             return
-        if mutation.action == mutation.ACTION_DELETE:
+        if mutation.action == request.ACTION_DELETE:
             del self._objects[wanted.id]
         else:
             self._objects[wanted.id] = wanted
