@@ -11,8 +11,7 @@ import numpy as np
 from fake_robot.body.body import Body
 from fake_robot.body.clock import RobotClock
 from fake_robot.body.energy import Energy
-from fake_robot.body.frames import Frame
-from fake_robot.body.sensing import Sensing
+from fake_robot.body.sensing import Frame, Sensing
 from fake_robot.body.truth import Extremes
 from fake_robot.faults.active_faults import ActiveFaults, active_system_faults
 from fake_robot.faults.fault import Fault

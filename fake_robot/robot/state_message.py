@@ -6,8 +6,7 @@ from typing import Any
 
 from bosdyn.api import header_pb2, robot_state_pb2
 
-from fake_robot.body.frames import Frame
-from fake_robot.body.sensing import IMU_PACKETS, IMU_PERIOD_NS, Report
+from fake_robot.body.sensing import IMU_PACKETS, IMU_PERIOD_NS, Frame, Report
 from fake_robot.scenario.scenario import Scenario
 from spot_model.robot.stamps import NS_PER_S
 

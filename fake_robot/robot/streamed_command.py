@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from bosdyn.api import robot_command_pb2
 
-from fake_robot.body.servo import LOAD_LIMIT_NM
+from fake_robot.body.drive import LOAD_LIMIT_NM
 from fake_robot.network.status import StreamFailure
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot import facts

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bosdyn.api import robot_command_pb2
 
-from fake_robot.body.servo import LOAD_LIMIT_NM
+from fake_robot.body.drive import LOAD_LIMIT_NM
 from fake_robot.network.status import Mode
 from fake_robot.robot.streamed_command import StreamGrammar
 from spot_model.robot import facts

@@ -7,8 +7,7 @@ import pytest
 from bosdyn.api import header_pb2, robot_state_pb2
 
 from fake_robot.body.fault_effects import FaultEffects
-from fake_robot.body.frames import Frame
-from fake_robot.body.sensing import IMU_PACKETS
+from fake_robot.body.sensing import IMU_PACKETS, Frame
 from fake_robot.robot.state_message import StateMessageBuilder
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
