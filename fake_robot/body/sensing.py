@@ -1,4 +1,4 @@
-"""What the robot reports of itself: the body's truth, seen through sensors and an estimator, with noise, in its frames."""
+"""What the robot reports: the body's truth, seen through sensors and an estimator, with noise, in odometry frames."""
 
 from __future__ import annotations
 
