@@ -16,31 +16,32 @@ _ANSWERS = "tests/spot_runtime/test_answers.py"
 _HOLD = "tests/spot_runtime/test_hold.py"
 _STANCE = "tests/spot_runtime/test_stance.py"
 
+_SAFETY = "tests/spot_runtime/test_safety.py"
+_WATCHDOGS = "tests/spot_runtime/test_watchdogs.py"
+_HANDOVER = "tests/spot_runtime/test_handover.py"
+
 TESTS_OF = {
     **{
-        f"spot_runtime/control/safety/{name}.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_safety.py")
-        for name in ("states", "commands", "slow_state", "values")
+        f"spot_runtime/control/safety/{name}.py": (_BOUNDS, _SIGNAL_BOUNDS, _SAFETY)
+        for name in ("states", "commands", "values")
     },
     "spot_runtime/safety_limits.py": (_BOUNDS,),
-    "spot_runtime/control/safety/battery.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_watchdogs.py"),
+    "spot_runtime/control/safety/battery.py": (_BOUNDS, _SIGNAL_BOUNDS, _WATCHDOGS, _SAFETY),
     "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
-    "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS, _SIGNAL_BOUNDS),
-    "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),
-    **{
-        f"spot_runtime/control/safety/signals/{name}.py": _SIGNALS
-        for name in ("ground", "imu", "legs", "motion", "still", "weight", "window")
-    },
-    "spot_runtime/control/safety/signals/answer.py": (_ANSWERS,),
-    "spot_runtime/control/safety/signals/hold.py": (_HOLD,),
+    "spot_runtime/control/safety/watchdogs.py": (
+        _WATCHDOGS,
+        "tests/spot_runtime/test_command_loss.py",
+        _BOUNDS,
+        _SIGNAL_BOUNDS,
+    ),
+    **{f"spot_runtime/control/safety/signals/{name}.py": _SIGNALS for name in ("ground", "motion", "still", "window")},
+    "spot_runtime/control/safety/signals/legs.py": (*_SIGNALS, _STANCE),
     "spot_runtime/control/safety/signals/readers.py": ("tests/spot_runtime/test_readers.py",),
-    "spot_runtime/control/safety/signals/stance.py": (_STANCE,),
+    "spot_runtime/control/safety/signals/answer.py": (*_SIGNALS, _ANSWERS, _HOLD),
     "spot_runtime/control/safety/signals/check.py": (*_SIGNALS, _ANSWERS, _HOLD, _STANCE),
-    "spot_runtime/control/safety/signals/load.py": (*_SIGNALS, _ANSWERS),
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),
-    "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py", _SIGNAL_BOUNDS),
-    "spot_runtime/control/load_average.py": ("tests/spot_runtime/test_handover.py",),
-    "spot_runtime/control/set_point.py": (_SET_POINT, "tests/spot_runtime/test_handover.py", _BOUNDS),
+    "spot_runtime/control/set_point.py": (_SET_POINT, _HANDOVER, _BOUNDS),
 }
 """Each file with the tests that must notice every change of it."""
 

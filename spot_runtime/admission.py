@@ -13,7 +13,7 @@ from spot_model.policy.contract import PolicyContract, PolicyError
 from spot_model.policy.gait_sentence import gait_sentence
 from spot_model.policy.signature import check_signature
 from spot_model.robot.gait import HOPS
-from spot_runtime.service_config import ServiceConfig
+from spot_runtime.config import ServiceConfig
 
 
 def admission(config: ServiceConfig, policy: Path) -> Callable[[str], None]:

@@ -11,7 +11,7 @@ from spot_protos import run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.server.server import OperatorServer
-from spot_runtime.operator.server.states import State
+from spot_runtime.operator.server.service_state import State
 from spot_runtime.operator.server.supervisor import Supervisor
 
 NICENESS: Final = -10

@@ -11,19 +11,19 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spot_log.format.records import EventRecord
+from spot_log.format.records import CommandRecord, EventRecord, TickRecord
 from spot_log.write.sink import LogSink
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
-from spot_model.robot.state import Array, RobotState
+from spot_model.robot.state import Array, JointCommand, RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop_stats import LoopStats
-from spot_runtime.control.memory import Act, Memory, Plan, Step, first_memory
+from spot_runtime.control.memory import NOTHING_ASKED, Act, Memory, Plan, Step, Tick, first_memory
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.records import command_record, state_age_s, tick_record
-from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
+from spot_runtime.control.safety.body_height import check_policy, with_speed_limit
 from spot_runtime.control.snapshot import Snapshot
 from spot_runtime.control.step import after_failure, check_step, control_step, stopped
 from spot_runtime.control.warm_up import WarmReceiver
@@ -32,6 +32,41 @@ from spot_runtime.host.pauses import Pause, Pauses
 from spot_runtime.host.realtime import let_others_run
 from spot_runtime.sources.base import CommandSource, Wanted
 from spot_runtime.stops import Ending, Stop
+
+_NOTHING: Final[NDArray[np.float32]] = np.zeros(0, dtype=np.float32)
+
+
+def command_record(step: Step, command: JointCommand, host_ns: int) -> CommandRecord:
+    """The command as it was sent at this instant of the host's clock, beside what was requested."""
+    state_ns = 0 if step.newest is None else step.newest.robot_stamp_ns
+    memory = step.memory
+    return CommandRecord(command, memory.drive.requested_rad, host_ns, memory.sent_ns, state_ns)
+
+
+def state_age_s(tick: Tick, now: Snapshot) -> float:
+    """Time from the receipt of a tick's state to the start of the step, s."""
+    return (now.host_ns - tick.state.host_stamp_ns) / NS_PER_S
+
+
+def tick_record(step: Step, tick: Tick, now: Snapshot, compute_s: float) -> TickRecord:
+    """The tick with all that the policy saw and gave."""
+    memory, result = step.memory, tick.result
+    command = memory.drive.command
+    return TickRecord(
+        index=tick.number,
+        robot_stamp_ns=tick.state.robot_stamp_ns,
+        host_stamp_ns=now.host_ns,
+        mode=memory.phase.mode.value,
+        observation=_NOTHING if result is None else result.observation,
+        action=_NOTHING if result is None else result.action,
+        velocity_command=command if command.shape == NOTHING_ASKED.shape else NOTHING_ASKED,
+        state_age_s=state_age_s(tick, now),
+        inference_s=tick.inference_s,
+        compute_s=compute_s,
+        command_key=memory.key,
+        skipped=tick.lost,
+    )
+
 
 RECEIVE_TIMEOUT_S: Final = 0.004
 """Longest wait for a state; watchdogs run at least this often."""

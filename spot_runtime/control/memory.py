@@ -1,4 +1,4 @@
-"""What one step of control remembers and gives. All of it is frozen."""
+"""What one step of control remembers and gives, and the schedule of the policy's ticks. All of it is frozen."""
 
 from __future__ import annotations
 
@@ -14,18 +14,49 @@ from spot_model.policy.policy import Policy, TickMemory, TickResult
 from spot_model.robot import facts
 from spot_model.robot.state import Array, Gains, JointCommand, RobotState
 from spot_runtime.config import HandoverConfig, RunConfig
-from spot_runtime.control.load_average import LoadAverage
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals.check import SignalMemory
 from spot_runtime.control.safety.signals.readers import Doubt
 from spot_runtime.control.safety.watchdogs import WatchMemory
-from spot_runtime.control.set_point import Setpoint
+from spot_runtime.control.set_point import LoadAverage, Setpoint
 from spot_runtime.control.snapshot import Phase
-from spot_runtime.control.tick_schedule import TickSchedule, schedule_for
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.sources.base import Wanted
 from spot_runtime.stops import Ending, Stop
+
+
+class TickSchedule(NamedTuple):
+    """An absolute schedule over acquisition stamps: due instants lie a period apart, whatever the jitter.
+
+    On the 3 ms stream a 20 ms period gives steps of 7, 7 and 6 messages: exactly 50 Hz on average.
+    """
+
+    period_ns: int
+    next_due_robot_ns: int | None = None
+    """None before the first state."""
+    ticks: int = 0
+
+    def advance(self, robot_stamp_ns: int) -> tuple[TickSchedule, bool, int]:
+        """Look at one state's stamp.
+
+        Returns:
+            The new schedule, whether a tick is due on this state, and how many ticks were lost just before it.
+        """
+        if self.next_due_robot_ns is None:
+            return TickSchedule(self.period_ns, robot_stamp_ns + self.period_ns, 1), True, 0
+        late_ns = robot_stamp_ns - self.next_due_robot_ns
+        if late_ns < 0:
+            return self, False, 0
+        lost = late_ns // self.period_ns
+        due = self.next_due_robot_ns + (lost + 1) * self.period_ns
+        return TickSchedule(self.period_ns, due, self.ticks + 1), True, lost
+
+
+def schedule_for(rate_hz: float) -> TickSchedule:
+    """A schedule for a policy's rate."""
+    return TickSchedule(round(1e9 / rate_hz))
+
 
 NOTHING_ASKED: Final = np.zeros(3)
 NOTHING_ASKED.flags.writeable = False

@@ -1,4 +1,4 @@
-"""One runtime a robot: a second one on this computer is refused before it touches anything.
+"""Locked files that say that their writer is alive, and the one that keeps a second runtime away from a robot.
 
 The lease refuses it robot-wide; this lock says so sooner, and also while the first one is between leases.
 """
@@ -6,6 +6,7 @@ The lease refuses it robot-wide; this lock says so sooner, and also while the fi
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import os
 import tempfile
@@ -14,7 +15,35 @@ from pathlib import Path
 from typing_extensions import Self
 
 from spot_model.errors import SpotRlError
-from spot_runtime.host.locked_file import open_locked
+
+
+def open_locked(path: Path, flags: int = os.O_CREAT) -> int:
+    """Open a file, made where ``flags`` say so, for its owner alone, and lock it. Returns the descriptor.
+
+    A holder may remove the file before it releases the lock; a process that had opened it by then opens it again.
+
+    Raises:
+        BlockingIOError: Somebody holds it.
+        OSError: It cannot be opened.
+    """
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC | flags, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        if _is_still_there(path, descriptor):
+            return descriptor
+        os.close(descriptor)
+
+
+def _is_still_there(path: Path, descriptor: int) -> bool:
+    try:
+        there = path.lstat()
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(there, os.fstat(descriptor))
 
 
 class AlreadyRunningError(SpotRlError):

@@ -1,7 +1,7 @@
-"""Events as structured entries of the system's journal, in journald's own datagram format.
+"""Where words about a run go: the terminal, by a thread of its own, and the system's journal in its datagram format.
 
 ``journalctl -u spot-rl SPOT_RL_EVENT=stop`` then finds every stop, with its figures as fields. Lines that are no events
-go to standard error as ever, which the journal also takes.
+go to standard error as ever, which the journal also takes. A stalled terminal must not stall the loop.
 
 Source: the format is documented at systemd.io/JOURNAL_NATIVE_PROTOCOL.
 """
@@ -9,15 +9,69 @@ Source: the format is documented at systemd.io/JOURNAL_NATIVE_PROTOCOL.
 from __future__ import annotations
 
 import os
+import queue
 import socket
 import struct
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, TextIO
 
 from spot_log.format.records import EventRecord, Severity
-from spot_runtime.host.console import Console
+from spot_model.text import plain_lines
+
+
+class Console:
+    """Prints lines as they come and a progress line each second."""
+
+    def __init__(self, stream: TextIO | None = None, *, period_s: float = 1.0) -> None:
+        """Write to ``stream``; to standard error unless told otherwise."""
+        self._stream = sys.stderr if stream is None else stream
+        self._period_s = period_s
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._progress: Callable[[], str] | None = None
+        self._thread = threading.Thread(target=self._run, name="console", daemon=True)
+        self._thread.start()
+
+    def say(self, line: str) -> None:
+        """Print a line, soon."""
+        self._lines.put(line)
+
+    def event(self, record: EventRecord) -> None:
+        """Print an event, soon."""
+        mark = "" if record.severity is Severity.INFO else f"{record.severity.name.lower()}: "
+        self.say(f"{mark}{record.name}: {record.text.removeprefix(f'{record.name}: ')}")
+
+    def show(self, progress: Callable[[], str] | None) -> None:
+        """Print what this says each second; None ends it."""
+        self._progress = progress
+
+    def close(self) -> None:
+        """Print what is left, for at most two seconds."""
+        self._progress = None
+        self._lines.put(None)
+        self._thread.join(timeout=2.0)
+
+    def _run(self) -> None:
+        while True:
+            try:
+                line = self._lines.get(timeout=self._period_s)
+            except queue.Empty:
+                progress = self._progress
+                line = progress() if progress is not None else ""
+            if line is None:
+                return
+            if line:
+                self._write(line)
+
+    def _write(self, line: str) -> None:
+        try:
+            self._stream.write(f"{plain_lines(line)}\n")
+            self._stream.flush()
+        except (OSError, ValueError):
+            return  # the reader has gone; the run goes on
+
 
 SOCKET: Final = Path("/run/systemd/journal/socket")
 STREAM_VARIABLE: Final = "JOURNAL_STREAM"

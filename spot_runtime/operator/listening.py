@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Final
 
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.bounded_file import open_to_read
-from spot_runtime.host.locked_file import open_locked
+from spot_runtime.host.instance_lock import open_locked
 
 if TYPE_CHECKING:  # a client has no configuration, and starts without pydantic
-    from spot_runtime.service_config import ServiceConfig
+    from spot_runtime.config import ServiceConfig
 
 SOCKET_NAME: Final = "operator.sock"
 SYSTEM_SOCKET: Final = Path("/run/spot-rl") / SOCKET_NAME

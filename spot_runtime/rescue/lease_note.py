@@ -18,7 +18,7 @@ from typing import Final
 
 from spot_model.errors import SpotRlError
 from spot_model.io.private_folder import new_private_file
-from spot_runtime.host.locked_file import open_locked
+from spot_runtime.host.instance_lock import open_locked
 
 FOLDER_NAME: Final = "spot-rl"
 MAX_BYTES: Final = 65_536

@@ -28,7 +28,7 @@ from spot_runtime.control.loop_stats import LoopStats
 from spot_runtime.control.memory import NOTHING_ASKED
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
-from spot_runtime.host.console import Console
+from spot_runtime.host.journal import Console
 from spot_runtime.host.pauses import pauses
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager

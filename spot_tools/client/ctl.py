@@ -156,7 +156,7 @@ def drive(
 ) -> None:
     """Steer by keyboard or gamepad until you press x."""
     from spot_runtime.config import OperatorConfig
-    from spot_runtime.host.console import Console
+    from spot_runtime.host.journal import Console
     from spot_tools.client.drive import drive_by
     from spot_tools.run.manual import manual_source
 

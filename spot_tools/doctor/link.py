@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import TLS_NAME, Address, connect, explain_no_connection
-from spot_runtime.hal.connection.trust import trusted_certificates
+from spot_runtime.hal.connection.credentials import trusted_certificates
 from spot_runtime.hal.errors import HalError
 from spot_tools.doctor.check import Finding, fail, ok, warn
 

@@ -23,9 +23,8 @@ from spot_model.text import plain_lines
 from spot_runtime.admission import admission, check_scripts_allowed
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.registry import HalRequest, find_adapter
-from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import InstanceLock
-from spot_runtime.host.journal import Journal, tell_by
+from spot_runtime.host.journal import Console, Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels

@@ -10,8 +10,7 @@ import numpy as np
 from spot_model.errors import BadInputError
 from spot_model.robot.state import Array
 from spot_runtime.config import OperatorConfig
-from spot_runtime.sources.base import Wanted
-from spot_runtime.sources.shaping import Shaper
+from spot_runtime.sources.base import Shaper, Wanted
 
 
 class PadReading(NamedTuple):

@@ -16,8 +16,7 @@ import numpy as np
 from spot_model.errors import BadInputError
 from spot_model.robot.state import Array
 from spot_runtime.config import OperatorConfig
-from spot_runtime.sources.base import Wanted
-from spot_runtime.sources.shaping import Shaper
+from spot_runtime.sources.base import Shaper, Wanted
 
 HELP: Final = "hold w/s: forward, back · a/d: left, right · q/e: turn · space: stand still · x: stop and sit"
 DIRECTIONS: Final = {

@@ -107,7 +107,7 @@ def _call(supervisor: Any, service: Any, caller: Any, calls: Any) -> None:
 
     from spot_protos import operator_pb2
     from spot_runtime.operator.refusal import Refusal
-    from spot_runtime.operator.server.methods import work_of
+    from spot_runtime.operator.server.server import work_of
 
     methods = operator_pb2.DESCRIPTOR.services_by_name["Operator"].methods
     for chosen, body in calls:

@@ -11,7 +11,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.command_line import error_line
 from spot_model.text import plain, plain_lines
 from spot_protos import operator_pb2
-from spot_runtime.host.console import Console
+from spot_runtime.host.journal import Console
 from spot_tools.client.client import plain_message
 from spot_tools.doctor.check import Check, make, ok
 

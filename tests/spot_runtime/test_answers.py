@@ -10,7 +10,7 @@ import pytest
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand
-from spot_runtime.control.safety.signals import bounds, check, load
+from spot_runtime.control.safety.signals import answer, bounds, check
 from spot_runtime.control.safety.signals.answer import AnswerMemory, _apart, _is_anothers, _is_wrong, after_window
 from spot_runtime.control.safety.signals.readers import Signal
 from spot_runtime.stops import StopReason
@@ -33,7 +33,7 @@ def command(key: int = 1, position_rad: np.ndarray = ZERO, load_nm: np.ndarray =
 
 
 def test_what_a_command_asks_is_the_servos_law() -> None:
-    asked = load.torque_nm(command(1, np.full(12, 0.5), np.full(12, 3.0)), np.full(12, 0.1), np.full(12, 0.25))
+    asked = answer.torque_nm(command(1, np.full(12, 0.5), np.full(12, 3.0)), np.full(12, 0.1), np.full(12, 0.25))
     np.testing.assert_allclose(asked, np.tile([4.0, 8.0, 16.0], 4) + 3.0 - 0.5)
 
 
@@ -109,7 +109,7 @@ def test_a_mean_load_may_lie_beside_what_is_asked_by_ten_and_two_fifths_of_it(as
 def test_a_load_that_is_not_measured_is_taken_for_the_one_that_the_motor_could_give() -> None:
     measured = np.arange(12) % 6 < 3
     asked = np.tile([20.0, 40.0, 80.0], 4)
-    most = load.motor_torque_nm(ZERO)
+    most = answer.motor_torque_nm(ZERO)
     assert most[2] < 80.0
     after = after_window(AnswerMemory(), window(load_nm=np.full(12, -70.0)), command(1, np.full(12, 2.0)), measured)
     given = np.minimum(asked, most)
@@ -125,9 +125,9 @@ def test_a_load_that_is_not_measured_is_taken_for_the_one_that_the_motor_could_g
 
 def test_a_motor_gives_what_its_kind_can_and_a_knee_what_its_lever_lets_it() -> None:
     position = np.tile([0.0, 0.0, -2.0], 4)
-    most = load.motor_torque_nm(position).reshape(4, 3)
+    most = answer.motor_torque_nm(position).reshape(4, 3)
     assert set(most[:, :2].ravel()) == {facts.HIP_TORQUE_LIMIT_NM}
-    bent, straight = (load.motor_torque_nm(np.full(12, angle_rad))[2] for angle_rad in (-1.6, -2.7))
+    bent, straight = (answer.motor_torque_nm(np.full(12, angle_rad))[2] for angle_rad in (-1.6, -2.7))
     assert bent > 1.5 * straight
 
 
@@ -135,11 +135,11 @@ def test_a_motor_gives_what_its_kind_can_and_a_knee_what_its_lever_lets_it() -> 
 def test_a_joint_within_its_bound_of_a_stop_may_lie_on_it(name: str) -> None:
     stops = facts.POSITION_LOW_RAD if name == "low" else facts.POSITION_HIGH_RAD
     inside = 1.0 if name == "low" else -1.0
-    assert load.at_stop(stops + inside * 0.999 * bounds.STOP_RAD).all()
-    assert not load.at_stop(stops + inside * 1.001 * bounds.STOP_RAD).any()
+    assert answer.at_stop(stops + inside * 0.999 * bounds.STOP_RAD).all()
+    assert not answer.at_stop(stops + inside * 1.001 * bounds.STOP_RAD).any()
     only = np.array(facts.DEFAULT_POSITION_RAD)
     only[4] = stops[4]
-    assert load.at_stop(only).tolist() == [joint == 4 for joint in range(12)]
+    assert answer.at_stop(only).tolist() == [joint == 4 for joint in range(12)]
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ def walked(change: Any) -> str | None:
         if index % 7 == 0:
             wanted = state.position_rad + 0.5 * np.sin(0.04 * index + 1.7 * np.arange(12))
             memory = check.asked(memory, JointCommand(index, wanted, ZERO, ZERO, gains, 1))
-        load_nm = load.torque_nm(memory.commands[-1], state.position_rad, state.velocity_rad_s)
+        load_nm = answer.torque_nm(memory.commands[-1], state.position_rad, state.velocity_rad_s)
         state = change(replace(state, load_nm=load_nm))
         memory, _ = check.check_signals(memory, [state], DRIVEN)
         for doubt in check._doubts(check.SignalMemory(answer=memory.answer)):

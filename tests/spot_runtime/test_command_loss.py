@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_runtime.control.safety.command_loss import WINDOW_KEYS, LossMemory, confirm, loss_share
+from spot_runtime.control.safety.watchdogs import WINDOW_KEYS, LossMemory, confirm, loss_share
 
 
 def after(keys: list[int]) -> LossMemory:

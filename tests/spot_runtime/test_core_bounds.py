@@ -16,13 +16,11 @@ from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs
 from spot_runtime.control.safety import states
-from spot_runtime.control.safety.battery import BatteryMemory, watch
-from spot_runtime.control.safety.body_height import body_height_m
-from spot_runtime.control.safety.command_loss import LossMemory
+from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state, watch
+from spot_runtime.control.safety.body_height import body_height_m, check_policy, with_speed_limit
 from spot_runtime.control.safety.commands import LimitedSetpoint, SetpointMemory, check_command, limit_setpoint
-from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
-from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.control.safety.states import DOUBTFUL_STATES, StateMemory, check_age, check_echo, screen_state
+from spot_runtime.control.safety.watchdogs import LossMemory
 from spot_runtime.control.set_point import (
     Setpoint,
     asked_setpoint,

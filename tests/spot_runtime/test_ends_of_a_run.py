@@ -38,7 +38,7 @@ from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.estop import OwnEstop
 from spot_runtime.hal.spot.motions import CUT_S, Helm, Motions
-from spot_runtime.host.console import Console
+from spot_runtime.host.journal import Console
 from spot_runtime.session import run as run_module
 from spot_runtime.session.robot_session import ControlEnd, RobotSession
 from spot_runtime.session.run import RunRequest, run

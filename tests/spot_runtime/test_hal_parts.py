@@ -27,8 +27,7 @@ from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig, RunConfig
-from spot_runtime.control.safety.battery import BatteryMemory
-from spot_runtime.control.safety.slow_state import check_slow_state
+from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import (
     CredentialsError,
@@ -44,8 +43,7 @@ from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import RETRY_PAUSES_S, Calls, patiently
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
-from spot_runtime.hal.spot.jobs import Jobs
-from spot_runtime.hal.spot.pace import RealTime
+from spot_runtime.hal.spot.pace import Jobs, RealTime
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
 from spot_runtime.hal.spot.state_receiver import StateReceiver

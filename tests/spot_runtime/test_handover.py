@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
 from spot_model.robot.state import Array, Gains, RobotState
-from spot_runtime.control.load_average import LoadAverage
 from spot_runtime.control.set_point import (
+    LoadAverage,
     Setpoint,
     blend,
     damping_setpoint,

@@ -13,8 +13,8 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.state import Array, Gains, JointCommand, RobotState
 from spot_runtime.control.modes import TAKE_HOLD_S
-from spot_runtime.control.safety.signals import bounds, check, hold
-from spot_runtime.control.safety.signals.hold import HoldMemory, after_window, words
+from spot_runtime.control.safety.signals import answer, bounds, check
+from spot_runtime.control.safety.signals.answer import HoldMemory, after_window, words
 from spot_runtime.control.safety.signals.readers import Signal
 from spot_runtime.control.set_point import hold_setpoint, taking_hold
 from spot_runtime.stops import Stop, StopReason
@@ -232,7 +232,7 @@ def test_the_words_say_where_a_joint_answers_and_what_that_looks_like(
 
 def test_an_error_of_just_a_third_is_not_alike() -> None:
     """0.9 said, -0.45 answered: 0.45 from its mirror image, a third of the error of 1.35."""
-    assert hold._ALIKE == 1.0 / 3.0
+    assert answer._ALIKE == 1.0 / 3.0
     assert "mirrored" not in words(HoldMemory(2 * (np.arange(12) == 1), np.full(12, 0.75), np.full(12, -0.375)))
 
 

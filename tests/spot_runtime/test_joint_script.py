@@ -22,13 +22,12 @@ from spot_model.policy.joint_script import joint_script
 from spot_model.robot import facts
 from spot_model.robot.state import RobotState
 from spot_runtime.admission import check_scripts_allowed
-from spot_runtime.config import RunConfig
+from spot_runtime.config import RunConfig, ServiceConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.safety.policy_bounds import with_speed_limit
-from spot_runtime.control.safety.signals.load import torque_nm
+from spot_runtime.control.safety.body_height import with_speed_limit
+from spot_runtime.control.safety.signals.answer import torque_nm
 from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.service_config import ServiceConfig
 from spot_runtime.stops import Stop, StopReason
 from spot_tools.run.command import run as run_command
 from spot_tools.run.joint_script import JointScriptSource

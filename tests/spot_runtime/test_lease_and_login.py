@@ -21,9 +21,8 @@ from bosdyn.client.robot_state import RobotStateStreamingClient
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
-from spot_runtime.hal.connection.leases import BODY
 from spot_runtime.hal.errors import CredentialsError, HalError, LeaseHeldError
-from spot_runtime.hal.spot.calls import Calls
+from spot_runtime.hal.spot.calls import BODY, Calls
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from tests.spot_runtime.test_hal_parts import _FailedCall

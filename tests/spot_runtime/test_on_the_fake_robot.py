@@ -40,7 +40,7 @@ from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
-from spot_runtime.host.console import Console
+from spot_runtime.host.journal import Console
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import Wanted

@@ -19,11 +19,10 @@ from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import load_policy
 from spot_model.policy.signature import check_signature, private_key, public_keys, signature_path, signed_line
 from spot_runtime.admission import admission
-from spot_runtime.config import RunConfig
+from spot_runtime.config import RunConfig, ServiceConfig
 from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.run.run_spec import load_checked
 from spot_runtime.operator.server.policy_folder import PolicyFolder
-from spot_runtime.service_config import ServiceConfig
 from spot_tools.policies import key, show, sign, verify
 
 app = typer.Typer()

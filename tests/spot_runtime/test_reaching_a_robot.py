@@ -9,8 +9,12 @@ import pytest
 
 from spot_model.errors import BadInputError
 from spot_runtime.hal.connection.address import Address, explain_no_connection, parse_address
-from spot_runtime.hal.connection.credentials import Credentials, find_credentials
-from spot_runtime.hal.connection.trust import read_certificates, trusted_certificates
+from spot_runtime.hal.connection.credentials import (
+    Credentials,
+    find_credentials,
+    read_certificates,
+    trusted_certificates,
+)
 from spot_runtime.hal.errors import CertificateError, CredentialsError, NoRobotError
 
 

@@ -27,9 +27,8 @@ from spot_model.policy.policy import Policy
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
 from spot_runtime.control.loop_stats import PENDING_MAX, LoopStats, RecentValues
 from spot_runtime.host import realtime
-from spot_runtime.host.console import Console
-from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock
-from spot_runtime.host.locked_file import open_locked
+from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock, open_locked
+from spot_runtime.host.journal import Console
 from spot_runtime.session.run import log_file_name
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb

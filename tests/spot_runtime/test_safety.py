@@ -12,9 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime.control.safety.battery import BatteryMemory
+from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.control.safety.commands import SetpointMemory, check_command, limit_setpoint
-from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import StopReason

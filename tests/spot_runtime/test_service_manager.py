@@ -19,8 +19,7 @@ from spot_log.write.sink import MemorySink
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
 from spot_runtime.config import RunConfig
-from spot_runtime.host.console import Console
-from spot_runtime.host.journal import Journal, entry_of, goes_to_journal, tell_by
+from spot_runtime.host.journal import Console, Journal, entry_of, goes_to_journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.session.run import RunRequest, run
 from spot_tools.run.scripted import ScriptedSource

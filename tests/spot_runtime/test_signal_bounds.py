@@ -13,26 +13,21 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, ImuPacket, JointCommand, SlowState
 from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.control.safety.battery import watch as watch_battery
-from spot_runtime.control.safety.command_loss import LossMemory, confirm
 from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals import (
     answer,
     bounds,
     check,
     ground,
-    hold,
-    imu,
     legs,
-    load,
     motion,
     still,
-    weight,
 )
 from spot_runtime.control.safety.signals.check import SignalMemory, Situation, check_signals
 from spot_runtime.control.safety.signals.readers import Signal
 from spot_runtime.control.safety.signals.window import Window, length, turned_rad, window_of
 from spot_runtime.control.safety.states import StateMemory
-from spot_runtime.control.safety.watchdogs import WatchMemory
+from spot_runtime.control.safety.watchdogs import LossMemory, WatchMemory, confirm
 from spot_runtime.stops import Stop
 from tests.spot_runtime.conftest import STAND_LOAD_NM
 from tests.spot_runtime.walking_robot import WalkingRobot
@@ -64,8 +59,8 @@ def window(**changes: Any) -> Window:
     "memory",
     [
         *(StateMemory, SetpointMemory, LossMemory, BatteryMemory, WatchMemory, SignalMemory),
-        *(motion.MotionMemory, ground.GroundMemory, imu.ImuMemory, weight.WeightMemory),
-        *(answer.AnswerMemory, hold.HoldMemory),
+        *(motion.MotionMemory, ground.GroundMemory, motion.ImuMemory, ground.WeightMemory),
+        *(answer.AnswerMemory, answer.HoldMemory),
     ],
 )
 def test_a_memory_begins_with_nothing(memory: Any) -> None:
@@ -88,9 +83,9 @@ COUNTS = {
     "still": lambda n: SignalMemory(still=np.where(np.arange(55) == 50, n, 0)),
     "velocity and position of fr_hx": lambda n: SignalMemory(motion=motion.MotionMemory(slope_windows=n * ONE)),
     "attitude and turn rate of the body": lambda n: SignalMemory(motion=motion.MotionMemory(turn_windows=n)),
-    "attitude of the body and of its inertial unit": lambda n: SignalMemory(imu=imu.ImuMemory(angle_windows=n)),
-    "turn rate of the body and of its inertial unit": lambda n: SignalMemory(imu=imu.ImuMemory(turn_rate_windows=n)),
-    "the inertial unit reports what is no number": lambda n: SignalMemory(imu=imu.ImuMemory(unknown_windows=n)),
+    "attitude of the body and of its inertial unit": lambda n: SignalMemory(imu=motion.ImuMemory(angle_windows=n)),
+    "turn rate of the body and of its inertial unit": lambda n: SignalMemory(imu=motion.ImuMemory(turn_rate_windows=n)),
+    "the inertial unit reports what is no number": lambda n: SignalMemory(imu=motion.ImuMemory(unknown_windows=n)),
     "load and set-point of fr_hx": lambda n: SignalMemory(load_windows=n * ONE),
     "a robot that stands, and its velocities": lambda n: SignalMemory(restless_windows=n),
     "joints, loads and weight of a robot that stands": lambda n: SignalMemory(wrong_stances=n),
@@ -123,7 +118,7 @@ def test_so_many_windows_in_a_row_are_a_stop_and_one_less_is_none(detail: str, e
 
 
 AMOUNTS = {
-    "GRAVITY_ANGLE_RAD": SignalMemory(imu=imu.ImuMemory(np.array([3.0, 0.0, 9.0]), 1.0)),
+    "GRAVITY_ANGLE_RAD": SignalMemory(imu=motion.ImuMemory(np.array([3.0, 0.0, 9.0]), 1.0)),
     "FOOT_SHARE": SignalMemory(ground=ground.GroundMemory(0.5, 0.45)),
     "FOOT_SHARE, loads": SignalMemory(ground=ground.GroundMemory(0.5, 0.0, 0.45)),
     "TRAVEL_M": SignalMemory(ground=ground.GroundMemory(travel_m=2.0)),
@@ -168,8 +163,8 @@ SUSPECTS = {
     "angle": (COUNTS["attitude of the body and of its inertial unit"], {Signal.ATTITUDE, Signal.INERTIAL_UNIT}),
     "rate": (COUNTS["turn rate of the body and of its inertial unit"], {Signal.TURN_RATE, Signal.INERTIAL_UNIT}),
     "unknown": (COUNTS["the inertial unit reports what is no number"], {Signal.INERTIAL_UNIT}),
-    "silent": (lambda n: SignalMemory(imu=imu.ImuMemory(silent_windows=n)), {Signal.INERTIAL_UNIT}),
-    "stamps": (lambda n: SignalMemory(imu=imu.ImuMemory(stamp_windows=n)), {Signal.INERTIAL_UNIT}),
+    "silent": (lambda n: SignalMemory(imu=motion.ImuMemory(silent_windows=n)), {Signal.INERTIAL_UNIT}),
+    "stamps": (lambda n: SignalMemory(imu=motion.ImuMemory(stamp_windows=n)), {Signal.INERTIAL_UNIT}),
     "sliding": (
         lambda _: AMOUNTS["FOOT_SHARE"],
         {Signal.POSITION, Signal.VELOCITY, Signal.BODY_VELOCITY, Signal.TURN_RATE, Signal.CONTACTS},
@@ -178,7 +173,7 @@ SUSPECTS = {
     "airborne": (lambda _: AMOUNTS["AIRBORNE_S"], {Signal.CONTACTS}),
     "load": (COUNTS["load and set-point of fr_hx"], {Signal.LOAD, Signal.POSITION}),
     "weight": (
-        lambda _: SignalMemory(weight=weight.WeightMemory(np.zeros(4), 0.0, 1.0)),
+        lambda _: SignalMemory(weight=ground.WeightMemory(np.zeros(4), 0.0, 1.0)),
         {Signal.LOAD, Signal.POSITION},
     ),
     "stance": (COUNTS["joints, loads and weight of a robot that stands"], {Signal.LOAD, Signal.POSITION}),
@@ -212,7 +207,7 @@ def test_frozen_signals_of_one_kind_are_one_doubt() -> None:
 
 
 def test_the_sum_of_windows_with_wrong_loads_begins_anew_after_a_right_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(load, "disagreeing", lambda *_: ONE)
+    monkeypatch.setattr(answer, "disagreeing", lambda *_: ONE)
     memory = SignalMemory(commands=(numbered(1),), load_windows=np.full(12, 2))
     memory, _ = check_signals(memory, [ROBOT.state(i) for i in range(7)], DRIVEN)
     assert memory.load_windows.tolist() == [0, 0, 0, 3, *[0] * 8]
@@ -249,7 +244,7 @@ def test_a_load_may_answer_the_newest_commands_that_were_confirmed_and_all_later
         answered.append([command.key for command in commands])
         return ONE > 1
 
-    monkeypatch.setattr(load, "disagreeing", disagreeing)
+    monkeypatch.setattr(answer, "disagreeing", disagreeing)
     for key in (4, 2):
         states = [replace(ROBOT.state(i), last_command_key=key) for i in range(7)]
         check_signals(memory, states, DRIVEN)
@@ -548,7 +543,7 @@ def test_a_load_may_lie_within_its_bound_of_what_was_asked(
 ) -> None:
     commands = [replace(numbered(1), load_nm=np.full(12, nm)) for nm in asked_nm]
     for load_nm, is_wrong in ((low_nm, False), (high_nm, False), (low_nm - 1e-9, True), (high_nm + 1e-9, True)):
-        assert set(load.disagreeing(window(load_nm=np.full(12, load_nm)), commands)) == {is_wrong}
+        assert set(answer.disagreeing(window(load_nm=np.full(12, load_nm)), commands)) == {is_wrong}
 
 
 def test_what_is_asked_of_one_joint_excuses_no_other() -> None:
@@ -556,7 +551,7 @@ def test_what_is_asked_of_one_joint_excuses_no_other() -> None:
     asked = replace(numbered(1), load_nm=np.where(joints == 3, 100.0, np.where(joints == 4, -100.0, 0.0)))
     for load_nm in (60.0, -60.0):
         measured = window(load_nm=np.where(joints == 7, load_nm, asked.load_nm))
-        assert load.disagreeing(measured, [asked]).tolist() == (joints == 7).tolist()
+        assert answer.disagreeing(measured, [asked]).tolist() == (joints == 7).tolist()
 
 
 def test_a_load_may_lag_behind_position_and_velocity() -> None:
@@ -568,7 +563,7 @@ def test_a_load_may_lag_behind_position_and_velocity() -> None:
     allowed_nm = 30.0 + 0.5 * asked_nm + 60.0 * 2.0 * 0.012 + 1.5 * 2.0 / 0.018 * 0.012
     for load_nm, is_wrong in ((asked_nm + allowed_nm - 1e-6, False), (asked_nm + allowed_nm + 1e-6, True)):
         state = replace(moving.last, load_nm=np.full(12, load_nm))
-        assert set(load.disagreeing(moving._replace(last=state), [command])) == {is_wrong}
+        assert set(answer.disagreeing(moving._replace(last=state), [command])) == {is_wrong}
 
 
 # The inertial unit ---------------------------------------------------------------------------------------------------
@@ -586,13 +581,13 @@ def test_the_units_attitude_and_turn_rate_may_differ_up_to_their_bounds(monkeypa
     assert angle == pytest.approx(0.3)
     monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", angle)
     monkeypatch.setattr(bounds, "IMU_TURN_RATE_RAD_S", 2.0)
-    before = imu.ImuMemory(angle_windows=2, turn_rate_windows=3)
-    assert imu.after_window(before, turned).angle_windows == 0
-    assert imu.after_window(before, spun).turn_rate_windows == 0
+    before = motion.ImuMemory(angle_windows=2, turn_rate_windows=3)
+    assert motion.after_imu_window(before, turned).angle_windows == 0
+    assert motion.after_imu_window(before, spun).turn_rate_windows == 0
     monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", below(angle))
     monkeypatch.setattr(bounds, "IMU_TURN_RATE_RAD_S", below(2.0))
-    assert imu.after_window(before, turned).angle_windows == 3
-    assert imu.after_window(before, spun).turn_rate_windows == 4
+    assert motion.after_imu_window(before, turned).angle_windows == 3
+    assert motion.after_imu_window(before, spun).turn_rate_windows == 4
 
 
 def test_a_robot_that_turns_may_disagree_by_a_share_of_its_turn_rate() -> None:
@@ -600,31 +595,31 @@ def test_a_robot_that_turns_may_disagree_by_a_share_of_its_turn_rate() -> None:
     for rate_rad_s, counted_windows in ((10.0, 1), (6.0, 0)):
         # |5 − 10| = 5 beyond 1 + 0.3·10; |5 − 6| = 1 within 1 + 0.3·6
         turning = spins._replace(turn_rad=np.array([0.0, 0.0, rate_rad_s * spins.duration_s]))
-        assert imu.after_window(imu.ImuMemory(), turning).turn_rate_windows == counted_windows
+        assert motion.after_imu_window(motion.ImuMemory(), turning).turn_rate_windows == counted_windows
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_newest_packet_may_be_a_tenth_of_a_second_from_the_joints(side: int) -> None:
-    before = imu.ImuMemory(stamp_windows=3)
+    before = motion.ImuMemory(stamp_windows=3)
     now_ns = window().last.robot_stamp_ns
     for apart_ns, count in ((100_000_000, 0), (100_000_001, 4), (199_190_000_000, 4)):
         packets = (packet(), packet(robot_stamp_ns=now_ns + side * apart_ns))
-        after = imu.after_window(before, window(imu=packets))
+        after = motion.after_imu_window(before, window(imu=packets))
         assert after.stamp_windows == count
         assert after.stamp_error_s == pytest.approx(side * apart_ns / 1e9)
 
 
 def test_stamps_of_another_clock_are_told_with_their_error() -> None:
-    (doubt,) = check._doubts(SignalMemory(imu=imu.ImuMemory(stamp_windows=bounds.IMU_WINDOWS, stamp_error_s=199.19)))
+    (doubt,) = check._doubts(SignalMemory(imu=motion.ImuMemory(stamp_windows=bounds.IMU_WINDOWS, stamp_error_s=199.19)))
     assert doubt.stop.detail == "stamps of the inertial unit and of the joints"
     assert doubt.stop.values == {"apart_s": 199.19, "bound_s": 0.1}
-    assert not list(check._doubts(SignalMemory(imu=imu.ImuMemory(stamp_windows=bounds.IMU_WINDOWS - 1))))
+    assert not list(check._doubts(SignalMemory(imu=motion.ImuMemory(stamp_windows=bounds.IMU_WINDOWS - 1))))
 
 
 def test_packets_of_a_window_are_averaged() -> None:
     pair = (packet(angular_vel_of_link_in_link_rad_s=np.array([0.0, 3.0, 0.0])), packet())
-    assert imu.after_window(imu.ImuMemory(), window(imu=pair)).turn_rate_windows == 1
-    many = imu.after_window(imu.ImuMemory(), window(imu=(packet(),) * 5))
+    assert motion.after_imu_window(motion.ImuMemory(), window(imu=pair)).turn_rate_windows == 1
+    many = motion.after_imu_window(motion.ImuMemory(), window(imu=(packet(),) * 5))
     np.testing.assert_allclose(many.force_m_s2, [0.0, 0.0, 9.81 * 0.018])
 
 
@@ -632,9 +627,9 @@ def test_what_was_felt_fades_within_its_memory_and_is_judged_after_a_quarter_of_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(bounds, "GRAVITY_MEMORY_S", 2.0)
-    assert imu.ImuMemory(np.array([3.0, 0.0, 3.0]), 0.499).tilt_error_rad == 0.0
-    assert imu.ImuMemory(np.array([3.0, 0.0, 3.0]), 0.5).tilt_error_rad == pytest.approx(np.pi / 4.0)
-    assert imu.after_window(imu.ImuMemory(felt_s=1.0), window(imu=(packet(),))).felt_s == pytest.approx(
+    assert motion.ImuMemory(np.array([3.0, 0.0, 3.0]), 0.499).tilt_error_rad == 0.0
+    assert motion.ImuMemory(np.array([3.0, 0.0, 3.0]), 0.5).tilt_error_rad == pytest.approx(np.pi / 4.0)
+    assert motion.after_imu_window(motion.ImuMemory(felt_s=1.0), window(imu=(packet(),))).felt_s == pytest.approx(
         1.0 - 0.009 + 0.018
     )
 

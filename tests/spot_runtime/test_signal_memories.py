@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from spot_model.robot import facts
 from spot_model.robot.state import ImuPacket, RobotState
-from spot_runtime.control.safety.signals import bounds, ground, imu, motion, weight
+from spot_runtime.control.safety.signals import bounds, ground, motion
 from spot_runtime.control.safety.signals.legs import feet, ground_forces_n
 from spot_runtime.control.safety.signals.window import Window, length, rotation_matrix, turned_rad, window_of
 from tests.spot_runtime.walking_robot import WalkingRobot
@@ -237,51 +237,51 @@ def test_what_the_inertial_unit_felt_fades_and_adds_up() -> None:
         angular_vel_of_link_in_link_rad_s=np.array([0.0, 0.0, 3.0]),
         odom_from_link_wxyz=wxyz(Rotation.from_rotvec([0.3, 0.0, 0.0])),
     )
-    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, has_reported=True)
+    before = motion.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, has_reported=True)
     seen = window(imu=(packet,), linear_vel_of_body_in_odom_m_s=np.array([0.01, 0.0, 0.02]))
-    after = imu.after_window(before, seen)
+    after = motion.after_imu_window(before, seen)
     fade = 1.0 - 0.018 / 1.0
     felt = np.array([0.1, 0.2, 4.0]) * fade + np.array([1.0, 2.0, 9.0]) * 0.018 - [0.01, 0.0, 0.02]
     np.testing.assert_allclose(after.force_m_s2, felt)
     assert after.felt_s == pytest.approx(0.5 * fade + 0.018)
     assert (after.angle_windows, after.turn_rate_windows) == (3, 4)
-    assert imu.after_window(imu.ImuMemory(), window()) == imu.ImuMemory()
-    assert imu.after_window(before, window()) == before._replace(silent_windows=1)
-    assert imu.after_window(imu.ImuMemory(), seen).has_reported
-    assert imu.after_window(before._replace(silent_windows=5), seen).silent_windows == 0
+    assert motion.after_imu_window(motion.ImuMemory(), window()) == motion.ImuMemory()
+    assert motion.after_imu_window(before, window()) == before._replace(silent_windows=1)
+    assert motion.after_imu_window(motion.ImuMemory(), seen).has_reported
+    assert motion.after_imu_window(before._replace(silent_windows=5), seen).silent_windows == 0
     broken = window(imu=(replace(packet, odom_from_link_wxyz=np.full(4, np.nan)),))
-    assert imu.after_window(before._replace(silent_windows=5), broken).silent_windows == 0
-    assert imu.after_window(imu.ImuMemory(), broken).has_reported
-    assert imu.after_window(imu.ImuMemory(), seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S)).has_reported
-    holed = imu.after_window(before, seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S))
+    assert motion.after_imu_window(before._replace(silent_windows=5), broken).silent_windows == 0
+    assert motion.after_imu_window(motion.ImuMemory(), broken).has_reported
+    assert motion.after_imu_window(motion.ImuMemory(), seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S)).has_reported
+    holed = motion.after_imu_window(before, seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S))
     assert (holed.felt_s, holed.angle_windows, holed.turn_rate_windows) == (0.5, 3, 4)
     assert holed.force_m_s2 is before.force_m_s2
-    assert imu.after_window(before, seen._replace(hole_s=bounds.GRAVITY_HOLE_S)).felt_s > 0.5
-    forgotten = imu.after_window(before, seen._replace(duration_s=2.0))
+    assert motion.after_imu_window(before, seen._replace(hole_s=bounds.GRAVITY_HOLE_S)).felt_s > 0.5
+    forgotten = motion.after_imu_window(before, seen._replace(duration_s=2.0))
     assert forgotten.felt_s == pytest.approx(2.0)
 
 
 def test_a_tilt_is_told_once_enough_is_felt_and_gravity_is_there() -> None:
     quarter = 0.25 * bounds.GRAVITY_MEMORY_S
     force = 9.81 * quarter * np.array([np.sin(0.4), 0.0, np.cos(0.4)])
-    assert imu.ImuMemory(force, quarter).tilt_error_rad == pytest.approx(0.4)
-    assert imu.ImuMemory(force, 0.999 * quarter).tilt_error_rad == 0.0
+    assert motion.ImuMemory(force, quarter).tilt_error_rad == pytest.approx(0.4)
+    assert motion.ImuMemory(force, 0.999 * quarter).tilt_error_rad == 0.0
     least = bounds.GRAVITY_LEAST_M_S2 * quarter * np.array([0.0, 1.0, 0.0])
-    assert imu.ImuMemory(least, quarter).tilt_error_rad == pytest.approx(np.pi / 2.0)
-    assert imu.ImuMemory(0.999 * least, quarter).tilt_error_rad == 0.0
+    assert motion.ImuMemory(least, quarter).tilt_error_rad == pytest.approx(np.pi / 2.0)
+    assert motion.ImuMemory(0.999 * least, quarter).tilt_error_rad == 0.0
 
 
 def test_an_inertial_unit_that_reports_what_is_no_number_is_counted_and_leaves_the_memory_good() -> None:
     good = ImuPacket(0, np.array([0.0, 0.0, 9.81]), np.zeros(3), LEVEL)
-    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, 1, has_reported=True)
+    before = motion.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, 1, has_reported=True)
     for changes in (
         {"acceleration_of_imu_in_link_m_s2": np.array([0.0, np.nan, 9.81])},
         {"angular_vel_of_link_in_link_rad_s": np.array([0.0, 0.0, np.inf])},
         {"odom_from_link_wxyz": np.full(4, np.nan)},
     ):
-        after = imu.after_window(before, window(imu=(good, replace(good, **changes))))
+        after = motion.after_imu_window(before, window(imu=(good, replace(good, **changes))))
         assert after == before._replace(unknown_windows=2)
-    assert imu.after_window(before, window(imu=(good,))).unknown_windows == 0
+    assert motion.after_imu_window(before, window(imu=(good,))).unknown_windows == 0
 
 
 # Weight ---------------------------------------------------------------------------------------------------------------
@@ -307,17 +307,19 @@ def carrying(shares: list[float]) -> np.ndarray:
 
 
 def test_what_legs_carry_fades_and_adds_up() -> None:
-    before = weight.WeightMemory(np.array([10.0, 20.0, 30.0, 40.0]), 3.0, 0.9)
+    before = ground.WeightMemory(np.array([10.0, 20.0, 30.0, 40.0]), 3.0, 0.9)
     seen, carried_n = window(), np.array([0.1, 0.2, 0.3, 0.4]) * WEIGHT_N
-    after = weight.after_window(before, seen, carried_n)
+    after = ground.after_weight_window(before, seen, carried_n)
     fade = 1.0 - 0.018 / 1.0
     pushed = np.array([10.0, 20.0, 30.0, 40.0]) * fade + np.array([0.1, 0.2, 0.3, 0.4]) * WEIGHT_N * 0.018
     np.testing.assert_allclose(after.pushed_n_s, pushed, rtol=1e-4)
     assert after.gained_n_s == pytest.approx(3.0 * fade)
     assert after.felt_s == pytest.approx(0.9 * fade + 0.018)
-    rising = weight.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([5.0, 5.0, 0.2])), carried_n)
+    rising = ground.after_weight_window(
+        before, window(linear_vel_of_body_in_odom_m_s=np.array([5.0, 5.0, 0.2])), carried_n
+    )
     assert rising.gained_n_s == pytest.approx(3.0 * fade + 31.60 * 0.2, rel=1e-3)
-    assert weight.after_window(before, seen._replace(duration_s=2.0), carried_n).felt_s == pytest.approx(2.0)
+    assert ground.after_weight_window(before, seen._replace(duration_s=2.0), carried_n).felt_s == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(
@@ -337,16 +339,16 @@ def test_what_legs_carry_fades_and_adds_up() -> None:
     ],
 )
 def test_loads_that_do_not_carry_the_robot(shares: list[float], gained_n_s: float, is_wrong: bool) -> None:
-    memory = weight.WeightMemory(np.array(shares) * bounds.WEIGHT_N, gained_n_s, 1.0)
+    memory = ground.WeightMemory(np.array(shares) * bounds.WEIGHT_N, gained_n_s, 1.0)
     assert memory.is_wrong == is_wrong
-    short = weight.WeightMemory(0.75 * np.array(shares) * bounds.WEIGHT_N, 0.75 * gained_n_s, 0.75)
+    short = ground.WeightMemory(0.75 * np.array(shares) * bounds.WEIGHT_N, 0.75 * gained_n_s, 0.75)
     assert short.is_wrong == is_wrong
     assert not short._replace(felt_s=0.749).is_wrong
     np.testing.assert_allclose(short.legs_share, shares)
 
 
 def test_a_share_at_its_bound_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    memory = weight.WeightMemory(np.array([0.3, 0.4, 0.5, -0.1]) * WEIGHT_N, 0.0, 1.0)
+    memory = ground.WeightMemory(np.array([0.3, 0.4, 0.5, -0.1]) * WEIGHT_N, 0.0, 1.0)
     legs_share = memory.legs_share
     for name, value, towards in (
         ("PULL_SHARE", -float(legs_share[3]), 0.0),
@@ -362,7 +364,7 @@ def test_a_share_at_its_bound_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_legs_carry_fades_within_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bounds, "WEIGHT_MEMORY_S", 2.0)
-    after = weight.after_window(weight.WeightMemory(felt_s=1.0), window(), np.zeros(4))
+    after = ground.after_weight_window(ground.WeightMemory(felt_s=1.0), window(), np.zeros(4))
     assert after.felt_s == pytest.approx(1.0 - 0.009 + 0.018)
 
 

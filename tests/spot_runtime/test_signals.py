@@ -14,7 +14,7 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.body_height import body_height_m
-from spot_runtime.control.safety.signals import bounds, check, ground, imu, still
+from spot_runtime.control.safety.signals import bounds, check, ground, motion, still
 from spot_runtime.control.safety.signals.legs import feet, ground_forces_n, sole_speeds_m_s
 from spot_runtime.control.safety.signals.readers import READ_FOR_OBSERVATION, Doubt, Signal, relied_on
 from spot_runtime.control.safety.signals.window import rotation_matrix, turned_rad, window_of
@@ -319,7 +319,7 @@ def test_an_inertial_unit_that_falls_silent_is_doubted_and_one_that_never_spoke_
     assert found[0] == pytest.approx(bounds.IMU_SILENT_WINDOWS * 0.018, abs=0.05)
     quiet = [replace(state, imu=()) for state in walking()[:8]]
     for windows, count in ((2, 0), (1, 1)):
-        last = imu.ImuMemory(has_reported=True, silent_windows=bounds.IMU_SILENT_WINDOWS - windows)
+        last = motion.ImuMemory(has_reported=True, silent_windows=bounds.IMU_SILENT_WINDOWS - windows)
         _, doubts = check.check_signals(check.SignalMemory(imu=last), quiet, IDLE)
         assert len(doubts) == count
 

@@ -11,9 +11,8 @@ import pytest
 
 from spot_model.robot import facts
 from spot_model.robot.state import Array
-from spot_runtime.control.safety.signals import bounds, check, stance
-from spot_runtime.control.safety.signals.legs import foot_jacobians
-from spot_runtime.control.safety.signals.stance import Stance, explanations, is_stance_wrong, stance_of
+from spot_runtime.control.safety.signals import bounds, check, legs
+from spot_runtime.control.safety.signals.legs import Stance, explanations, foot_jacobians, is_stance_wrong, stance_of
 from spot_runtime.control.safety.signals.window import Window
 from tests.spot_runtime.resting_robot import Stand, drawn_stand
 from tests.spot_runtime.test_signal_memories import window
@@ -179,7 +178,7 @@ def test_loads_of_the_wrong_sign_or_unit_are_no_stance_and_nothing_explains_them
 
 
 def test_every_single_joint_kind_and_pair_is_tried_and_none_beyond_its_stop() -> None:
-    tried = dict(stance._changed(np.arange(12.0)))
+    tried = dict(legs._changed(np.arange(12.0)))
     assert len(tried) == 12 + 3 + 66
     np.testing.assert_array_equal(tried["fl_kn mirrored"], np.arange(12.0) * np.where(np.arange(12) == 2, -1, 1))
     np.testing.assert_array_equal(

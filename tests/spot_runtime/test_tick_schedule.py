@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spot_runtime.control.tick_schedule import TickSchedule, schedule_for
+from spot_runtime.control.memory import TickSchedule, schedule_for
 
 MS = 1_000_000
 

@@ -1,4 +1,7 @@
-"""Whether battery and temperatures can be true: what is no number, or none of a Spot's, is unknown, and so not good."""
+"""Battery, temperatures, power and faults as polled: whether they can be true, and which of them end a run.
+
+What is no number, or none of a Spot's, is unknown, and so not good.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,8 @@ from typing import Final, NamedTuple
 
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import SlowState
-from spot_runtime.stops import Stop, StopReason
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import CRITICAL, Stop, StopReason
 
 CHARGE_PERCENT: Final = (0.0, 100.0)
 VOLTAGE_V: Final = (28.0, 65.0)
@@ -94,3 +98,33 @@ def _unknown(slow: SlowState) -> Iterator[str]:
     for name, value, (low, high) in ranges:
         if not low <= value <= high:  # NaN, too
             yield name
+
+
+def check_slow_state(
+    memory: BatteryMemory, slow: SlowState, host_now_ns: int, limits: SafetyLimits
+) -> tuple[BatteryMemory, Stop | None]:
+    """Judge battery, temperatures, power, e-stop and faults, and how old that knowledge is."""
+    after, doubt = watch(memory, slow, host_now_ns, limits.slow_state_age_s)
+    return after, _at_once(slow, host_now_ns, limits) or doubt
+
+
+def _at_once(slow: SlowState, host_now_ns: int, limits: SafetyLimits) -> Stop | None:
+    """What is known to be bad. A value that cannot be true is neither low nor hot."""
+    age_s = (host_now_ns - slow.host_stamp_ns) / NS_PER_S
+    if age_s > limits.slow_state_age_s:
+        return Stop(StopReason.LINK_LOST, "", {"age_s": age_s, "bound_s": limits.slow_state_age_s})
+    if slow.estopped:
+        return Stop(StopReason.ESTOPPED)
+    if slow.behavior_faults:
+        return Stop(StopReason.BEHAVIOR_FAULT, ", ".join(slow.behavior_faults))
+    if not slow.motors_powered:
+        return Stop(StopReason.MOTORS_OFF)
+    if CHARGE_PERCENT[0] <= slow.battery_charge_percent < limits.battery_percent:
+        values = {"charge_percent": slow.battery_charge_percent, "bound_percent": limits.battery_percent}
+        return Stop(StopReason.BATTERY_LOW, "", values)
+    for name, temperature_c in slow.motor_temperature_c.items():
+        if limits.motor_temperature_c < temperature_c <= TEMPERATURE_C[1]:
+            values = {"temperature_c": temperature_c, "bound_c": limits.motor_temperature_c}
+            return Stop(StopReason.MOTOR_HOT, name, values)
+    critical = [fault for fault in slow.system_faults if fault.startswith(CRITICAL)]
+    return Stop(StopReason.SYSTEM_FAULT, ", ".join(critical)) if critical else None

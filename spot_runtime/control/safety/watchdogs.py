@@ -1,24 +1,86 @@
-"""Everything that is watched while the loop runs, gathered into stops: pure functions over a small memory."""
+"""Everything that is watched while the loop runs, gathered into stops: pure functions over a small memory.
+
+A lost command shows as a key that the robot never echoed. Two commands that reach the robot within one state period
+look as if the older one were lost, so one or two keys that are passed over say little; three in a row need losses.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from spot_log.format.events import EventName
+from spot_log.format.records import EventRecord
 from spot_log.write.sink import SinkHealth
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.notes import Notes
-from spot_runtime.control.safety.battery import BatteryMemory
-from spot_runtime.control.safety.command_loss import LossMemory, confirm
-from spot_runtime.control.safety.slow_state import check_slow_state
+from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
 from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
+
+WINDOW_KEYS: Final = 1500
+"""Keys over which losses are counted: 4.5 s at a command a state."""
+
+IN_A_ROW: Final = 3
+
+
+_SHARES: Final = np.arange(0.0, 0.75, 1e-4)
+_BURSTS: Final = _SHARES**3 * (1.0 - _SHARES)
+"""Bursts a key at each share; they rise up to 0.75."""
+
+
+class LossMemory(NamedTuple):
+    """What counting remembers."""
+
+    first_key: int = 0
+    """Where the window began; 0 before any confirmation."""
+    newest_key: int = 0
+    bursts: int = 0
+    """How often three or more keys in a row were passed over, in this window."""
+    share: float = 0.0
+    """Estimated share of commands that were lost, over the last window that is full."""
+
+
+def confirm(memory: LossMemory, key: int) -> LossMemory:
+    """Take the key that the newest state confirms; an older one is that of another run, and counting begins anew."""
+    if memory.first_key == 0 or key < memory.newest_key:
+        return LossMemory(first_key=key, newest_key=key)
+    bursts = memory.bursts + (key - memory.newest_key > IN_A_ROW)
+    if key - memory.first_key < WINDOW_KEYS:
+        return LossMemory(memory.first_key, key, bursts, memory.share)
+    return LossMemory(first_key=key, newest_key=key, share=loss_share(bursts, key - memory.first_key))
+
+
+def loss_share(bursts: int, keys: int) -> float:
+    """The share p at which so many losses of three or more in a row are expected: p³·(1 − p) = bursts / keys."""
+    return float(np.interp(bursts / keys, _BURSTS, _SHARES))
+
+
+class Notes:
+    """Lives as long as one step."""
+
+    def __init__(self, told: frozenset[tuple[EventName, str]], host_ns: int, robot_ns: int) -> None:
+        """Stamp events with these instants; ``told`` holds the once-only events that have been reported."""
+        self.told, self._host_ns, self._robot_ns = told, host_ns, robot_ns
+        self.events: list[EventRecord] = []
+
+    def event(self, name: EventName, text: str, values: Mapping[str, float] | None = None) -> None:
+        """Write an event."""
+        record = EventRecord(self._host_ns, self._robot_ns, name.severity, name.label, text, dict(values or {}))
+        self.events.append(record)
+
+    def once(self, name: EventName, text: str, values: Mapping[str, float] | None = None, *, about: str = "") -> None:
+        """Write an event whose repetitions, of the same name and about the same, would only flood the log."""
+        if (name, about) not in self.told:
+            self.told |= {(name, about)}
+            self.event(name, text, values)
+
 
 LOG_CHECK_PERIOD_NS: Final = NS_PER_S // 2
 

@@ -1,17 +1,23 @@
-"""User name and password: from a file, a systemd credential or the environment, never from the command line."""
+"""Login and trust: user name, password and the certificates by which the robot is believed.
+
+The login comes from a file, a systemd credential or the environment, never from the command line.
+"""
 
 from __future__ import annotations
 
 import os
+import re
+import ssl
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from spot_model.io.bounded_file import open_to_read
+from spot_model.io.bounded_file import FileTooLargeError, open_to_read, read_at_most
 from spot_model.io.yaml_text import YamlError, parse_yaml
-from spot_runtime.hal.errors import CredentialsError
+from spot_runtime.hal.errors import CertificateError, CredentialsError
 
 USERNAME_VARIABLE: Final = "BOSDYN_CLIENT_USERNAME"
 PASSWORD_VARIABLE: Final = "BOSDYN_CLIENT_PASSWORD"  # noqa: S105 - a variable's name; the vendor's SDK reads it too
@@ -91,3 +97,34 @@ def _read(file: Path, *, forbidden_mode: int) -> Credentials:
         # The content is a secret, so neither it nor a parser's quotation of it may show.
         raise CredentialsError(f"credentials file {file} must hold 'username: …' and 'password: …', both text")
     return Credentials(fields["username"], fields["password"])
+
+
+MAX_PEM_BYTES: Final = 1024 * 1024
+_CERTIFICATE: Final = re.compile(rb"-----BEGIN CERTIFICATE-----[\x00-\x7f]*?-----END CERTIFICATE-----")
+
+
+def trusted_certificates(ca_file: Path | None) -> bytes:
+    """The vendor's certificate and those of ``ca_file``, in PEM.
+
+    Raises:
+        CertificateError: The file cannot be read, or holds no certificate.
+    """
+    vendor = files("bosdyn.client.resources").joinpath("robot.pem").read_bytes()
+    return vendor if ca_file is None else vendor + b"\n" + read_certificates(ca_file)
+
+
+def read_certificates(path: Path) -> bytes:
+    """The certificates of a PEM file, without what stands between them. Raises CertificateError."""
+    try:
+        data = read_at_most(path, MAX_PEM_BYTES)
+    except (OSError, FileTooLargeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise CertificateError(f"certificate file {path} cannot be read: {reason}; give a PEM file") from error
+    certificates = b"\n".join(_CERTIFICATE.findall(data)) + b"\n"
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=certificates.decode("ascii"))
+    except (ssl.SSLError, ValueError) as error:
+        raise CertificateError(
+            f"certificate file {path} holds no PEM certificate that can be read; give the one that signed the robot's"
+        ) from error
+    return certificates

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -13,12 +14,45 @@ from spot_model.robot.state import RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.command_stream import CommandStream
-from spot_runtime.hal.spot.jobs import Jobs
-from spot_runtime.hal.spot.pace import States
+from spot_runtime.hal.spot.pace import Jobs, States
 from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, PolledStates, StateQueue, take_all
-from spot_runtime.hal.spot.step_socket import ANSWER_TIMEOUT_S, StepSocket
 from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.clock import ClockSample, RobotClockEstimate
+
+ANSWER_TIMEOUT_S: Final = 10.0
+"""Host time within which a step must be done."""
+
+MAX_ANSWER_BYTES: Final = 1 << 18
+
+
+class StepSocket:
+    """One step at a time, a datagram each way. Methods raise ``OSError`` where the fake robot is gone or hangs."""
+
+    def __init__(self, path: str) -> None:
+        """Connect to the socket that the admin service tells."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.settimeout(ANSWER_TIMEOUT_S)
+        try:
+            self._socket.connect(path)
+        except BaseException:
+            self._socket.close()
+            raise
+
+    def ask(self, request: fake_admin_pb2.StepRequest) -> None:
+        """Begin a step."""
+        self._socket.send(request.SerializeToString())
+
+    def answer(self) -> fake_admin_pb2.StepResponse:
+        """Wait for the end of the step that was asked for."""
+        datagram = self._socket.recv(MAX_ANSWER_BYTES)
+        if not datagram:
+            raise ConnectionResetError("it ended")
+        return fake_admin_pb2.StepResponse.FromString(datagram)
+
+    def close(self) -> None:
+        """End it."""
+        self._socket.close()
+
 
 STEP_MAX_NS: Final = 30_000_000
 COMMAND_TIMEOUT_S: Final = 2.0

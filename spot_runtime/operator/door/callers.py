@@ -7,6 +7,10 @@ clients with a certificate are served, and the certificate states the role as a 
 
 from __future__ import annotations
 
+import ipaddress
+import socket
+import struct
+import sys
 from enum import Enum
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -16,7 +20,81 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.x509.oid import NameOID
 
 from spot_model.text import plain
-from spot_runtime.operator.door.peers import Peer
+
+_CREDENTIALS: Final = struct.Struct("3i")
+NETLINK_SOCK_DIAG: Final = 4
+SOCK_DIAG_BY_FAMILY: Final = 20
+REQUEST: Final = 1
+ALL_STATES: Final = 0xFFFF_FFFF
+ANY_INTERFACE_AND_COOKIE: Final = bytes(4) + b"\xff" * 8
+USER_OFFSET: Final = 64
+"""Of the user in ``inet_diag_msg``, after state, addresses, timer and queues."""
+
+Address = ipaddress.IPv4Address | ipaddress.IPv6Address
+NETWORK_BITS: Final = {4: 32, 6: 64}
+"""A client with one IPv6 address has 2^64 of them."""
+
+
+class Peer(NamedTuple):
+    """The other end of a connection."""
+
+    group: str
+    """Whose share of the connections it takes: a process, a user, or an address."""
+    user_id: int | None
+    """On this computer; None over a network, or where the kernel does not tell."""
+
+    @property
+    def identity(self) -> str:
+        """The client's identity if it has no certificate."""
+        return self.group if self.user_id is None else f"user {self.user_id}"
+
+
+def peer_of(connection: socket.socket) -> Peer:
+    """The other end of an accepted connection. Never raises."""
+    if connection.family == socket.AF_UNIX:
+        data = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        process_id, user_id, _ = _CREDENTIALS.unpack(data)
+        return Peer(f"process {process_id}", user_id)
+    try:
+        client, service = _end(connection.getpeername()), _end(connection.getsockname())
+    except OSError:  # it has gone already
+        return Peer("nobody", None)
+    address = client[0]
+    if address.is_loopback:
+        user_id = _user_of(client, service)
+        return Peer("this computer" if user_id is None else f"user {user_id}", user_id)
+    network = ipaddress.ip_network((address, NETWORK_BITS[address.version]), strict=False)
+    return Peer(f"address {network.network_address}", None)
+
+
+def _end(name: tuple[str, int]) -> tuple[Address, int]:
+    address = ipaddress.ip_address(name[0].partition("%")[0])
+    mapped = getattr(address, "ipv4_mapped", None)
+    return (address if mapped is None else mapped), name[1]
+
+
+def _user_of(client: tuple[Address, int], service: tuple[Address, int]) -> int | None:
+    """Which user has the client's end of a connection within this computer; None where the kernel does not tell.
+
+    Source: sock_diag(7), a request for one socket by its addresses.
+    """
+    family = socket.AF_INET if client[0].version == 4 else socket.AF_INET6
+    ends = struct.pack(">HH16s16s", client[1], service[1], client[0].packed, service[0].packed)
+    body = struct.pack("=BBBBI", family, socket.IPPROTO_TCP, 0, 0, ALL_STATES) + ends + ANY_INTERFACE_AND_COOKIE
+    head = struct.pack("=IHHII", 16 + len(body), SOCK_DIAG_BY_FAMILY, REQUEST, 1, 0)
+    try:
+        with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, NETLINK_SOCK_DIAG) as netlink:
+            netlink.settimeout(0.05)
+            netlink.send(head + body)
+            answer = netlink.recv(4096)
+    except OSError:
+        return None
+    kind = int.from_bytes(answer[4:6], sys.byteorder)
+    at = 16 + USER_OFFSET
+    if kind != SOCK_DIAG_BY_FAMILY or len(answer) < at + 4:
+        return None
+    return int.from_bytes(answer[at : at + 4], sys.byteorder)
+
 
 ROLE_URI: Final = "urn:spot-rl:role:"
 

@@ -13,11 +13,96 @@ from itertools import count
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from spot_runtime.operator.door.callers import Caller, caller_of
-from spot_runtime.operator.door.frames import HEAD_BYTES, Frames
-from spot_runtime.operator.door.outflow import PART_BYTES, WOULD_BLOCK, Outflow
-from spot_runtime.operator.door.peers import peer_of
+from spot_runtime.operator.door.callers import Caller, caller_of, peer_of
 from spot_runtime.operator.door.turns import Place, Turns
+
+PART_BYTES: Final = 16_384
+WOULD_BLOCK: Final = (BlockingIOError, InterruptedError, ssl.SSLWantReadError, ssl.SSLWantWriteError)
+
+
+class Outflow:
+    """One direction of a connection: never more than one part of it in memory."""
+
+    def __init__(self, source: socket.socket, target: socket.socket, on_end: Callable[[], None]) -> None:
+        """Begin to pass on; ``on_end`` is called when either socket has gone."""
+        self._source, self._target, self._on_end = source, target, on_end
+        self._loop = asyncio.get_running_loop()
+        self._left = memoryview(b"")
+        self._loop.add_reader(source, self._read)
+
+    def close(self) -> None:
+        """Pass on nothing any more; the sockets are their owner's."""
+        self._loop.remove_reader(self._source)
+        self._loop.remove_writer(self._target)
+
+    def _read(self) -> None:
+        try:
+            data = self._source.recv(PART_BYTES)
+        except WOULD_BLOCK:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._on_end()
+            return
+        self._left = memoryview(data)
+        self._write()
+
+    def _write(self) -> None:
+        try:
+            self._left = self._left[self._target.send(self._left) :]
+        except WOULD_BLOCK:
+            pass
+        except OSError:
+            self._on_end()
+            return
+        if self._left:
+            self._loop.remove_reader(self._source)
+            self._loop.add_writer(self._target, self._write)
+        else:
+            self._loop.remove_writer(self._target)
+            self._loop.add_reader(self._source, self._read)
+
+
+PREFACE_BYTES: Final = 24
+HEAD_BYTES: Final = 9
+HEADERS: Final = 1
+MOST_FRAMES: Final = 32
+"""Of a turn. gRPC needs some microseconds for each that begins no call."""
+
+
+class Frames:
+    """Cuts a client's stream of bytes into parts that may be passed on in one turn."""
+
+    def __init__(self) -> None:
+        self._rest = PREFACE_BYTES
+        self.is_at_call = False
+        """Whether the next frame begins a call, which the last cut did not let through."""
+
+    def cut(self, data: bytes | bytearray, *, may_call: bool) -> tuple[int, bool]:
+        """The first bytes of ``data`` that may pass now: at most one call's beginning, and no more than some frames.
+
+        Args:
+            data: What has come and was not cut off before.
+            may_call: Whether one call may begin.
+
+        Returns:
+            How many bytes, and whether a call begins in them.
+        """
+        at, has_call, self.is_at_call = 0, False, False
+        for _ in range(MOST_FRAMES):
+            passing = min(self._rest, len(data) - at)
+            at, self._rest = at + passing, self._rest - passing
+            if self._rest or len(data) - at < HEAD_BYTES:
+                break
+            if data[at + 3] == HEADERS:
+                if has_call or not may_call:
+                    self.is_at_call = True
+                    break
+                has_call = True
+            self._rest = HEAD_BYTES + int.from_bytes(data[at : at + 3], "big")
+        return at, has_call
+
 
 SEEN_WITHIN_S: Final = 0.1
 """Time for which a connection's next call waits for gRPC to show the one before; it may have been broken off."""

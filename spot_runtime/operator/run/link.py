@@ -7,6 +7,7 @@ a stalled service nor one that floods can hold up the loop.
 from __future__ import annotations
 
 import contextlib
+import select
 import socket
 import time
 from collections.abc import Sequence
@@ -16,11 +17,18 @@ from google.protobuf.message import DecodeError
 
 from spot_model.errors import SpotRlError
 from spot_protos import operator_pb2, run_link_pb2
-from spot_runtime.host.descriptors import is_ready
 from spot_runtime.stops import StopReason
 
-if TYPE_CHECKING:  # a control process has its first word to say before it imports what takes long
+if TYPE_CHECKING:
     from spot_log.format.records import EventRecord
+
+
+def is_ready(connection: socket.socket, within_s: float, *, to_send: bool = False) -> bool:
+    """Whether something can be read, or sent, or is so within a time; also where the other end has gone."""
+    poll = select.poll()
+    poll.register(connection, select.POLLOUT if to_send else select.POLLIN)
+    return bool(poll.poll(1e3 * within_s))
+
 
 MAX_DATAGRAM_BYTES: Final = 16_384
 MAX_SENTENCE: Final = 2_000

@@ -23,14 +23,11 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
 from spot_runtime.operator.run.run_spec import RunSpec
-from spot_runtime.operator.server.armed_run import ArmedRun
-from spot_runtime.operator.server.pending import SteeringRight
+from spot_runtime.operator.server.armed_run import ArmedRun, SteeringRight
 from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder
-from spot_runtime.operator.server.run_process import RunProcess
-from spot_runtime.operator.server.service_state import ServiceState
-from spot_runtime.operator.server.states import State
+from spot_runtime.operator.server.run_process import Rescue, RunProcess
+from spot_runtime.operator.server.service_state import ServiceState, State
 from spot_runtime.rescue.make_safe import MAY_HAVE_POWER
-from spot_runtime.rescue.rescue import Rescue
 
 TURN_S: Final = 0.05
 ANSWER_TIMEOUT_S: Final = 25.0

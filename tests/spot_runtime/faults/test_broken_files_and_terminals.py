@@ -19,8 +19,7 @@ from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import load_policy
 from spot_runtime.config import load_config
-from spot_runtime.hal.connection.credentials import find_credentials
-from spot_runtime.hal.connection.trust import read_certificates
+from spot_runtime.hal.connection.credentials import find_credentials, read_certificates
 from spot_runtime.host.instance_lock import InstanceLock, LockError
 from spot_tools.client.client import client_from
 

@@ -13,8 +13,8 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal
-from spot_runtime.operator.server.pending import PendingRequests
-from spot_runtime.operator.server.states import State
+from spot_runtime.operator.server.armed_run import PendingRequests
+from spot_runtime.operator.server.service_state import State
 from spot_runtime.operator.server.supervisor import MAX_WAITING, STOP_TIMEOUT_S, Supervisor
 
 from .conftest import wait_until

@@ -17,8 +17,8 @@ from proof.attacks.certificates import LOOPBACK, Authority, role
 from proof.attacks.target import serve
 from proof.attacks.wire import DATA, END_HEADERS, HEADERS, PING, PREFACE, SETTINGS, connect, frame, head_of_call
 from spot_runtime.operator.door import connection
+from spot_runtime.operator.door.connection import MOST_FRAMES, Frames
 from spot_runtime.operator.door.door import MAX_ADMITTED, MAX_NEWCOMERS
-from spot_runtime.operator.door.frames import MOST_FRAMES, Frames
 from spot_runtime.operator.door.turns import Place, Turns
 
 TIMEOUT_S = 60.0

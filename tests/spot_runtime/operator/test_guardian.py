@@ -18,8 +18,7 @@ import pytest
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.io.child_process import LOOK_PERIOD_S, LivingProcess
 from spot_protos import fake_admin_pb2_grpc
-from spot_runtime.rescue.guardian import ABORT_TAKES_S, outlive
-from spot_runtime.rescue.heartbeat import Heartbeat, Hold
+from spot_runtime.rescue.guardian import ABORT_TAKES_S, Heartbeat, Hold, outlive
 
 from .conftest import POLICIES, wait_until
 from .test_serve import Service, at_rest, child_of, is_alive, mode_of

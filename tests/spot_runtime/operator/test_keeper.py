@@ -25,9 +25,9 @@ from spot_runtime.hal.spot.motions import Helm, Motions
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.operator.run.operated_run import OperatedRun
 from spot_runtime.operator.run.run_spec import RunSpec
-from spot_runtime.rescue import keeper
-from spot_runtime.rescue.heartbeat import Heartbeat
-from spot_runtime.rescue.keeper import CALLS_IN_A_ROW, LASTS_S, MOST_ENDS, GuardianKeeper, longest_silence_s
+from spot_runtime.rescue import guarded
+from spot_runtime.rescue.guarded import CALLS_IN_A_ROW, LASTS_S, MOST_ENDS, GuardianKeeper, longest_silence_s
+from spot_runtime.rescue.guardian import Heartbeat
 from tests.spot_runtime.conftest import HandMadeRobot
 
 from .conftest import Operator
@@ -96,7 +96,7 @@ def test_it_waits_until_the_guardian_watches() -> None:
 
 
 def test_without_one_that_watches_nobody_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(keeper, "WATCHES_WITHIN_S", 0.1)
+    monkeypatch.setattr(guarded, "WATCHES_WITHIN_S", 0.1)
     ends = Kept(lambda heartbeat: Guardian(heartbeat, watches_at=1000, ends_at=3))
     with pytest.raises(HalError, match=r"no guardian watches.*it ended at once, exit code 1; see to this computer"):
         ends.keeper.begin()

@@ -28,6 +28,7 @@ from spot_runtime.hal.errors import CertificateError, HalError, LeaseHeldError, 
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
+from spot_runtime.operator.server.run_process import Rescue
 from spot_runtime.rescue.guarded import NotingHal
 from spot_runtime.rescue.lease_note import (
     HeldNote,
@@ -38,7 +39,6 @@ from spot_runtime.rescue.lease_note import (
     note_path,
 )
 from spot_runtime.rescue.make_safe import NotSafeError, make_safe_by_note
-from spot_runtime.rescue.rescue import Rescue
 
 SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))
 SCENARIO = "services: {on_lease_expiry: nothing}\n"

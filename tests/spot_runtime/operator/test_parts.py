@@ -18,21 +18,19 @@ import pytest
 from spot_log.format.records import EventRecord, Severity
 from spot_model.errors import BadInputError
 from spot_protos import operator_pb2, run_link_pb2
-from spot_runtime.config import RunConfig
+from spot_runtime.config import RunConfig, ServiceConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.operator.door.access import Buckets, Gate, Lane
 from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_tls
 from spot_runtime.operator.refusal import Refusal
-from spot_runtime.operator.run.background_tasks import BackgroundTask
 from spot_runtime.operator.run.link import MAX_TAKEN, RunLink
+from spot_runtime.operator.run.operated_run import BackgroundTask
 from spot_runtime.operator.run.run_status import STANDING_BY
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
-from spot_runtime.operator.server import request_checks as rules
-from spot_runtime.operator.server.event_history import KEPT, EventHistory
+from spot_runtime.operator.server import service as rules
 from spot_runtime.operator.server.policy_folder import PolicyFolder
-from spot_runtime.operator.server.states import State
-from spot_runtime.service_config import ServiceConfig
+from spot_runtime.operator.server.service_state import KEPT, EventHistory, State
 from spot_runtime.stops import StopReason
 from spot_tools.client import ctl
 from spot_tools.client.watch import _body
@@ -139,15 +137,15 @@ def test_attendance_by_hand() -> None:
 @pytest.mark.parametrize(
     ("check", "words"),
     [
-        (lambda: rules.labels({"a b": "c"}), "label 'a b' = 'c' is not valid"),
-        (lambda: rules.labels({"a": "x" * 257}), "printable values of at most 256"),
-        (lambda: rules.labels({"a": "two\nlines"}), "printable values of at most 256"),
-        (lambda: rules.labels({f"k{i}": "" for i in range(33)}), "33 labels are given; allowed: at most 32"),
-        (lambda: rules.labels({}, at_least=1), "no label is given"),
-        (lambda: rules.operator_name("x" * 65), "at most 64 characters"),
-        (lambda: rules.sha256("abc"), "64 hexadecimal digits"),
-        (lambda: rules.status_rate_hz(math.nan), "rate_hz = nan; allowed: 0.1 to 10"),
-        (lambda: rules.status_rate_hz(11.0), "rate_hz = 11.0"),
+        (lambda: rules.checked_labels({"a b": "c"}), "label 'a b' = 'c' is not valid"),
+        (lambda: rules.checked_labels({"a": "x" * 257}), "printable values of at most 256"),
+        (lambda: rules.checked_labels({"a": "two\nlines"}), "printable values of at most 256"),
+        (lambda: rules.checked_labels({f"k{i}": "" for i in range(33)}), "33 labels are given; allowed: at most 32"),
+        (lambda: rules.checked_labels({}, at_least=1), "no label is given"),
+        (lambda: rules.checked_operator("x" * 65), "at most 64 characters"),
+        (lambda: rules.checked_sha256("abc"), "64 hexadecimal digits"),
+        (lambda: rules.checked_rate_hz(math.nan), "rate_hz = nan; allowed: 0.1 to 10"),
+        (lambda: rules.checked_rate_hz(11.0), "rate_hz = 11.0"),
         (lambda: velocity(math.nan), "v_x_m_s = nan is no number"),
         (lambda: velocity(math.inf), "v_x_m_s = inf is no number"),
         (lambda: velocity(1.6), "v_x_m_s = 1.6; this policy takes -1 to 1.5"),
@@ -162,14 +160,14 @@ def test_requests_that_are_refused_at_the_edge(check, words: str) -> None:  # ty
 
 def velocity(v_x: float) -> tuple[float, float, float]:
     request = operator_pb2.SetVelocityRequest(v_x_m_s=v_x)
-    return rules.velocity(request, (-1.0, -0.5, -1.0), (1.5, 0.5, 1.0))
+    return rules.checked_velocity(request, (-1.0, -0.5, -1.0), (1.5, 0.5, 1.0))
 
 
 def test_requests_that_pass() -> None:
-    assert rules.labels({"surface": "wet grass"}) == {"surface": "wet grass"}
+    assert rules.checked_labels({"surface": "wet grass"}) == {"surface": "wet grass"}
     assert velocity(1.5) == (1.5, 0.0, 0.0)
-    assert rules.status_rate_hz(0.0) == 2.0
-    assert rules.sha256("A" * 64) == "a" * 64
+    assert rules.checked_rate_hz(0.0) == 2.0
+    assert rules.checked_sha256("A" * 64) == "a" * 64
 
 
 def test_a_bucket_by_hand() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from spot_model.io.child_process import HEARD, ChildProcess
-from spot_runtime.rescue.rescue import Rescue
+from spot_runtime.operator.server.run_process import Rescue
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,63 @@
-"""Loads as answers: to what was asked of their own joints, and not of another leg's."""
+"""Loads against what was asked: of their own joint, not of another leg's, and while a measured pose is held.
+
+While joint control takes hold, the set-point is the pose that the robot reports and the feed-forward torque is the load
+that carries it. A servo that sees its joint elsewhere adds its stiffness times the difference, which shows in its load.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array, JointCommand
+from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from spot_model.robot.state import Array, JointCommand, RobotState
 from spot_runtime.control.safety.signals import bounds
-from spot_runtime.control.safety.signals.load import motor_torque_nm, torque_nm
 from spot_runtime.control.safety.signals.window import Window
+
+
+def disagreeing(window: Window, commands: Sequence[JointCommand]) -> NDArray[np.bool_]:
+    """Joints whose load lies far from whatever the servo law could have asked of them. Shape (12,).
+
+    The load may answer any of these recent commands, of which there is at least one.
+    """
+    state = window.last
+    asked = np.array([torque_nm(command, state.position_rad, state.velocity_rad_s) for command in commands])
+    least, largest = asked.min(axis=0), asked.max(axis=0)
+    gains = commands[-1].gains
+    # Between what is reported and what the servo acts on, position and velocity move on.
+    lag = bounds.LOAD_LAG_S * (
+        gains.kp_nm_per_rad * np.abs(state.velocity_rad_s)
+        + gains.kd_nm_s_per_rad * window.velocity_range_rad_s / window.duration_s
+    )
+    allowed = bounds.LOAD_NM + bounds.LOAD_SHARE * np.maximum(np.abs(least), np.abs(largest)) + lag
+    # Less torque than was asked is what limits and weak motors do; it never turns round.
+    low, high = np.minimum(least, 0.0) - allowed, np.maximum(largest, 0.0) + allowed
+    return np.asarray((state.load_nm < low) | (state.load_nm > high))
+
+
+def at_stop(position_rad: Array) -> NDArray[np.bool_]:
+    """Joints that may lie on their stops, whose force their loads contain. Shape (12,)."""
+    low, high = facts.POSITION_LOW_RAD + bounds.STOP_RAD, facts.POSITION_HIGH_RAD - bounds.STOP_RAD
+    return np.asarray((position_rad < low) | (position_rad > high))
+
+
+def motor_torque_nm(position_rad: Array) -> Array:
+    """Most that the motors give at these positions: that of a knee depends on its lever. Shape (12,)."""
+    most = np.full(facts.N_JOINTS, facts.HIP_TORQUE_LIMIT_NM)
+    most[2::3] = np.interp(position_rad[2::3], KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM)
+    return most
+
+
+def torque_nm(command: JointCommand, position_rad: Array, velocity_rad_s: Array) -> Array:
+    """What a command asks of the joints at these positions and velocities. Shape (12,)."""
+    gains = command.gains
+    torque = gains.kp_nm_per_rad * (command.position_rad - position_rad) + command.load_nm
+    return np.asarray(torque - gains.kd_nm_s_per_rad * velocity_rad_s)
+
 
 _NO_JOINTS: Final = np.zeros(facts.N_JOINTS)
 _NO_LEGS: Final = np.zeros((facts.N_LEGS, facts.N_LEGS))
@@ -110,3 +156,59 @@ def _apart(command: JointCommand) -> Array:
 
 def _legs(joints: Array) -> Array:
     return joints.reshape(facts.N_LEGS, len(facts.JOINT_TYPES))
+
+
+_NO_COUNTS: Final = np.zeros(facts.N_JOINTS, dtype=np.int64)
+_ALIKE: Final = 1.0 / 3.0
+"""An angle within this share of the error is taken for the true one."""
+
+
+class HoldMemory(NamedTuple):
+    """What the loads have shown since joint control began."""
+
+    windows: NDArray[np.int64] = _NO_COUNTS
+    """In a row in which a load lay beside what was asked. Shape (12,)."""
+    said_rad: Array = _NO_JOINTS
+    """Mean reported position of the last window. Shape (12,)."""
+    answers_rad: Array = _NO_JOINTS
+    """Position by the servo law. Shape (12,)."""
+
+    @property
+    def is_wrong(self) -> NDArray[np.bool_]:
+        """Joints whose servo acts on another position than the reported one. Shape (12,)."""
+        return self.windows >= bounds.HELD_WINDOWS
+
+
+def after_hold_window(
+    memory: HoldMemory, states: Sequence[RobotState], command: JointCommand, is_measured: NDArray[np.bool_]
+) -> HoldMemory:
+    """The memory after one more window of states; arguments as in :func:`answer.after_window`."""
+    position, velocity, load = (
+        np.mean([getattr(state, name) for state in states], axis=0)
+        for name in ("position_rad", "velocity_rad_s", "load_nm")
+    )
+    asked = torque_nm(command, position, velocity)
+    unasked = load - asked
+    is_beside = np.abs(unasked) > bounds.UNASKED_NM + bounds.UNASKED_SHARE * np.abs(asked)
+    windows = np.where(is_measured & is_beside, memory.windows + 1, 0)
+    return HoldMemory(windows, position, position - unasked / command.gains.kp_nm_per_rad)
+
+
+def hold_words(memory: HoldMemory) -> str:
+    """Which joints are wrong, where their servos see them, and what single error that looks like."""
+    wrong = np.flatnonzero(memory.is_wrong)
+    said, answers = memory.said_rad, memory.answers_rad
+
+    def looks_like(joint: int) -> str:
+        angles_rad = {", as if mirrored": -said[joint]}
+        for other in wrong[wrong != joint]:
+            angles_rad[f", as if exchanged with {facts.JOINT_NAMES[other]}"] = said[other]
+        alike = min(angles_rad, key=lambda name: abs(answers[joint] - angles_rad[name]))
+        is_alike = abs(answers[joint] - angles_rad[alike]) < _ALIKE * abs(answers[joint] - said[joint])
+        return alike if is_alike else ""
+
+    return "; ".join(
+        f"{facts.JOINT_NAMES[joint]} reports {said[joint]:+.2f} rad and answers as at about {answers[joint]:+.2f}"
+        + looks_like(int(joint))
+        for joint in wrong
+    )

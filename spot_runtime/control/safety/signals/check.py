@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
-from spot_runtime.control.safety.signals import answer, bounds, ground, hold, imu, load, motion, stance, still, weight
+from spot_runtime.control.safety.signals import answer, bounds, ground, legs, motion, still
 from spot_runtime.control.safety.signals.legs import ground_forces_n
 from spot_runtime.control.safety.signals.readers import Doubt, Signal
 from spot_runtime.control.safety.signals.window import Window, length, window_of
@@ -34,10 +34,10 @@ class SignalMemory(NamedTuple):
     """The newest that changed what is asked, oldest first."""
     motion: motion.MotionMemory = motion.MotionMemory()
     ground: ground.GroundMemory = ground.GroundMemory()
-    imu: imu.ImuMemory = imu.ImuMemory()
-    weight: weight.WeightMemory = weight.WeightMemory()
+    imu: motion.ImuMemory = motion.ImuMemory()
+    weight: ground.WeightMemory = ground.WeightMemory()
     answer: answer.AnswerMemory = answer.AnswerMemory()
-    hold: hold.HoldMemory = hold.HoldMemory()
+    hold: answer.HoldMemory = answer.HoldMemory()
     still: still.Counts = still.NO_COUNTS
     load_windows: NDArray[np.int64] = _NO_COUNTS
     """In a row in which each joint's load disagreed. Shape (12,)."""
@@ -104,32 +104,37 @@ def _after_window(
     repeated = np.where(last.load_nm == first.load_nm, memory.repeated_loads + 1, 0)
     # A load that repeats itself says nothing about its joint; that of a resting joint may do so once by chance.
     lives = (repeated < bounds.REPEATED_LOADS) & has_loads
-    is_measured = lives & ~load.at_stop(last.position_rad)
+    is_measured = lives & ~answer.at_stop(last.position_rad)
     carried_n = None
     if lives.all():
         carried_n = ground_forces_n(last.position_rad, last.load_nm) @ window.odom_from_body[2]
-    load_windows, answered, held, carrying = _NO_COUNTS, answer.AnswerMemory(), hold.HoldMemory(), weight.WeightMemory()
+    load_windows, answered, held, carrying = (
+        _NO_COUNTS,
+        answer.AnswerMemory(),
+        answer.HoldMemory(),
+        ground.WeightMemory(),
+    )
     received = sum(command.key <= last.last_command_key for command in memory.commands)
     if situation.is_driven and memory.commands:
         # A load may answer the newest command that the robot says it has, those before, and later ones.
         commands = memory.commands[max(0, received - bounds.SETPOINTS) :]
-        load_windows = np.where(load.disagreeing(window, commands) & is_measured, memory.load_windows + 1, 0)
+        load_windows = np.where(answer.disagreeing(window, commands) & is_measured, memory.load_windows + 1, 0)
     if received and has_loads:
         newest = memory.commands[received - 1]
         if situation.is_driven:
             answered = answer.after_window(memory.answer, window, newest, is_measured)
         elif situation.is_held:
-            held = hold.after_window(memory.hold, states, newest, is_measured)
+            held = answer.after_hold_window(memory.hold, states, newest, is_measured)
     if situation.is_driven and carried_n is not None:
-        carrying = weight.after_window(memory.weight, window, carried_n)
-    is_stance_wrong = situation.is_standing and stance.is_stance_wrong(window)
+        carrying = ground.after_weight_window(memory.weight, window, carried_n)
+    is_stance_wrong = situation.is_standing and legs.is_stance_wrong(window)
     resting = motion.resting(window) & situation.is_driven
     return SignalMemory(
         memory.states,
         memory.commands,
         motion.after_window(memory.motion, window),
         ground.after_window(memory.ground, window, carried_n),
-        imu.after_window(memory.imu, window),
+        motion.after_imu_window(memory.imu, window),
         carrying,
         answered,
         held,
@@ -139,7 +144,7 @@ def _after_window(
         has_loads,
         max(0, memory.restless_windows + (1 if _is_restless(window) else -1)) if situation.is_standing else 0,
         memory.wrong_stances + 1 if is_stance_wrong else 0,
-        stance.explanations(window) if is_stance_wrong else (),
+        legs.explanations(window) if is_stance_wrong else (),
     )
 
 
@@ -174,7 +179,7 @@ def _frozen(is_still: NDArray[np.bool_]) -> Iterator[Doubt]:
         yield Doubt(suspects, Stop(StopReason.SIGNAL_FROZEN, names))
 
 
-def _about_inertial_unit(memory: imu.ImuMemory) -> Iterator[Doubt]:
+def _about_inertial_unit(memory: motion.ImuMemory) -> Iterator[Doubt]:
     if memory.tilt_error_rad > bounds.GRAVITY_ANGLE_RAD:
         values = {"angle_rad": memory.tilt_error_rad, "bound_rad": bounds.GRAVITY_ANGLE_RAD}
         yield _contradiction({ATTITUDE, INERTIAL_UNIT}, "attitude and gravity", values)
@@ -227,7 +232,7 @@ def _about_loads(memory: SignalMemory) -> Iterator[Doubt]:
         values = {f"{leg}_share": float(memory.weight.legs_share[i]) for i, leg in enumerate(facts.LEG_NAMES)}
         yield _contradiction(suspects, "the robot's weight and the loads of its legs", values)
     if memory.hold.is_wrong.any():
-        yield Doubt(frozenset(suspects), Stop(StopReason.POSITION_REFUSED, hold.words(memory.hold)))
+        yield Doubt(frozenset(suspects), Stop(StopReason.POSITION_REFUSED, answer.hold_words(memory.hold)))
     if memory.wrong_stances >= bounds.REST_WINDOWS:
         explained = f", unless {' or '.join(memory.explanations)}" if memory.explanations else ""
         yield _contradiction(suspects, f"joints, loads and weight of a robot that stands{explained}")
