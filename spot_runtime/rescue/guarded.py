@@ -1,4 +1,4 @@
-"""An adapter of the vendor's robot that is watched over: with a note of its lease, and a guardian that is kept alive."""
+"""A guarded adapter of the vendor's robot: with a note of its lease, and a guardian that is kept alive."""
 
 from __future__ import annotations
 

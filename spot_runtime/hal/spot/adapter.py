@@ -25,8 +25,9 @@ from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream
 from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.hal.spot.motions import Motions, power_off
+from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.pace import Jobs, Pace, RealTime, States
+from spot_runtime.hal.spot.power_off import power_off
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.state_receiver import OnEnd, StateReceiver, take_all
 from spot_runtime.host.clock import HostClock, RobotClockEstimate

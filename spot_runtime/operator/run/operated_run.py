@@ -10,13 +10,11 @@ off.
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
@@ -24,7 +22,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_model.version import software_revision
-from spot_protos import operator_pb2, run_link_pb2
+from spot_protos import operator_pb2
 from spot_runtime.admission import gait_event
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.safety.battery import BatteryMemory
@@ -38,64 +36,11 @@ from spot_runtime.operator.run.requests import Requests
 from spot_runtime.operator.run.run_logs import NewLog, RunLogs, SwitchedSink
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
-from spot_runtime.operator.run.steering import Attendance, OperatorSource
+from spot_runtime.operator.run.steering import Attendance
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, check_standing, control_end, fall_of
 from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, header_of, log_file_name
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.stops import Reaction, Stop, StopReason
-
-
-class BackgroundTask:
-    """One task at a time, in a thread of its own; its result is taken up by the thread that runs the cycles."""
-
-    def __init__(self, *, is_sync: bool) -> None:
-        """With ``is_sync`` each task is done at once: in lock-step the robot waits anyway."""
-        self._is_sync = is_sync
-        self._thread: threading.Thread | None = None
-        self._result: tuple[Any, Exception | None] | None = None
-        self._then: Callable[[Any, Exception | None], None] | None = None
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether one is under way."""
-        return self._then is not None
-
-    def run(self, task: Callable[[], Any], then: Callable[[Any, Exception | None], None]) -> None:
-        """Begin a task; ``then`` gets its result or its error, called by :meth:`finish`.
-
-        Raises:
-            RuntimeError: One is under way.
-        """
-        if self.is_busy:
-            raise RuntimeError("a task is under way")
-        self._then, self._result = then, None
-        if self._is_sync:
-            self._work(task)
-            self.finish()
-            return
-        self._thread = threading.Thread(target=self._work, args=(task,), name="background", daemon=True)
-        self._thread.start()
-
-    def finish(self) -> None:
-        """Take up the result, if it is there."""
-        if self._result is None or self._then is None:
-            return
-        (value, error), then = self._result, self._then
-        self._result = self._then = self._thread = None
-        then(value, error)
-
-    def wait(self) -> None:
-        """Wait for the end of one that is under way, and take up its result."""
-        if self._thread is not None:
-            self._thread.join()
-        self.finish()
-
-    def _work(self, task: Callable[[], Any]) -> None:
-        try:
-            self._result = (task(), None)
-        except Exception as error:  # noqa: BLE001 - it is passed on to the caller
-            self._result = (None, error)
-
 
 STANDBY_WAIT_S: Final = 0.02
 STANDBY_PAUSE_S: Final = 0.2
@@ -105,7 +50,7 @@ LOCK_STEP_PAUSE_S: Final = 0.002
 """In lock-step robot time would otherwise race while a person thinks."""
 
 
-class OperatedRun:
+class OperatedRun(Requests):
     """Everything between an operator's Arm and the robot at rest."""
 
     def __init__(
@@ -120,25 +65,16 @@ class OperatedRun:
             make_sink: Opens a log.
             manager: Told of progress while this process is answerable for the robot; nobody if None.
         """
-        self._spec, self.config, self.link = spec, spec.config, link
+        super().__init__(spec.config, policy, link, is_sync=bool(spec.lock_step))
+        self._spec = spec
         self._manager = manager or ServiceManager()
         self._clock = HostClock()
         software_revision()  # kept from now on: no later log waits for git while the robot stands
         self._sink = SwitchedSink()
         self._logs = RunLogs(make_sink, self._sink)
-        self.source = OperatorSource(spec.config)
-        self._requests = Requests(self)
-        self.background = BackgroundTask(is_sync=bool(spec.lock_step))
-        """Slow work that must not hold up the robot's cycles."""
-        self.policy = policy
         self.attendance = Attendance(spec.config, self._clock.now_ns())
-        self.loop: ControlLoop | None = None
         self.stop: Stop | None = None
         """Why the whole arming ends; None while it goes on."""
-        self.keeps_standing = False
-        """Whether the robot goes on standing by after the control that ends now."""
-        self.start_asked: run_link_pb2.ToRun | None = None
-        """The request to start; it is answered once the robot has handed the joints over, or will not."""
         self._session: RobotSession | None = None
         self._status_due_ns = 0
         self._status_ticks = -1
@@ -185,12 +121,6 @@ class OperatedRun:
             if stop.reason.reaction is Reaction.ESTOP and hal is not None:
                 hal.estop()
             self.event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
-
-    def refuse_start(self, why: str) -> None:
-        """A start that was asked for, if one was, is not carried out."""
-        asked, self.start_asked = self.start_asked, None
-        if asked is not None:
-            self.link.answer(asked.request_id, is_done=False, text=f"the policy did not get the joints; {why}")
 
     def open_log(self, labels: dict[str, str]) -> NewLog:
         """Open a log; in any thread. Raises LogError."""
@@ -299,7 +229,7 @@ class OperatedRun:
             self.end(asked)
         for message in self.link.take():
             self.attendance.seen(now_ns)
-            self._requests.handle(message, now_ns)
+            self.handle(message, now_ns)
         if self.link.is_lost:
             self.end(Stop(StopReason.SERVICE_LOST))
         gone = self.attendance.check(now_ns)

@@ -2,32 +2,126 @@
 
 from __future__ import annotations
 
+import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from spot_log.format.events import EventName
 from spot_model.errors import SpotRlError
+from spot_model.policy.policy import Policy
 from spot_protos import run_link_pb2
 from spot_runtime.admission import gait_event
+from spot_runtime.config import RunConfig
+from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
+from spot_runtime.operator.run.link import RunLink
+from spot_runtime.operator.run.run_logs import NewLog
 from spot_runtime.operator.run.run_spec import load_checked
+from spot_runtime.operator.run.steering import OperatorSource
 from spot_runtime.stops import Reaction, Stop, StopReason
-
-if TYPE_CHECKING:
-    from spot_runtime.operator.run.operated_run import OperatedRun
 
 _BUSY: Final = "the request before this one is still being carried out; wait for its answer"
 _NOT_STANDING: Final = "the policy has the joints; stop with keep_standing first"
 
 
-class Requests:
-    """Carries out requests on a run, and answers each that needs an answer once."""
+class BackgroundTask:
+    """One task at a time, in a thread of its own; its result is taken up by the thread that runs the cycles."""
 
-    def __init__(self, run: OperatedRun) -> None:
-        self._run = run
+    def __init__(self, *, is_sync: bool) -> None:
+        """With ``is_sync`` each task is done at once: in lock-step the robot waits anyway."""
+        self._is_sync = is_sync
+        self._thread: threading.Thread | None = None
+        self._result: tuple[Any, Exception | None] | None = None
+        self._then: Callable[[Any, Exception | None], None] | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether one is under way."""
+        return self._then is not None
+
+    def run(self, task: Callable[[], Any], then: Callable[[Any, Exception | None], None]) -> None:
+        """Begin a task; ``then`` gets its result or its error, called by :meth:`finish`.
+
+        Raises:
+            RuntimeError: One is under way.
+        """
+        if self.is_busy:
+            raise RuntimeError("a task is under way")
+        self._then, self._result = then, None
+        if self._is_sync:
+            self._work(task)
+            self.finish()
+            return
+        self._thread = threading.Thread(target=self._work, args=(task,), name="background", daemon=True)
+        self._thread.start()
+
+    def finish(self) -> None:
+        """Take up the result, if it is there."""
+        if self._result is None or self._then is None:
+            return
+        (value, error), then = self._result, self._then
+        self._result = self._then = self._thread = None
+        then(value, error)
+
+    def wait(self) -> None:
+        """Wait for the end of one that is under way, and take up its result."""
+        if self._thread is not None:
+            self._thread.join()
+        self.finish()
+
+    def _work(self, task: Callable[[], Any]) -> None:
+        try:
+            self._result = (task(), None)
+        except Exception as error:  # noqa: BLE001 - it is passed on to the caller
+            self._result = (None, error)
+
+
+class Requests(ABC):
+    """The operator's side of a run: carries requests out, and answers each that needs an answer once."""
+
+    def __init__(self, config: RunConfig, policy: Policy, link: RunLink, *, is_sync: bool) -> None:
+        """Prepare; with ``is_sync`` slow work is done at once, as in lock-step."""
+        self.config, self.policy, self.link = config, policy, link
+        self.source = OperatorSource(config)
+        self.background = BackgroundTask(is_sync=is_sync)
+        """Slow work that must not hold up the robot's cycles."""
+        self.loop: ControlLoop | None = None
+        """None while the vendor's controller stands."""
+        self.keeps_standing = False
+        """Whether the robot goes on standing by after the control that ends now."""
+        self.start_asked: run_link_pb2.ToRun | None = None
+        """The request to start; it is answered once the robot has handed the joints over, or will not."""
+
+    @property
+    @abstractmethod
+    def log_path(self) -> str:
+        """The log that is being written; empty: none."""
+
+    @abstractmethod
+    def end(self, stop: Stop) -> None:
+        """End the arming, or the control that is under way and then the arming."""
+
+    @abstractmethod
+    def open_log(self, labels: dict[str, str]) -> NewLog:
+        """Open a log; in any thread. Raises LogError."""
+
+    @abstractmethod
+    def begin_log(self, log: NewLog) -> Path:
+        """Write to this log from now on."""
+
+    @abstractmethod
+    def event(self, name: EventName, text: str) -> None:
+        """Write an event to the log of the moment, and tell the service."""
+
+    def refuse_start(self, why: str) -> None:
+        """A start that was asked for, if one was, is not carried out."""
+        asked, self.start_asked = self.start_asked, None
+        if asked is not None:
+            self.link.answer(asked.request_id, is_done=False, text=f"the policy did not get the joints; {why}")
 
     def handle(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
         """Do what one message asks."""
@@ -49,7 +143,7 @@ class Requests:
             handler(message)
 
     def _velocity(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
-        loop = self._run.loop
+        loop = self.loop
         if loop is None or loop.mode is not Mode.ACTIVE:
             mode = "standing by" if loop is None else loop.mode.value
             self._refuse(message, f"the velocity counts only while the policy is in full control; the mode is {mode}")
@@ -59,58 +153,56 @@ class Requests:
         if not np.isfinite(velocity).all():
             self._refuse(message, "the velocity holds a value that is no number")
             return
-        self._run.source.steer(velocity, host_ns)
+        self.source.steer(velocity, host_ns)
         self._done(message, "steering")
 
     def _start(self, message: run_link_pb2.ToRun) -> None:
-        run = self._run
-        if run.loop is not None and run.start_asked is None:
+        if self.loop is not None and self.start_asked is None:
             self._refuse(message, "the policy has the joints already")
-        elif run.background.is_busy or run.start_asked is not None:
+        elif self.background.is_busy or self.start_asked is not None:
             self._refuse(message, _BUSY)
         else:
-            run.start_asked = message
-            if not run.log_path:
+            self.start_asked = message
+            if not self.log_path:
                 self._open_log(message, {}, lambda *_: None)
 
     def _stop(self, message: run_link_pb2.ToRun) -> None:
-        run, keeps = self._run, message.stop.keep_standing
-        if run.loop is None and keeps:
-            run.refuse_start("a stop came before it")
+        keeps = message.stop.keep_standing
+        if self.loop is None and keeps:
+            self.refuse_start("a stop came before it")
             self._done(message, "the robot stands under the vendor's control already")
             return
-        run.end(Stop(StopReason.OPERATOR_STOP))
-        ending = None if run.loop is None else run.loop.ending
+        self.end(Stop(StopReason.OPERATOR_STOP))
+        ending = None if self.loop is None else self.loop.ending
         if ending is not None and ending.reaction is not Reaction.HAND_BACK:
             self._done(message, f"the run ends already: {ending.cause.sentence()}")
             return
-        run.keeps_standing = keeps
+        self.keeps_standing = keeps
         self._done(message, "stopping in place" + (", then standing" if keeps else ", then sitting and powering off"))
 
     def _damp(self, message: run_link_pb2.ToRun) -> None:
-        run = self._run
-        if run.loop is None:
-            run.end(Stop(StopReason.OPERATOR_STOP, "damping asked for while the vendor's controller stands"))
+        if self.loop is None:
+            self.end(Stop(StopReason.OPERATOR_STOP, "damping asked for while the vendor's controller stands"))
             self._done(message, "the vendor's controller has the joints: it sits and powers off")
             return
-        run.end(Stop(StopReason.OPERATOR_DAMP))
-        ending = run.loop.ending
-        is_damped = run.loop.mode.sends and ending is not None and ending.reaction in (Reaction.DAMP, Reaction.ESTOP)
+        self.end(Stop(StopReason.OPERATOR_DAMP))
+        ending = self.loop.ending
+        is_damped = self.loop.mode.sends and ending is not None and ending.reaction in (Reaction.DAMP, Reaction.ESTOP)
         how = "the joints are damped, the robot sinks to the ground" if is_damped else "nothing is sent any more"
         self._done(message, f"{how}; then the motors lose their power")
 
     def _switch_policy(self, message: run_link_pb2.ToRun) -> None:
-        run, asked = self._run, message.switch_policy
-        if run.loop is not None:
+        asked = message.switch_policy
+        if self.loop is not None:
             self._refuse(message, _NOT_STANDING)
-        elif run.background.is_busy:
+        elif self.background.is_busy:
             self._refuse(message, _BUSY)
-        elif run.log_path:
+        elif self.log_path:
             self._refuse(message, "a log is being written, and its header names one policy; start, or sit down first")
         else:
 
             def load() -> Any:
-                policy = load_checked(Path(asked.path), asked.sha256, run.config)
+                policy = load_checked(Path(asked.path), asked.sha256, self.config)
                 policy.warm_up()
                 return policy
 
@@ -118,47 +210,47 @@ class Requests:
                 if error is not None:
                     self._refuse(message, _words(error))
                     return
-                run.policy = policy
-                run.event(EventName.POLICY_SWITCHED, f"{policy.contract.name}, SHA-256 {policy.sha256}")
-                run.event(*gait_event(policy.contract))
+                self.policy = policy
+                self.event(EventName.POLICY_SWITCHED, f"{policy.contract.name}, SHA-256 {policy.sha256}")
+                self.event(*gait_event(policy.contract))
                 self._done(message, f"policy {policy.contract.name} is loaded")
 
-            run.background.run(load, then)
+            self.background.run(load, then)
 
     def _start_log(self, message: run_link_pb2.ToRun) -> None:
-        if self._run.log_path:
-            self._refuse(message, f"a log is being written already: {self._run.log_path}; label it instead")
-        elif self._run.background.is_busy:
+        if self.log_path:
+            self._refuse(message, f"a log is being written already: {self.log_path}; label it instead")
+        elif self.background.is_busy:
             self._refuse(message, _BUSY)
         else:
             self._open_log(message, dict(message.start_log.labels), lambda m, path: self._done(m, str(path)))
 
     def _label_log(self, message: run_link_pb2.ToRun) -> None:
-        if not self._run.log_path:
+        if not self.log_path:
             self._refuse(message, "no log is being written; start one, or start the policy")
             return
         for key, value in sorted(message.label_log.labels.items()):
-            self._run.event(EventName.LABEL, f"{key}={value}")
-        self._done(message, f"labelled {self._run.log_path}")
+            self.event(EventName.LABEL, f"{key}={value}")
+        self._done(message, f"labelled {self.log_path}")
 
     def _open_log(
         self, message: run_link_pb2.ToRun, labels: dict[str, str], then: Callable[[run_link_pb2.ToRun, Path], None]
     ) -> None:
         def take_up(log: Any, error: Exception | None) -> None:
             if error is None:
-                then(message, self._run.begin_log(log))
-            elif message is self._run.start_asked:
-                self._run.refuse_start(_words(error))
+                then(message, self.begin_log(log))
+            elif message is self.start_asked:
+                self.refuse_start(_words(error))
             else:
                 self._refuse(message, _words(error))
 
-        self._run.background.run(lambda: self._run.open_log(labels), take_up)
+        self.background.run(lambda: self.open_log(labels), take_up)
 
     def _done(self, message: run_link_pb2.ToRun, text: str) -> None:
-        self._run.link.answer(message.request_id, is_done=True, text=text)
+        self.link.answer(message.request_id, is_done=True, text=text)
 
     def _refuse(self, message: run_link_pb2.ToRun, text: str) -> None:
-        self._run.link.answer(message.request_id, is_done=False, text=text)
+        self.link.answer(message.request_id, is_done=False, text=text)
 
 
 def _words(error: Exception) -> str:

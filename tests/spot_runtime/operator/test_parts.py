@@ -25,7 +25,7 @@ from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_tls
 from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.run.link import MAX_TAKEN, RunLink
-from spot_runtime.operator.run.operated_run import BackgroundTask
+from spot_runtime.operator.run.requests import BackgroundTask
 from spot_runtime.operator.run.run_status import STANDING_BY
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
 from spot_runtime.operator.server import service as rules
