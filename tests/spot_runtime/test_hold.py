@@ -14,7 +14,7 @@ from spot_model.robot import facts
 from spot_model.robot.state import Array, Gains, JointCommand, RobotState
 from spot_runtime.control.modes import TAKE_HOLD_S
 from spot_runtime.control.safety.signals import answer, bounds, check
-from spot_runtime.control.safety.signals.answer import HoldMemory, after_window, words
+from spot_runtime.control.safety.signals.answer import HoldMemory, after_hold_window, hold_words
 from spot_runtime.control.safety.signals.readers import Signal
 from spot_runtime.control.set_point import hold_setpoint, taking_hold
 from spot_runtime.stops import Stop, StopReason
@@ -167,7 +167,7 @@ def test_a_load_beside_what_is_asked_by_ten_and_two_fifths_of_it_counts(load_nm:
     for beside_nm, count in ((allowed_nm - 1e-9, 0), (allowed_nm + 1e-9, 5)):
         load = np.full(12, load_nm + side * beside_nm)
         states = [state_of(i, position_rad=ZERO, velocity_rad_s=ZERO, load_nm=load) for i in range(7)]
-        after = after_window(before, states, command(load_nm), ALL)
+        after = after_hold_window(before, states, command(load_nm), ALL)
         assert set(after.windows) == {count}
         np.testing.assert_allclose(after.answers_rad, -side * beside_nm / GAINS.kp_nm_per_rad)
 
@@ -182,7 +182,7 @@ def test_states_of_a_window_are_averaged_and_positions_are_told_by_the_servos_la
         )
         for i in range(3)
     ]
-    after = after_window(HoldMemory(), states, command(), ALL)
+    after = after_hold_window(HoldMemory(), states, command(), ALL)
     # Asked at 0.1 rad and 1 rad/s: -kp · 0.1 - 2; the mean load is -40.
     unasked = -40.0 + 0.1 * GAINS.kp_nm_per_rad + 2.0
     np.testing.assert_allclose(after.said_rad, 0.1)
@@ -192,7 +192,7 @@ def test_states_of_a_window_are_averaged_and_positions_are_told_by_the_servos_la
 
 def test_a_load_that_is_not_measured_is_not_judged() -> None:
     states = [state_of(i, position_rad=ZERO, velocity_rad_s=ZERO, load_nm=np.full(12, 99.0)) for i in range(7)]
-    after = after_window(HoldMemory(windows=np.full(12, 1)), states, command(), np.arange(12) != 3)
+    after = after_hold_window(HoldMemory(windows=np.full(12, 1)), states, command(), np.arange(12) != 3)
     assert after.windows.tolist() == [2, 2, 2, 0, *[2] * 8]
 
 
@@ -227,13 +227,13 @@ def test_the_words_say_where_a_joint_answers_and_what_that_looks_like(
     said: dict[int, float], answers: dict[int, float], told: str
 ) -> None:
     values = (np.array([given.get(joint, 0.0) for joint in range(12)]) for given in (said, answers))
-    assert words(HoldMemory(np.where(np.isin(np.arange(12), list(said)), 2, 0), *values)) == told
+    assert hold_words(HoldMemory(np.where(np.isin(np.arange(12), list(said)), 2, 0), *values)) == told
 
 
 def test_an_error_of_just_a_third_is_not_alike() -> None:
     """0.9 said, -0.45 answered: 0.45 from its mirror image, a third of the error of 1.35."""
     assert answer._ALIKE == 1.0 / 3.0
-    assert "mirrored" not in words(HoldMemory(2 * (np.arange(12) == 1), np.full(12, 0.75), np.full(12, -0.375)))
+    assert "mirrored" not in hold_words(HoldMemory(2 * (np.arange(12) == 1), np.full(12, 0.75), np.full(12, -0.375)))
 
 
 def test_a_command_that_is_not_confirmed_yet_is_not_held_against_the_loads() -> None:

@@ -16,7 +16,10 @@ from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.control.safety.signals import answer, bounds, ground, legs, motion, still
+from spot_runtime.control.safety.signals.answer import AnswerMemory, HoldMemory
+from spot_runtime.control.safety.signals.ground import GroundMemory, WeightMemory
 from spot_runtime.control.safety.signals.legs import ground_forces_n
+from spot_runtime.control.safety.signals.motion import ImuMemory, MotionMemory
 from spot_runtime.control.safety.signals.readers import Doubt, Signal
 from spot_runtime.control.safety.signals.window import Window, length, window_of
 from spot_runtime.stops import Stop, StopReason
@@ -32,12 +35,12 @@ class SignalMemory(NamedTuple):
     """Of the window that is not full yet."""
     commands: tuple[JointCommand, ...] = ()
     """The newest that changed what is asked, oldest first."""
-    motion: motion.MotionMemory = motion.MotionMemory()
-    ground: ground.GroundMemory = ground.GroundMemory()
-    imu: motion.ImuMemory = motion.ImuMemory()
-    weight: ground.WeightMemory = ground.WeightMemory()
-    answer: answer.AnswerMemory = answer.AnswerMemory()
-    hold: answer.HoldMemory = answer.HoldMemory()
+    motion: MotionMemory = MotionMemory()
+    ground: GroundMemory = GroundMemory()
+    imu: ImuMemory = ImuMemory()
+    weight: WeightMemory = WeightMemory()
+    answer: AnswerMemory = AnswerMemory()
+    hold: HoldMemory = HoldMemory()
     still: still.Counts = still.NO_COUNTS
     load_windows: NDArray[np.int64] = _NO_COUNTS
     """In a row in which each joint's load disagreed. Shape (12,)."""
@@ -110,9 +113,9 @@ def _after_window(
         carried_n = ground_forces_n(last.position_rad, last.load_nm) @ window.odom_from_body[2]
     load_windows, answered, held, carrying = (
         _NO_COUNTS,
-        answer.AnswerMemory(),
-        answer.HoldMemory(),
-        ground.WeightMemory(),
+        AnswerMemory(),
+        HoldMemory(),
+        WeightMemory(),
     )
     received = sum(command.key <= last.last_command_key for command in memory.commands)
     if situation.is_driven and memory.commands:
@@ -179,7 +182,7 @@ def _frozen(is_still: NDArray[np.bool_]) -> Iterator[Doubt]:
         yield Doubt(suspects, Stop(StopReason.SIGNAL_FROZEN, names))
 
 
-def _about_inertial_unit(memory: motion.ImuMemory) -> Iterator[Doubt]:
+def _about_inertial_unit(memory: ImuMemory) -> Iterator[Doubt]:
     if memory.tilt_error_rad > bounds.GRAVITY_ANGLE_RAD:
         values = {"angle_rad": memory.tilt_error_rad, "bound_rad": bounds.GRAVITY_ANGLE_RAD}
         yield _contradiction({ATTITUDE, INERTIAL_UNIT}, "attitude and gravity", values)
@@ -196,7 +199,7 @@ def _about_inertial_unit(memory: motion.ImuMemory) -> Iterator[Doubt]:
         yield _contradiction({INERTIAL_UNIT}, "the inertial unit no longer reports")
 
 
-def _about_ground(memory: ground.GroundMemory) -> Iterator[Doubt]:
+def _about_ground(memory: GroundMemory) -> Iterator[Doubt]:
     if memory.sliding_share > bounds.FOOT_SHARE:
         values = {"foot_speed_m_s": memory.speed_m_s, "share": memory.sliding_share}
         suspects = {POSITION, VELOCITY, BODY_VELOCITY, TURN_RATE, CONTACTS}
