@@ -228,7 +228,7 @@ def test_a_hal_adapter_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     from spot_runtime.hal.registry import Adapter, HalRequest, find_adapter
 
     (tmp_path / "thrown_away_hal.py").write_text(
-        "from spot_runtime.hal.base import Adapter\n\n\n"
+        "from spot_runtime.hal.registry import Adapter\n\n\n"
         "def adapter(request):\n    return Adapter(request.robot, lambda sink: None)\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
