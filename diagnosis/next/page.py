@@ -9,8 +9,8 @@ from typing import Final
 from diagnosis.next.design import Design, Proposal
 from diagnosis.next.rounds import OTHERS, SURE, Asked, Story
 from diagnosis.report.output import NAMES
-from spot_log.page.look import boxed, framed, headed
-from spot_log.page.svg import esc
+from spot_log.page.look import Html, boxed, facts, framed, headed
+from spot_log.page.svg import esc, legend
 
 NAMED: Final = 0.12
 """A part of a bar that is at least so wide says its number."""
@@ -55,7 +55,7 @@ def _offered(proposal: Proposal, design: Design, command: str) -> str:
 
 
 def _rows(rows: Mapping[str, str]) -> str:
-    return f"<table>{''.join(f'<tr><th>{esc(k)}</th><td>{v}</td></tr>' for k, v in rows.items())}</table>"
+    return facts((name, Html(value)) for name, value in rows.items())
 
 
 def story_page(story: Story) -> str:
@@ -114,7 +114,6 @@ def _moves(stages: Sequence[tuple[str, Mapping[str, float]]]) -> str:
     """A bar for each stage, divided among the causes."""
     names = dict.fromkeys(name for _, odds in stages for name in odds)
     colours = {name: GREY if name == OTHERS else SHADES[i % len(SHADES)] for i, name in enumerate(names)}
-    legend = "".join(f"<span><i style='background:{c}'></i>{esc(name)}</span>" for name, c in colours.items())
     bars = []
     for label, odds in stages:
         parts = "".join(
@@ -123,7 +122,7 @@ def _moves(stages: Sequence[tuple[str, Mapping[str, float]]]) -> str:
             for name, p in odds.items()
         )
         bars.append(f"<p class='note stage'>{esc(label)}</p><div class='odds'>{parts}</div>")
-    return f"<p class='legend'>{legend}</p>{''.join(bars)}"
+    return legend((colour, name) for name, colour in colours.items()) + "".join(bars)
 
 
 def _percent(p: float) -> str:

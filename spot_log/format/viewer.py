@@ -1,4 +1,9 @@
-"""Copies in Foxglove's message types at 50 Hz, which a viewer shows without set-up."""
+"""Copies in Foxglove's message types at 50 Hz, which a viewer shows without set-up, and Spot's shapes.
+
+Each shape is fixed to a frame: ``body``, as the robot's odometry places it, or one named like a joint, the link behind
+it. Their transforms need no kinematics: each is a fixed offset and a turn by the measured angle. Sizes are the joints'
+distances of :mod:`spot_model.robot.facts`; widths are for the eye alone.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +12,6 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
-from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.JointState_pb2 import JointState
@@ -17,9 +20,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
-from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
@@ -27,6 +28,8 @@ from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_protos import log_pb2
 
+VIEWER_PERIOD_NS: Final = 20_000_000
+ODOM_FRAME: Final = "odom"
 BODY_FRAME: Final = "body"
 _YELLOW: Final = (0.98, 0.78, 0.10, 1.0)
 _DARK: Final = (0.16, 0.17, 0.19, 1.0)
@@ -44,7 +47,7 @@ def joint_transforms(position_rad: Sequence[float], stamp: Timestamp) -> Iterato
     """Where each joint's link is, seen from the link before it. Angles in canonical order, shape (12,)."""
     for i, name in enumerate(facts.JOINT_NAMES):
         leg, _, kind = name.partition("_")
-        fore, side = (1.0 if leg[0] == "f" else -1.0), (1.0 if leg[1] == "l" else -1.0)
+        fore, side = (1.0 if leg[0] == "f" else -1.0), _side(leg)
         parent, offset, is_about_x = {
             "hx": (BODY_FRAME, (fore * facts.HX_FROM_BODY_M[0], side * facts.HX_FROM_BODY_M[1], 0.0), True),
             "hy": (f"{leg}_hx", (0.0, side * facts.HY_FROM_HX_M[1], 0.0), False),
@@ -61,103 +64,52 @@ def joint_transforms(position_rad: Sequence[float], stamp: Timestamp) -> Iterato
         )
 
 
+_Xyz = tuple[float, float, float]
+_Shape = tuple[str, _Xyz, _Xyz, tuple[float, float, float, float]]
+"""Kind, centre in its frame (m), size (m) and colour."""
+
+
+def _shapes(kind: str, side: float) -> list[_Shape]:
+    """The shapes that move with the body, or with a joint; ``side`` is 1 for a left leg and -1 for a right one."""
+    end_m, hip_m, knee_m = _BODY_LENGTH_M / 2, side * facts.HY_FROM_HX_M[1] / 2, facts.KN_FROM_HY_M[0] / 2
+    foot_m, origin_m = 2 * facts.FOOT_RADIUS_M, (0.0, 0.0, 0.0)
+    shapes: dict[str, list[_Shape]] = {
+        BODY_FRAME: [
+            ("cubes", origin_m, (_BODY_LENGTH_M, 0.19, 0.15), _YELLOW),
+            ("cubes", (0.0, 0.0, 0.085), (_BODY_LENGTH_M * 0.72, 0.15, 0.02), _DARK),
+            ("cubes", (end_m, 0.0, 0.0), (0.06, 0.15, 0.12), _DARK),
+            ("cubes", (-end_m, 0.0, 0.0), (0.06, 0.15, 0.12), _DARK),
+        ],
+        "hx": [("cylinders", (0.0, hip_m, 0.0), (0.10, 0.10, 0.13), _DARK)],
+        "hy": [
+            ("cubes", (knee_m, 0.0, -_UPPER_M / 2), (0.075, 0.05, _UPPER_M + 0.04), _YELLOW),
+            ("spheres", origin_m, (0.10, 0.10, 0.10), _GREY),
+        ],
+        "kn": [
+            ("cubes", (0.0, 0.0, -_LOWER_M / 2), (0.035, 0.03, _LOWER_M), _GREY),
+            ("spheres", origin_m, (0.06, 0.06, 0.06), _DARK),
+            ("spheres", facts.FOOT_FROM_KN_M, (foot_m, foot_m, foot_m), _RUBBER),
+        ],
+    }
+    return shapes[kind]
+
+
 def spot_scene(stamp: Timestamp) -> SceneUpdate:
     """All of Spot's shapes; they stay until they are replaced."""
-    entities = [_body(stamp)]
-    for leg in facts.LEG_NAMES:
-        side = 1.0 if leg[1] == "l" else -1.0
-        entities += [_hip(leg, side, stamp), _upper(leg, stamp), _lower(leg, stamp)]
-    return SceneUpdate(entities=entities)
+    scene = SceneUpdate()
+    for frame in (BODY_FRAME, *facts.JOINT_NAMES):
+        entity = scene.entities.add(timestamp=stamp, frame_id=frame, id=f"spot/{frame}", frame_locked=True)
+        for kind, centre_m, size_m, (r, g, b, a) in _shapes(frame[-2:] if "_" in frame else frame, _side(frame)):
+            is_round = kind == "cylinders"
+            ends = {"bottom_scale": 1.0, "top_scale": 1.0} if is_round else {}
+            pose = Pose(position=_vector(centre_m), orientation=_LYING if is_round else Quaternion(w=1.0))
+            getattr(entity, kind).add(pose=pose, size=_vector(size_m), color=Color(r=r, g=g, b=b, a=a), **ends)
+    return scene
 
 
-def _body(stamp: Timestamp) -> SceneEntity:
-    return _entity(
-        BODY_FRAME,
-        stamp,
-        cubes=[
-            _cube((0.0, 0.0, 0.0), (_BODY_LENGTH_M, 0.19, 0.15), _YELLOW),
-            _cube((0.0, 0.0, 0.085), (_BODY_LENGTH_M * 0.72, 0.15, 0.02), _DARK),
-            _cube((_BODY_LENGTH_M / 2, 0.0, 0.0), (0.06, 0.15, 0.12), _DARK),
-            _cube((-_BODY_LENGTH_M / 2, 0.0, 0.0), (0.06, 0.15, 0.12), _DARK),
-        ],
-    )
+def _side(name: str) -> float:
+    return 1.0 if name[1] == "l" else -1.0
 
-
-def _hip(leg: str, side: float, stamp: Timestamp) -> SceneEntity:
-    reach_m = facts.HY_FROM_HX_M[1]
-    cylinder = CylinderPrimitive(
-        pose=_pose((0.0, side * reach_m / 2, 0.0), _LYING),
-        size=Vector3(x=0.10, y=0.10, z=0.13),
-        bottom_scale=1.0,
-        top_scale=1.0,
-        color=_color(_DARK),
-    )
-    return _entity(f"{leg}_hx", stamp, cylinders=[cylinder])
-
-
-def _upper(leg: str, stamp: Timestamp) -> SceneEntity:
-    x_m = facts.KN_FROM_HY_M[0] / 2
-    return _entity(
-        f"{leg}_hy",
-        stamp,
-        cubes=[_cube((x_m, 0.0, -_UPPER_M / 2), (0.075, 0.05, _UPPER_M + 0.04), _YELLOW)],
-        spheres=[_sphere((0.0, 0.0, 0.0), 0.10, _GREY)],
-    )
-
-
-def _lower(leg: str, stamp: Timestamp) -> SceneEntity:
-    return _entity(
-        f"{leg}_kn",
-        stamp,
-        cubes=[_cube((0.0, 0.0, -_LOWER_M / 2), (0.035, 0.03, _LOWER_M), _GREY)],
-        spheres=[
-            _sphere((0.0, 0.0, 0.0), 0.06, _DARK),
-            _sphere(facts.FOOT_FROM_KN_M, 2 * facts.FOOT_RADIUS_M, _RUBBER),
-        ],
-    )
-
-
-def _entity(
-    frame: str,
-    stamp: Timestamp,
-    *,
-    cubes: Sequence[CubePrimitive] = (),
-    spheres: Sequence[SpherePrimitive] = (),
-    cylinders: Sequence[CylinderPrimitive] = (),
-) -> SceneEntity:
-    return SceneEntity(
-        timestamp=stamp,
-        frame_id=frame,
-        id=f"spot/{frame}",
-        frame_locked=True,
-        cubes=cubes,
-        spheres=spheres,
-        cylinders=cylinders,
-    )
-
-
-def _cube(centre_m: Sequence[float], size_m: Sequence[float], color: Sequence[float]) -> CubePrimitive:
-    return CubePrimitive(pose=_pose(centre_m), size=Vector3(x=size_m[0], y=size_m[1], z=size_m[2]), color=_color(color))
-
-
-def _sphere(centre_m: Sequence[float], diameter_m: float, color: Sequence[float]) -> SpherePrimitive:
-    return SpherePrimitive(
-        pose=_pose(centre_m), size=Vector3(x=diameter_m, y=diameter_m, z=diameter_m), color=_color(color)
-    )
-
-
-def _pose(position_m: Sequence[float], orientation: Quaternion | None = None) -> Pose:
-    x, y, z = position_m
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=orientation or Quaternion(w=1.0))
-
-
-def _color(rgba: Sequence[float]) -> Color:
-    r, g, b, a = rgba
-    return Color(r=r, g=g, b=b, a=a)
-
-
-VIEWER_PERIOD_NS: Final = 20_000_000
-ODOM_FRAME: Final = "odom"
 
 _LEVELS: Final = {
     log_pb2.Event.INFO: Log.Level.INFO,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from spot_log.page.figures import FIGURES, Figure
-from spot_log.page.look import Html, boxed, escaped, facts, framed, headed, note, table
+from spot_log.page.look import Html, boxed, escaped, facts, folded, framed, headed, note, table
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.log_info import LogInfo, log_info
@@ -45,7 +45,7 @@ def page_html(run: Run) -> str:
     parts += [
         boxed("Events", "", _events(info)),
         boxed("Summary", "The same as 'spot-rl log info'.", facts(told.items())),
-        boxed("Header", "", f"<details><summary>What the log says of itself</summary>{facts(_header(info))}</details>"),
+        boxed("Header", "", folded("What the log says of itself", facts(_header(info)))),
     ]
     return framed(_title(info), parts, _MORE)
 

@@ -34,7 +34,9 @@ from diagnosis.verdict.diagnose import Diagnosis
 
 from .report_case import a_diagnosis
 
-N_VERDICTS = 500
+N_VERDICTS = 400
+N_PLANTED = 60
+"""Lies of a kind that are tried."""
 NEAR = 1.2
 """Times the floor that runs of a right model lie apart, as diagnosis/decision_constants.py has it."""
 GAPS = dict(zip(get_args(GapName), ("N·m", "rad/s", "m/s"), strict=True))
@@ -451,5 +453,7 @@ def test_a_false_word_is_noticed(cases: list[tuple[Verdict, list[str], str]], tr
             continue
         n_planted += 1
         n_noticed += bool(faults(*said))
+        if n_planted == N_PLANTED:
+            break
     assert n_planted >= 5
     assert n_noticed == n_planted

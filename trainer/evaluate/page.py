@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from spot_log.page.chart import Series, chart
-from spot_log.page.look import boxed, facts, framed, headed
+from spot_log.page.look import boxed, facts, folded, framed, headed
 from spot_log.page.rows import stance
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot.facts import LEG_NAMES
@@ -42,9 +42,7 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
         result: Of :func:`trainer.evaluate.trials.evaluate`.
         file: Name of the policy's file, by which people know it; its contract may have the name of another.
     """
-    data = (
-        f"<details><summary>All figures, as in evaluation.json</summary><pre>{esc(json.dumps(result, indent=1))}</pre>"
-    )
+    data = folded("All figures, as in evaluation.json", f"<pre>{esc(json.dumps(result, indent=1))}</pre>")
     physics = result["physics"]
     about = (
         f"Simulated in physics steps of {1000 * physics['timestep_s']:g} ms ({physics['integrator']}), seed "
@@ -63,7 +61,7 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
         ),
         _gait(result),
         boxed("Power", "Positive work of all motors.", _power(result)),
-        boxed("Where this comes from", about, data + "</details>"),
+        boxed("Where this comes from", about, data),
     ]
     return framed(f"{file}: evaluation", body)
 
@@ -142,7 +140,7 @@ def _trials(result: Mapping[str, Any]) -> str:
     falls = [(TRIALS[name], fall["why"]) for name, figures in result.items() for fall in _fell(figures)]
     why = f"<h3>When and why</h3>{facts(falls[:SHOWN])}" if falls else ""
     if falls[SHOWN:]:
-        why += f"<details><summary>{len(falls) - SHOWN} more</summary>{facts(falls[SHOWN:])}</details>"
+        why += folded(f"{len(falls) - SHOWN} more", facts(falls[SHOWN:]))
     return f"<table>{cells}</table>{why}"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.page.chart import Series, chart
-from spot_log.page.look import boxed, framed, headed, table
+from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot import facts
 from spot_model.text import counted
@@ -94,13 +94,12 @@ def _reasons(parameters: Sequence[ParameterVerdict]) -> str:
     by_reason: dict[str, list[str]] = {}
     for p in parameters:
         by_reason.setdefault(p.reason, []).append(_plain(p.name))
-    items = "".join(f"<li><b>{esc('; '.join(names))}</b>: {esc(why)}</li>" for why, names in by_reason.items())
-    return f"<ul>{items}</ul>" if items else "<p>Every parameter is identified.</p>"
+    items = (Html(f"<b>{esc('; '.join(names))}</b>: {esc(why)}") for why, names in by_reason.items())
+    return listed(items) or "<p>Every parameter is identified.</p>"
 
 
 def _measured(data: ResultData) -> str:
-    items = [f"<li>{esc(m.what)}: <b>{_amount(m.value, m.unit)}</b> ({esc(m.source)})</li>" for m in data.measured]
-    return f"<ul>{''.join(items)}</ul>" if items else ""
+    return listed(Html(f"{esc(m.what)}: <b>{_amount(m.value, m.unit)}</b> ({esc(m.source)})") for m in data.measured)
 
 
 def _amount(value: float, unit: str) -> str:
@@ -140,18 +139,12 @@ def _details(data: ResultData) -> str:
     floors = [(s.name, s.repeats, s.floor_w1_nm, s.floor_mmd) for s in data.sequences]
     floor_head = ("sequence", "repeats", "floor: Wasserstein, N·m", "MMD")
     parts = [
-        _folded("Every parameter", table(head, rows)),
-        _folded("Command sequences, and how far two real runs differ", table(floor_head, floors)),
-        _folded("Logs", "<ul>" + "".join(f"<li>{esc(log)}</li>" for log in data.logs) + "</ul>"),
+        folded("Every parameter", table(head, rows)),
+        folded("Command sequences, and how far two real runs differ", table(floor_head, floors)),
+        folded("Logs", listed(data.logs)),
     ]
-    if data.warnings:
-        items = "".join(f"<li>{esc(w)}</li>" for w in data.warnings)
-        parts.append(_folded("What was cut or left out", f"<ul>{items}</ul>"))
+    parts.append(folded("What was cut or left out", listed(data.warnings)))
     return "".join(parts)
-
-
-def _folded(title: str, content: str) -> str:
-    return f"<details><summary>{esc(title)}</summary>{content}</details>"
 
 
 def _plain(name: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from spot_log.page.look import Html, boxed, framed, headed, table
+from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
 from spot_log.page.svg import esc
 from withheld.cases import WORDS
 from withheld.outcome import Outcome
@@ -81,8 +81,7 @@ def _head(data: Mapping[str, Any], shown: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _unasked(titles: Sequence[str]) -> str:
-    listed = "".join(f"<li>{esc(title)}</li>" for title in titles)
-    return f"<details><summary>Figures without a case</summary><ul>{listed}</ul></details>" if titles else ""
+    return folded("Figures without a case", listed(titles))
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Html:
