@@ -15,7 +15,7 @@ import torch
 
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from spot_model.io.model_file import load_model
-from spot_model.plant.start import StartState
+from spot_model.plant.closed_loop import StartState
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from trainer.config.task_config import RandomisationConfig, TaskConfig

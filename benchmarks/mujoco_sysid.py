@@ -32,7 +32,7 @@ from identify_fake import scenario_data, truths
 
 from fake_robot.scenario.scenario import Scenario
 from spot_log import Run
-from spot_model.plant.start import StartState, standing_height_m
+from spot_model.plant.closed_loop import StartState, standing_height_m
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 from spot_model.robot.rotation import rotate_inverse_wxyz

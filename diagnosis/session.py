@@ -21,11 +21,10 @@ from diagnosis.read.robot_file import SPOT, load_robot
 from diagnosis.report.output import write_all
 from diagnosis.report.words import headline
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from spot_model.console import progress
 from spot_model.errors import BadInputError
-from spot_model.io import progress
 from spot_model.io.model_file import RobotModel, load_model
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import write_over
 from spot_model.policy.policy import load_policy
 from trainer.simulate.engine import IN_THIS_PROCESS, Place

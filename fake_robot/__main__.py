@@ -11,9 +11,9 @@ def main() -> None:
     import typer
 
     from fake_robot.start.commands import app
+    from spot_model.console.command_line import error_line, exit_code_of
     from spot_model.errors import SpotRlError
-    from spot_model.inherited import set_right
-    from spot_model.io.command_line import error_line, exit_code_of
+    from spot_model.process.inherited import set_right
 
     set_right()
     try:

@@ -20,12 +20,12 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from proof.result_file import ResultFile
+from spot_model.console.options import AsJson
+from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.child_process import module_command
-from spot_model.io.progress import Progress
-from spot_model.io.signals import exit_on_termination
 from spot_model.io.yaml_text import read_yaml
-from spot_model.options import AsJson
+from spot_model.process.child_process import module_command
+from spot_model.process.signals import exit_on_termination
 from spot_model.version import software_revision
 
 BENCHMARKS: Final = Path("benchmarks")

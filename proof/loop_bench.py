@@ -14,10 +14,10 @@ from typing import Annotated, Any, Final
 import typer
 
 from fake_robot.start.process import FakeAddress, FakeProcess
+from spot_model.console.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import ChildProcess, module_command
-from spot_model.io.signals import exit_on_termination
-from spot_model.options import WALK, AsJson, PolicyFile, ScenarioName
+from spot_model.process.child_process import ChildProcess, module_command
+from spot_model.process.signals import exit_on_termination
 
 FAKE_PRIORITY: Final = 35
 """Below the runtime's: a real robot computes elsewhere, so the fake must not wait for the busy processes either."""

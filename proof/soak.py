@@ -16,9 +16,9 @@ import typer
 
 from proof.rig.faulty_hal import FaultyHal
 from proof.rig.runs import rig
-from spot_model.io.signals import exit_on_termination
+from spot_model.console.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.io.velocity_sequence import load_sequence
-from spot_model.options import WALK, AsJson, PolicyFile, ScenarioName
+from spot_model.process.signals import exit_on_termination
 from spot_runtime.session.summary import resident_mb
 from spot_tools.run.scripted import ScriptedSource
 

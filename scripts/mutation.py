@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from mutants import Mutant, mutants_of  # noqa: E402
 from safety_core import CORE, TESTS_OF  # noqa: E402
 
-from spot_model.io.progress import Progress  # noqa: E402
+from spot_model.console.progress import Progress  # noqa: E402
 
 TIMEOUT_S = 60
 SCORE = 0.90

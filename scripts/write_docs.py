@@ -29,8 +29,8 @@ from reference.training import training_page
 from reference.verdict import verdict_page
 from reference.words import NOTE, cell, keys_table
 
-from spot_model.io.command_line import GROUP_HELP
-from spot_model.io.command_registry import COMMAND_GROUP, load_command
+from spot_model.console.command_line import GROUP_HELP
+from spot_model.console.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

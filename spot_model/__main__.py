@@ -16,13 +16,13 @@ def leave_out_current_folder() -> None:
 def main() -> None:
     """Run ``spot-rl`` with the process's own arguments."""
     try:
-        from spot_model.inherited import set_right
+        from spot_model.process.inherited import set_right
 
         set_right()
         if sys.flags.optimize > 1:
             sys.stderr.write("spot-rl: error: the vendor's SDK fails with PYTHONOPTIMIZE=2 (-OO); unset it\n")
             raise SystemExit(2)
-        from spot_model.io.command_line import main as run
+        from spot_model.console.command_line import main as run
     except KeyboardInterrupt:
         print("spot-rl: interrupted", file=sys.stderr)  # noqa: T201 - typer is not there yet
         raise SystemExit(130) from None

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Mapping
 from typing import Final
 
-from spot_model.io.signals import STOP_SIGNALS
+from spot_model.process.signals import STOP_SIGNALS
 
 SAFE_PATH: Final = "PYTHONSAFEPATH"
 """Keeps the Python programs that libraries start, as MuJoCo's does, from finding modules in the current folder."""

@@ -18,7 +18,7 @@ def main() -> None:
 
     if find_spec("spot_model") is None:  # sources that are not installed
         sys.path.append(str(Path(__file__).absolute().parents[1]))
-    from spot_model.inherited import answer_signals, set_right
+    from spot_model.process.inherited import answer_signals, set_right
 
     set_right()
     answer_signals()

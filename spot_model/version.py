@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
-from spot_model.io.child_process import without_secrets
+from spot_model.process.child_process import without_secrets
 
 REVISION_VARIABLE: Final = "SPOT_RL_REVISION"
 UNKNOWN: Final = "unknown"

@@ -17,7 +17,7 @@ from typing_extensions import Self
 from fake_robot.scenario.scenario import load_scenario, scenario_from_data
 from fake_robot.start.process import FakeProcess
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.child_process import module_command, without_secrets
+from spot_model.process.child_process import module_command, without_secrets
 from spot_rl.paths import AnyPath, to_path
 from spot_rl.simulation import model_of, policy_file
 

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spot_log.format.events import EventName
-from spot_model.policy.contract import PolicyContract, PolicyError
-from spot_model.policy.gait_sentence import gait_sentence
+from spot_model.policy.contract import PolicyContract, PolicyError, gait_sentence
 from spot_model.policy.signature import check_signature
 from spot_model.robot.gait import HOPS
 from spot_runtime.config import ServiceConfig

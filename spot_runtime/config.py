@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AliasChoices, Field, ValidationError, field_validator
 
 from spot_model.errors import BadInputError
-from spot_model.io.settings import Settings, between, positive
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, between, explain, positive
 from spot_model.io.yaml_text import read_yaml
 from spot_runtime.safety_limits import SafetyLimits
 

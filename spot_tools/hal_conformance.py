@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from spot_model.robot import facts
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.hal.base import Hal, JointControl
 

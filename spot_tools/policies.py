@@ -10,7 +10,7 @@ import typer
 from spot_model.errors import BadInputError
 from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.card import card_lines, card_of, load_card, write_card
-from spot_model.policy.gait_sentence import gait_sentence
+from spot_model.policy.contract import gait_sentence
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.policy.signature import check_signature, private_key, signature_path, signed_line
 from spot_model.text import plain

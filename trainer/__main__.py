@@ -27,7 +27,7 @@ def main() -> None:
     """Run the command that the process's arguments name."""
     leave_out_current_folder()
     from spot_model.errors import SpotRlError
-    from spot_model.inherited import set_right
+    from spot_model.process.inherited import set_right
 
     set_right()
     try:

@@ -49,8 +49,8 @@ def run(
     keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep the logs given to the diagnosis.")] = False,
 ) -> None:
     """Draw cases, seal their truth, diagnose them in isolation, open the seals, and score."""
+    from spot_model.console.progress import Progress
     from spot_model.errors import BadInputError
-    from spot_model.io.progress import Progress
     from trainer.simulate.engine import Engine, Place
     from withheld.blind.execution import Job, execute, run_cases
     from withheld.blind.jail import MEANING, hide_this_process, strongest_level

@@ -15,8 +15,8 @@ from spot_log import Run, read_run
 from spot_log.format.events import FOLLOWING_MODE
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.io.model_file import RobotModel
+from spot_model.plant.closed_loop import put_at
 from spot_model.plant.plant import Plant, PlantOptions
-from spot_model.plant.start import put_at
 from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array

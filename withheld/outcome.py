@@ -8,7 +8,7 @@ from typing import Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.io.validation import explain
+from spot_model.io.settings import explain
 from withheld.cases import Case
 from withheld.plan import Truth
 

@@ -36,7 +36,7 @@ from spot_log.read.reader import read_run
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import RunWriter
 from spot_model.robot import facts
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Measured, RobotState
 
 FIELDS = ("robot_stamp_ns", "host_stamp_ns", *(field.name for field in fields(Measured)))

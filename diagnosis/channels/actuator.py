@@ -19,7 +19,7 @@ from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
 from diagnosis.channels.load_lag import load_lag_s, set_point_steps
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect, TorqueEffect
-from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
+from spot_model.plant.model_fields import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import N_JOINTS
 from trainer.signals.motor_torque import check_joints, direction, nominal_torque_nm, torque_after_nm

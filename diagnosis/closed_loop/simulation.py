@@ -17,8 +17,8 @@ from spot_log.read.run import Run
 from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
+from spot_model.plant.closed_loop import put_at
 from spot_model.plant.plant import Plant, PlantOptions
-from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions

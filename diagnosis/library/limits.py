@@ -19,8 +19,7 @@ from spot_model.effects.base import Effect
 from spot_model.effects.power import BusSag, PowerLimit
 from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, TorqueSpeedCurve
 from spot_model.io.model_file import RobotModel
-from spot_model.robot.facts import JOINT_NAMES
-from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
+from spot_model.robot.facts import JOINT_NAMES, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 """Tried beside none where the battery was not recorded."""

@@ -24,7 +24,7 @@ from diagnosis.library import (
 )
 from spot_model.effects.base import Effect, Parameter, TorqueEffect
 from spot_model.errors import BadInputError
-from spot_model.plant.joint_losses import has_joint_loss
+from spot_model.plant.model_fields import has_joint_loss
 from spot_model.user_code import users_code
 from trainer.signals.motor_torque import torque_after_nm
 

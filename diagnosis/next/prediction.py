@@ -32,8 +32,7 @@ from diagnosis.verdict.posterior_file import Posterior
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy

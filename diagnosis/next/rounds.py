@@ -15,8 +15,8 @@ from diagnosis.next.robots import LIKELY, all_beliefs
 from diagnosis.verdict.posterior_file import Posterior
 from spot_log import read_run
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.child_process import module_command
-from spot_model.io.signals import run_in_foreground
+from spot_model.process.child_process import module_command
+from spot_model.process.signals import run_in_foreground
 
 STOPPED: Final = "a person stopped it"
 MOST_FAILURES: Final = 2

@@ -24,9 +24,9 @@ from diagnosis.report.output import NAMES
 from diagnosis.session import Inputs, Progress, load_inputs, run_session
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_log import read_run
+from spot_model.console.progress import Progress as Bar
 from spot_model.errors import BadInputError
-from spot_model.io.progress import Progress as Bar
-from spot_model.io.validation import explain
+from spot_model.io.settings import explain
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.io.whole import check_new, whole_folder, write_new, write_over
 from spot_model.policy.policy import Policy, load_policy

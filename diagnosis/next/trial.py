@@ -20,7 +20,7 @@ from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.io.velocity_sequence import VelocitySequence
-from spot_model.plant.start import StartState
+from spot_model.plant.closed_loop import StartState
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts

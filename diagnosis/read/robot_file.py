@@ -20,8 +20,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from spot_model.errors import BadInputError
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
 from trainer.signals.recording import Array

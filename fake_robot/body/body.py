@@ -17,7 +17,7 @@ from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.plant.sensing import Sensing
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, Array
-from spot_model.robot.mjcf_terrain import BEYOND_GEOM, GROUND_GEOM
+from spot_model.robot.mjcf_options import BEYOND_GEOM, GROUND_GEOM
 from spot_model.robot.rotation import rotate_inverse_wxyz
 
 _FOOT_SENSOR_SIZE = 4

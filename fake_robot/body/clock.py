@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from fake_robot.scenario.parts import ClockConfig
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 
 
 class RobotClock:

@@ -12,8 +12,7 @@ from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.torque import TorqueChain
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
-from spot_model.robot.facts import N_JOINTS, Array
-from spot_model.robot.knee_table import KNEE_TABLE_TORQUE_NM
+from spot_model.robot.facts import KNEE_TABLE_TORQUE_NM, N_JOINTS, Array
 
 LOAD_LIMIT_NM: Final[Array] = facts.per_joint(
     facts.HIP_TORQUE_LIMIT_NM, facts.HIP_TORQUE_LIMIT_NM, float(np.max(KNEE_TABLE_TORQUE_NM))

@@ -16,7 +16,7 @@ from fake_robot.conformance.check import Needs, Result, Verdict
 from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server
 from fake_robot.conformance.table import CHECKS, exit_code, run_checks, summary
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.signals import exit_on_termination
+from spot_model.process.signals import exit_on_termination
 
 _COLOUR = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.DIFFERS: "yellow", Verdict.OPEN: "yellow"}
 _HOST_AND_PORT = re.compile(r"(\[[^\]]+\]|[^:]+):(\d{1,5})")

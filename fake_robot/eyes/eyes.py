@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fake_robot.network.camera_view import CameraView
 from fake_robot.scenario.scenario import Scenario
-from spot_model.io.child_process import UNHEARD, ChildProcess, without_secrets
+from spot_model.process.child_process import UNHEARD, ChildProcess, without_secrets
 
 _LOGGER = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from fake_robot.faults import body, link, sensors, services
 from fake_robot.faults.fault import FAULTS, Fault, ServiceFault
 from fake_robot.network.status import FaultKind
 from spot_model.errors import BadInputError
-from spot_model.io.validation import explain
+from spot_model.io.settings import explain
 
 __all__ = ["FAULTS", "body", "fault_kinds", "link", "make_fault", "sensors", "services"]
 

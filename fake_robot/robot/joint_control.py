@@ -18,8 +18,7 @@ from fake_robot.robot.streamed_command import (
 )
 from fake_robot.scenario.parts import JointControlConfig
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import JOINT_NAMES, Array
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import JOINT_NAMES, NS_PER_S, Array
 
 
 class Stream:

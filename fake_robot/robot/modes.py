@@ -10,7 +10,7 @@ from fake_robot.robot.streamed_command import INACTIVE
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 
 _MOVING = (
     Mode.STANDING_UP,

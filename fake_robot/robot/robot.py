@@ -31,8 +31,7 @@ from fake_robot.robot.snapshot import snapshot_of, truth_of
 from fake_robot.robot.streamed_command import CommandRefusedError
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.robot.facts import STATE_PERIOD_NS, Array
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS, Array
 
 _LOGGER = logging.getLogger(__name__)
 _MAX_WAIT_FOR_STATES_NS = NS_PER_S

@@ -28,9 +28,8 @@ from fake_robot.robot.streamed_command import StreamedCommand
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import STATE_PERIOD_NS
+from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from spot_model.robot.stamps import NS_PER_S
 
 _STAND_FEET_M = stand_feet_m(0.5)[:, :2]
 """Where the feet of a stand are, seen from above: shape (4, 2), their mean is 0."""

@@ -8,7 +8,7 @@ from bosdyn.api import header_pb2, robot_state_pb2
 
 from fake_robot.body.sensing import IMU_PACKETS, IMU_PERIOD_NS, Frame, Report
 from fake_robot.scenario.scenario import Scenario
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 
 RECEIVE_DELAY_NS = 900_000
 """The header's receive stamp is this much later than the joints' stamp, in a published recording."""

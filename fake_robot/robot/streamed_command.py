@@ -13,8 +13,7 @@ from fake_robot.body.drive import LOAD_LIMIT_NM
 from fake_robot.network.status import StreamFailure
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot import facts
-from spot_model.robot.facts import Array
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S, Array
 
 INVALID_REQUEST: int = robot_command_pb2.JointControlStreamResponse.STATUS_INVALID_REQUEST
 INACTIVE: int = robot_command_pb2.JointControlStreamResponse.STATUS_INACTIVE

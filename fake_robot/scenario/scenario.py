@@ -37,7 +37,7 @@ from fake_robot.scenario.parts import (
 )
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, model_from_data
-from spot_model.io.validation import explain
+from spot_model.io.settings import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.plant.delay import read_delay_csv
 

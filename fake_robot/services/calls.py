@@ -15,7 +15,7 @@ from google.protobuf.duration_pb2 import Duration
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from spot_model.errors import SpotRlError
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 
 Answer: TypeAlias = Callable[[Any, Any], None]
 """Gets a request and a fresh response, and fills the response in."""

@@ -21,7 +21,7 @@ from bosdyn.api import (
 from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.auth import AuthService
 from fake_robot.services.calls import Service, refuse, timestamp_from_ns
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 
 JOINT_CONTROL_FEATURE = "joint_control"
 MAX_PAYLOADS = 64

@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from spot_model.errors import SpotRlError
-from spot_model.io.private_folder import new_private_file
+from spot_model.process.private_folder import new_private_file
 
 VALIDITY = dt.timedelta(days=365)
 RENEW_BEFORE_EXPIRY = dt.timedelta(days=7)

@@ -17,8 +17,8 @@ from google.protobuf.message import DecodeError
 from fake_robot.start.certificates import write_private
 from fake_robot.start.state_folder import DEFAULT_USERNAME, FakeOptions
 from spot_model.errors import BadInputError
-from spot_model.inherited import environment_as_inherited
-from spot_model.io.signals import answered, run_in_foreground
+from spot_model.process.inherited import environment_as_inherited
+from spot_model.process.signals import answered, run_in_foreground
 
 if TYPE_CHECKING:
     from fake_robot.start.running import RunningFake

@@ -21,9 +21,9 @@ from typing import IO, Any, Final
 
 from typing_extensions import Self
 
+from spot_model.console.command_line import main
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import HEARD, ChildProcess
-from spot_model.io.command_line import main
+from spot_model.process.child_process import HEARD, ChildProcess
 
 START_TIMEOUT_S: Final = 60.0
 STOP_TIMEOUT_S: Final = 10.0

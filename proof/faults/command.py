@@ -17,11 +17,11 @@ from proof.faults import rows_link, rows_log, rows_measured, rows_phases, rows_p
 from proof.faults.rows import Result, Row, tidy, try_row
 from proof.faults.search import searched
 from proof.rig.runs import rig
+from spot_model.console.options import WALK, AsJson, PolicyFile, ScenarioName
+from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError
-from spot_model.io.progress import Progress
-from spot_model.io.signals import exit_on_termination
-from spot_model.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.policy.policy import load_policy
+from spot_model.process.signals import exit_on_termination
 
 ROWS: Final[tuple[Row, ...]] = (
     *rows_link.ROWS,

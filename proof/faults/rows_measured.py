@@ -18,7 +18,7 @@ from proof.rig.robot import OVERTURNED_RAD
 from proof.rig.runs import Drive, Rig
 from spot_log import Run
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState, SlowState
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_tools.run.scripted import ScriptedSource

@@ -20,7 +20,7 @@ from proof.rig.faulty_hal import FaultyHal, When
 from proof.rig.robot import tilt_rad
 from proof.rig.runs import Rig, rig
 from proof.rig.signals import ending_the_bench
-from spot_model.io.signals import exit_on_termination
+from spot_model.process.signals import exit_on_termination
 
 Values = dict[str, float | str]
 WALK_S: Final = 2.5

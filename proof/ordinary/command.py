@@ -14,8 +14,8 @@ import typer
 
 from proof.ordinary.trial import Outcome, tried
 from proof.result_file import ResultFile
-from spot_model.io.progress import Progress
-from spot_model.options import AsJson
+from spot_model.console.options import AsJson
+from spot_model.console.progress import Progress
 from spot_model.policy.policy import load_policy
 
 EXIT_FAILED: Final = 1

@@ -19,10 +19,9 @@ from proof.rig.runs import Rig, rig
 from proof.rig.signals import ending_the_bench
 from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink
-from spot_model.io.signals import exit_on_termination
 from spot_model.policy.policy import Policy, load_policy
-from spot_model.robot.facts import STATE_PERIOD_NS
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.process.signals import exit_on_termination
+from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
 from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.session.summary import RunSummary

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from spot_model.options import AsJson, Overrides, TorchDevice
+from spot_model.console.options import AsJson, Overrides, TorchDevice
 
 
 def train(

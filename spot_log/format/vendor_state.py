@@ -11,8 +11,7 @@ from google.protobuf.message import DecodeError
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from spot_model.errors import BadInputError
-from spot_model.robot.facts import N_JOINTS, N_LEGS
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import N_JOINTS, N_LEGS, NS_PER_S
 from spot_model.robot.state import ImuPacket, RobotState
 from spot_protos import log_pb2
 

@@ -17,7 +17,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from spot_model.errors import BadInputError
-from spot_model.io.validation import explain
+from spot_model.io.settings import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 

@@ -13,8 +13,8 @@ from typing_extensions import Self
 
 from spot_log.write.live_tap import SOCKET_VARIABLE
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.child_process import HEARD, ChildProcess
-from spot_model.io.private_folder import make_private_folder
+from spot_model.process.child_process import HEARD, ChildProcess
+from spot_model.process.private_folder import make_private_folder
 
 FOLDER_PREFIX: Final = "spot-rl-live-"
 SOCKET_NAME: Final = "live.sock"

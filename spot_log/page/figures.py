@@ -15,8 +15,7 @@ from spot_log.page.rows import stance
 from spot_log.page.svg import QUARTER, legend
 from spot_log.read.run import Run
 from spot_log.tools import measures
-from spot_model.robot.facts import HIP_TORQUE_LIMIT_NM
-from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from spot_model.robot.facts import HIP_TORQUE_LIMIT_NM, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 
 MEASURED: Final = "var(--floor)"
 ASKED: Final = "var(--group)"

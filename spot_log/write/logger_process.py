@@ -17,7 +17,7 @@ from spot_log.format.records import TOPIC_OF_RECORD, Record, RunHeader
 from spot_log.write import hand_off
 from spot_log.write.run_writer import active_path, check_can_start
 from spot_log.write.sink import TOPICS, SinkHealth
-from spot_model.io.child_process import ChildProcess
+from spot_model.process.child_process import ChildProcess
 from spot_protos import log_pb2
 
 SEND_BUFFER_BYTES: Final = 4 << 20

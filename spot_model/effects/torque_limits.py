@@ -12,7 +12,7 @@ from array_api_compat import device
 from spot_model.effects.base import IdleBox, Memory, Motion, TorqueEffect, parameter
 from spot_model.errors import BadInputError
 from spot_model.robot.arrays import namespace_of
-from spot_model.robot.knee_table import KNEE_MOTOR_TORQUE_NM, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
+from spot_model.robot.facts import KNEE_MOTOR_TORQUE_NM, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 from spot_model.robot.rotation import AnyArray
 
 

@@ -1,1 +1,1 @@
-"""Files and command line: model files, velocity sequences, YAML, validation."""
+"""Files: model files, experiments, velocity sequences, YAML, settings, output that is whole."""

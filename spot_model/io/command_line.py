@@ -12,14 +12,14 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from spot_model.errors import DISK_FULL, BadInputError, SpotRlError
-from spot_model.io.command_registry import (
+from spot_model.console.command_registry import (
     describe_command,
     explain_missing_module,
     find_commands,
     load_command,
     source_of,
 )
+from spot_model.errors import DISK_FULL, BadInputError, SpotRlError
 from spot_model.text import plain_lines
 from spot_model.user_code import users_error
 

@@ -25,12 +25,11 @@ from spot_model.effects.friction import CoulombFriction
 from spot_model.effects.registry import make_effect, reference_of
 from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, TorqueSpeedCurve
 from spot_model.errors import BadInputError
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
-from spot_model.robot.knee_table import KNEE_MOTOR_TORQUE_NM
+from spot_model.robot.facts import KNEE_MOTOR_TORQUE_NM
 
 SCHEMA: Final = "spot-rl/model/1"
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final, NamedTuple, NoReturn
 
-from spot_model.io.child_process import ChildProcess
+from spot_model.process.child_process import ChildProcess
 
 STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 

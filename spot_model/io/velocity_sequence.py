@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
 

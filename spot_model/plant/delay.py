@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from spot_model.errors import BadInputError
-from spot_model.io.bounded_file import read_at_most
 from spot_model.io.settings import Settings
+from spot_model.io.yaml_text import read_at_most
 
 MAX_CSV_BYTES = 1024 * 1024
 

@@ -205,8 +205,8 @@ def on_gpu(commands: Sequence[CommandEffect], start: ServoCommand, rest: Any, op
     """Source of random numbers, time, shape (1,), and command channel of simulations on a GPU."""
     import torch
 
+    from spot_model.plant.gpu.captured import TorchDraws
     from spot_model.plant.gpu.torch_channel import TorchChannel
-    from spot_model.plant.gpu.torch_draws import TorchDraws
 
     rng = TorchDraws(options.seed, rest.device)
     now_s = torch.zeros(1, dtype=torch.float64, device=rest.device)

@@ -133,7 +133,7 @@ class Plant(PlantState):
         """A source of random numbers as arrays of this plant, seeded by ``rng``; itself on the cores."""
         if self._is_on_host:
             return rng
-        from spot_model.plant.gpu.torch_draws import TorchDraws
+        from spot_model.plant.gpu.captured import TorchDraws
 
         return TorchDraws(int(rng.integers(2**31)), self._qpos.device)
 

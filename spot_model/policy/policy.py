@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.policy.contract import (
     INPUT_NAME,
     MAX_POLICY_BYTES,

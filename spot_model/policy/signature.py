@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from spot_model.io.bounded_file import FileTooLargeError, open_to_read, read_at_most
+from spot_model.io.yaml_text import FileTooLargeError, open_to_read, read_at_most
 from spot_model.policy.contract import PolicyError
 
 if TYPE_CHECKING:

@@ -8,10 +8,14 @@ Sources: [sdk] Boston Dynamics' SDK 5.2.0, its documents and model; [isaac] Isaa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+NS_PER_S: Final = 1_000_000_000
+"""Stamps are integers of nanoseconds; durations are floats of seconds."""
 
 Array = NDArray[np.float64]
 
@@ -149,3 +153,17 @@ class PaperActuator:
 
 PAPER_IDENTIFIED: Final = PaperActuator(0.008, 0.180, 97.00, -108.79, 25.03, -22.22, 9.48, -8.32)
 PAPER_INITIAL: Final = PaperActuator(0.0, 0.0, 70.0, -70.0, 20.0, -20.0, 0.0, 0.0)
+
+
+KNEE_MOTOR_TORQUE_NM: Final = 1.5
+
+_TABLE: Final = np.loadtxt(Path(__file__).with_name("knee_transmission.csv"), delimiter=",", skiprows=1).T.copy()
+
+KNEE_TABLE_POSITION_RAD: Final[NDArray[np.float64]] = _TABLE[0]
+"""Knee angles of the table, shape (101,), rising and evenly spaced, rad."""
+
+KNEE_TABLE_RATIO: Final[NDArray[np.float64]] = _TABLE[1]
+"""Transmission ratio, motor to joint, shape (101,); negative by the sense of rotation."""
+
+KNEE_TABLE_TORQUE_NM: Final[NDArray[np.float64]] = KNEE_MOTOR_TORQUE_NM * np.abs(KNEE_TABLE_RATIO)
+"""Torque limit at each angle, shape (101,), N·m."""

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 
 from spot_model.robot import facts
-from spot_model.robot.mjcf_options import FlatTerrain, MjcfOptions, NoiseTerrain, Terrain
-from spot_model.robot.mjcf_terrain import terrain_asset, terrain_geom
+from spot_model.robot.mjcf_options import FlatTerrain, MjcfOptions, NoiseTerrain, Terrain, terrain_asset, terrain_geom
 
 __all__ = ["FlatTerrain", "MjcfOptions", "NoiseTerrain", "Terrain", "default_height_m", "spot_mjcf"]
 

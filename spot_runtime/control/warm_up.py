@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Final
 
 from spot_model.robot import facts
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.realtime import has_real_time_priority, let_others_run

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_runtime.config import RealTimeConfig
 
 TASKS: Final = Path("/proc/self/task")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.bounded_file import open_to_read
+from spot_model.io.yaml_text import open_to_read
 from spot_runtime.host.instance_lock import open_locked
 
 if TYPE_CHECKING:  # a client has no configuration, and starts without pydantic

@@ -13,7 +13,7 @@ from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
 from spot_log.write.logger_process import CLOSE_TIMEOUT_S
 from spot_log.write.sink import LogSink
-from spot_model.io.child_process import ChildProcess
+from spot_model.process.child_process import ChildProcess
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.hal.base import Hal

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import HEARD, LOOK_PERIOD_S, ChildProcess, LivingProcess
+from spot_model.process.child_process import HEARD, LOOK_PERIOD_S, ChildProcess, LivingProcess
 
 if TYPE_CHECKING:
     from spot_runtime.config import RunConfig

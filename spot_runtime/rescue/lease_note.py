@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from spot_model.errors import SpotRlError
-from spot_model.io.private_folder import new_private_file
+from spot_model.process.private_folder import new_private_file
 from spot_runtime.host.instance_lock import open_locked
 
 FOLDER_NAME: Final = "spot-rl"

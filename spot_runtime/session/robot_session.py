@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.rotation import tilt_rad
-from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.control.safety.states import StateMemory, screen_state

@@ -14,7 +14,7 @@ import grpc
 from typing_extensions import Self
 
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.text import plain
 from spot_protos import operator_pb2_grpc
 from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, user_socket

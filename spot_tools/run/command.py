@@ -14,11 +14,11 @@ from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import free_path, make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import load_joint_experiment
-from spot_model.io.signals import exit_on_termination
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.io.whole import check_new, write_new
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.process.signals import exit_on_termination
 from spot_model.text import plain_lines
 from spot_runtime.admission import admission, check_scripts_allowed
 from spot_runtime.config import RunConfig, for_lock_step

@@ -11,7 +11,7 @@ import numpy as np
 from spot_log import read_run
 from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo
 from spot_runtime.hal.registry import Adapter, HalRequest

@@ -13,7 +13,7 @@ import pytest
 import tomllib
 import yaml
 
-from spot_model.io.command_registry import find_commands
+from spot_model.console.command_registry import find_commands
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FILES = sorted((REPOSITORY / "deploy" / "container").glob("*.Containerfile"))

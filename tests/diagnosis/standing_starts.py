@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spot_model.plant.start import StartState
+from spot_model.plant.closed_loop import StartState
 from spot_model.robot import facts
 from trainer.signals.policy_ticks import Script
 

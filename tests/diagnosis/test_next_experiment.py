@@ -52,8 +52,8 @@ from spot_model.effects.torque_limits import PositionTorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import Squat, load_joint_experiment
 from spot_model.io.model_file import RobotModel, load_model
-from spot_model.io.signals import Ended
 from spot_model.policy.policy import load_policy
+from spot_model.process.signals import Ended
 from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
 

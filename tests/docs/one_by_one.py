@@ -20,7 +20,7 @@ import rsl_rl.runners
 import scipy.stats
 import torch
 
-from spot_model.io.command_line import main
+from spot_model.console.command_line import main
 
 LIBRARIES = (mujoco.batch, onnxruntime, rsl_rl.runners, scipy.stats, torch)
 

@@ -19,8 +19,8 @@ import torch
 import typer
 import yaml
 
-from spot_model.io.command_line import main
-from spot_model.io.command_registry import COMMAND_GROUP, load_command
+from spot_model.console.command_line import main
+from spot_model.console.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
 from .blocks import PAGES, REPOSITORY, Block, all_blocks, blocks_of, spans_of

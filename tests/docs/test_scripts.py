@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from spot_model.io.command_registry import source_of
+from spot_model.console.command_registry import source_of
 from spot_model.user_code import OWN_PACKAGES
 
 from .blocks import REPOSITORY

@@ -11,10 +11,17 @@ import pytest
 
 from spot_model.effects.base import CommandEffect
 from spot_model.effects.commands import CommandDelay
-from spot_model.plant.closed_loop import ClosedLoop, schedule_by_messages, schedule_by_rate, true_state
+from spot_model.plant.closed_loop import (
+    ClosedLoop,
+    StartState,
+    put_at,
+    schedule_by_messages,
+    schedule_by_rate,
+    standing_height_m,
+    true_state,
+)
 from spot_model.plant.command_path import ReceiptPath
 from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
-from spot_model.plant.start import StartState, put_at, standing_height_m
 from spot_model.policy.observation import N_OBSERVATION, Sensed, build_observation
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts

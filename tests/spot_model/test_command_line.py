@@ -11,9 +11,9 @@ from types import ModuleType
 import pytest
 import typer
 
+from spot_model.console import command_line, command_registry
+from spot_model.console.command_registry import COMMAND_GROUP, CommandUnavailableError, describe_command, find_commands
 from spot_model.errors import BadInputError
-from spot_model.io import command_line, command_registry
-from spot_model.io.command_registry import COMMAND_GROUP, CommandUnavailableError, describe_command, find_commands
 
 MODULE = '''"""Help of the module."""
 
@@ -187,7 +187,7 @@ def test_every_installed_command_loads_and_describes_itself(entry: EntryPoint) -
 def test_real_help_imports_nothing_heavy() -> None:
     script = (
         "import sys\n"
-        "from spot_model.io.command_line import main\n"
+        "from spot_model.console.command_line import main\n"
         "try:\n    main(['--help'])\n"
         "except SystemExit:\n    pass\n"
         "print('heavy:', {'torch', 'mujoco', 'numpy', 'onnxruntime', 'grpc', 'scipy'} & sys.modules.keys())\n"
@@ -202,7 +202,7 @@ class TestCompletion:
     @staticmethod
     def complete(words: str) -> list[str]:
         told = subprocess.run(
-            [sys.executable, "-c", "from spot_model.io.command_line import main; main([])"],
+            [sys.executable, "-c", "from spot_model.console.command_line import main; main([])"],
             env={
                 **os.environ,
                 "_SPOT_RL_COMPLETE": "complete_bash",
@@ -261,7 +261,7 @@ class _Interrupted(ModuleType):
 
 
 def test_ctrl_c_during_the_first_imports_is_one_line(monkeypatch, capsys) -> None:
-    name = "spot_model.io.command_line"
+    name = "spot_model.console.command_line"
     monkeypatch.setitem(sys.modules, name, _Interrupted(name))
     with pytest.raises(SystemExit) as end:
         entry_points(group="console_scripts", name="spot-rl")["spot-rl"].load()()

@@ -46,7 +46,7 @@ from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
 from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, TorqueSpeedCurve
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
-from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from spot_model.robot.facts import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 
 PAPER_CURVE = TorqueSpeedCurve(
     torque_max_nm=97.00,

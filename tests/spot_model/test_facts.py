@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spot_model.robot import facts
-from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from spot_model.robot.facts import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 
 
 def test_canonical_order_is_the_sdks():

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from spot_model.io.child_process import HEARD, ChildProcess, module_command, without_secrets
-from spot_model.io.signals import STOP_SIGNALS, exit_on_termination
+from spot_model.process.child_process import HEARD, ChildProcess, module_command, without_secrets
+from spot_model.process.signals import STOP_SIGNALS, exit_on_termination
 
 SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))
 SAYS_SIGNALS = """

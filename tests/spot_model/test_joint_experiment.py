@@ -21,8 +21,7 @@ from spot_model.io.joint_experiment import (
 )
 from spot_model.plant.closed_loop import ClosedLoop, schedule_by_messages
 from spot_model.plant.plant import Plant, PlantOptions
-from spot_model.policy.joint_motion import SPEED_RAD_S, TABLE_HZ, motion_of
-from spot_model.policy.joint_script import joint_script
+from spot_model.policy.joint_script import SPEED_RAD_S, TABLE_HZ, joint_script, motion_of
 from spot_model.policy.observation import Sensed
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m, joints_of_feet

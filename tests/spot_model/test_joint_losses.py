@@ -11,7 +11,7 @@ import pytest
 from spot_model.effects.base import ModelEffect, ModelFields, parameter
 from spot_model.effects.bodies import PayloadMass
 from spot_model.effects.friction import STICK_SPEED_RAD_S, Armature, CoulombFriction, ViscousFriction, smooth_sign
-from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
+from spot_model.plant.model_fields import LossMotion, has_joint_loss, joint_losses_nm
 
 MOTION = LossMotion(
     velocity_rad_s=np.full((2, 12), 3.0), acceleration_rad_s2=np.full((2, 12), 10.0), direction=np.full((2, 12), 0.5)

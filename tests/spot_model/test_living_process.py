@@ -12,7 +12,7 @@ from typing import NoReturn
 
 import pytest
 
-from spot_model.io.child_process import LivingProcess
+from spot_model.process.child_process import LivingProcess
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_another_process_of_its_number_is_not_taken_for_it(
 
     monkeypatch.setattr(os, "pidfd_open", refuse)
     watched = LivingProcess(sleeper.pid)
-    monkeypatch.setattr("spot_model.io.child_process._began", lambda _: "another time")
+    monkeypatch.setattr("spot_model.process.child_process._began", lambda _: "another time")
     assert watched.has_ended()
 
 

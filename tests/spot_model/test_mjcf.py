@@ -9,7 +9,7 @@ import pytest
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, NoiseTerrain, default_height_m, spot_mjcf
-from spot_model.robot.mjcf_terrain import terrain_heights_m
+from spot_model.robot.mjcf_options import terrain_heights_m
 
 LINK_FIGURES = {
     # link: mass kg, com m, inertia about the com (xx, yy, zz, xy, xz, yz) kg·m², front-left leg

@@ -6,7 +6,7 @@ import io
 
 from rich.console import Console
 
-from spot_model.io.progress import PLAIN_INTERVAL_S, Progress
+from spot_model.console.progress import PLAIN_INTERVAL_S, Progress
 
 
 class Clock:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 
 import pytest
+from spot_log.page.cells import escaped
+from spot_runtime.host.console import Console
 
-from spot_log.page.look import escaped
+from spot_model.console.command_line import error_line
 from spot_model.errors import BadInputError
-from spot_model.io.command_line import error_line
 from spot_model.text import plain, plain_lines
 from spot_protos import operator_pb2
-from spot_runtime.host.journal import Console
 from spot_tools.client.client import plain_message
 from spot_tools.doctor.check import Check, make, ok
 

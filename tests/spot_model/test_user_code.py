@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from diagnosis.library.registry import chosen_library
+from spot_model.console.command_line import main
 from spot_model.effects.registry import effect_class
 from spot_model.errors import BadInputError
-from spot_model.io.command_line import main
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.registry import HalRequest, find_adapter
 from trainer.task.rewards import reward_term

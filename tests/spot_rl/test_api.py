@@ -20,7 +20,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import spot_rl
 from spot_log.read.run import Run
-from spot_model.io.command_line import main
+from spot_model.console.command_line import main
 
 from .conftest import REPOSITORY, WALK
 

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from proof.loop_bench import KEYS
-from spot_model.io.signals import exit_on_termination
+from spot_model.process.signals import exit_on_termination
 
-COMMAND = [sys.executable, "-c", "from spot_model.io.command_line import main; main()"]
+COMMAND = [sys.executable, "-c", "from spot_model.console.command_line import main; main()"]
 
 
 @pytest.mark.slow

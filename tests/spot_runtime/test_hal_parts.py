@@ -24,7 +24,7 @@ from bosdyn.client.robot_command import DockedError
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
 from spot_log.write.sink import MemorySink
 from spot_model.robot import facts
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state

@@ -119,7 +119,7 @@ def test_an_experiment_on_the_fake_robot_ends_well_and_leaves_a_log(tmp_path: Pa
     with FakeProcess(is_lock_step=True) as fake:
         words = ["run", "--robot", fake.address.robot, "--experiment", str(file), "--log-dir", str(tmp_path)]
         words += ["--lock-step", fake.address.admin]
-        code = "from spot_model.io.command_line import main; main()"
+        code = "from spot_model.console.command_line import main; main()"
         told = subprocess.run(
             [sys.executable, "-c", code, *words],
             env={**os.environ, **fake.address.environment},

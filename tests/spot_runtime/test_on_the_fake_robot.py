@@ -340,7 +340,7 @@ def start_run(fake: Fake, *words: str) -> subprocess.Popen[str]:
     """``spot-rl run`` in a process of its own, until the policy is in control."""
     policy = fake.folder / "policy.onnx"
     policy.write_bytes(fake.policy_bytes)
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "run"]
+    command = [sys.executable, "-c", "from spot_model.console.command_line import main; main()", "run"]
     command += ["--robot", fake.address.robot, "--policy", str(policy), "--duration", "600", *words]
     command += ["--lock-step", fake.address.admin, "--log-dir", str(fake.folder / "logs")]
     process = subprocess.Popen(

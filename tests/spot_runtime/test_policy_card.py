@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from spot_model.io.command_line import main
+from spot_model.console.command_line import main
 from spot_model.policy.policy import load_policy
 
 REPOSITORY = Path(__file__).resolve().parents[2]

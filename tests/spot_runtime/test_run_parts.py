@@ -349,7 +349,7 @@ def test_bad_words_on_the_command_line(
 ) -> None:
     cut = tmp_path / "cut.onnx"
     cut.write_bytes(make_policy_bytes()[:400])
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "run"]
+    command = [sys.executable, "-c", "from spot_model.console.command_line import main; main()", "run"]
     done = subprocess.run(
         [*command, *(word.format(cut=cut) for word in words)],
         cwd=tmp_path,

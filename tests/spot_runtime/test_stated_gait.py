@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from spot_log.format.events import EventName
-from spot_model.policy.contract import PolicyContract, StatedGait
-from spot_model.policy.gait_sentence import gait_sentence
+from spot_model.policy.contract import PolicyContract, StatedGait, gait_sentence
 from spot_model.policy.policy import load_policy
 from spot_runtime.admission import gait_event
 

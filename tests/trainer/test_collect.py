@@ -182,7 +182,7 @@ print("up", flush=True)
 time.sleep(60)
 """
     child = [sys.executable, "-c", slow]
-    parent = f"from spot_model.io.signals import run_in_foreground; print(run_in_foreground({child!r}))"
+    parent = f"from spot_model.process.signals import run_in_foreground; print(run_in_foreground({child!r}))"
     with subprocess.Popen(
         [sys.executable, "-c", parent], cwd=tmp_path, stdout=subprocess.PIPE, text=True, start_new_session=True
     ) as process:

@@ -175,7 +175,7 @@ def test_a_film(tmp_path: Path, ending: str) -> None:
     film = tmp_path / f"walk.{ending}"
     words = [str(POLICY), "--video", str(film), "--seconds", "0.1", "--velocity", "1,0,0"]
     # In a process of its own: a broken OpenGL driver may end it.
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "play", *words]
+    command = [sys.executable, "-c", "from spot_model.console.command_line import main; main()", "play", *words]
     done = subprocess.run(command, capture_output=True, text=True)
     if "MuJoCo cannot draw" in done.stderr:
         pytest.skip("no OpenGL that works without a display")
@@ -189,7 +189,7 @@ def test_a_film(tmp_path: Path, ending: str) -> None:
 def test_a_film_for_which_the_disk_has_no_room_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("imageio_ffmpeg")
     words = [str(POLICY), "--video", str(tmp_path / "walk.mp4"), "--seconds", "0.4"]
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "play", *words]
+    command = [sys.executable, "-c", "from spot_model.console.command_line import main; main()", "play", *words]
     done = subprocess.run(["sh", "-c", 'ulimit -f 4; exec "$@"', "sh", *command], capture_output=True, text=True)
     if "MuJoCo cannot draw" in done.stderr:
         pytest.skip("no OpenGL that works without a display")

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from spot_model.console.command_line import INTERRUPTED_EXIT_CODE
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import module_command
-from spot_model.io.command_line import INTERRUPTED_EXIT_CODE
-from spot_model.io.signals import run_in_foreground
+from spot_model.process.child_process import module_command
+from spot_model.process.signals import run_in_foreground
 from spot_tools.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
 
 

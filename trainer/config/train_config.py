@@ -11,8 +11,7 @@ import yaml
 from pydantic import BaseModel, Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from trainer.config.task_config import TaskConfig
 

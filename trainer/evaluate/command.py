@@ -80,8 +80,8 @@ def evaluate(
 
 def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
     """Run the trials, each kept in ``unfinished`` as soon as it ends; those that it holds are not run again."""
+    from spot_model.console.progress import Progress
     from spot_model.errors import BadInputError
-    from spot_model.io.progress import Progress
     from spot_model.io.whole import write_over
     from trainer.evaluate.trials import about
     from trainer.evaluate.trials import evaluate as run_trials

@@ -11,9 +11,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.io.validation import explain
+from spot_model.io.settings import explain
 from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
-from spot_model.policy.joint_motion import carried_nm
+from spot_model.policy.joint_script import carried_nm
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION
 from spot_model.robot import facts
 

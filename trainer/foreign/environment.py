@@ -15,8 +15,8 @@ import yaml
 from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.io.bounded_file import FileTooLargeError, read_at_most
-from spot_model.io.validation import explain
+from spot_model.io.settings import explain
+from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from trainer.foreign.description import DEFAULT_COMMANDS, MAX_HISTORY
 
 MAX_BYTES: Final = 4 * 1024 * 1024

@@ -18,7 +18,7 @@ from onnx import TensorProto, compose, helper, numpy_helper
 from onnx.external_data_helper import load_external_data_for_model, uses_external_data
 
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.policy.contract import (
     INPUT_NAME,
     MAX_POLICY_BYTES,

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError
-from spot_model.io.progress import Progress
 from spot_model.io.whole import whole_file
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts

@@ -13,8 +13,8 @@ from typing import Any
 from rsl_rl.utils import WandbLogWriter
 from torch.utils.tensorboard import SummaryWriter
 
+from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.progress import Progress
 from trainer.config.train_config import TrainConfig
 
 

@@ -24,8 +24,8 @@ def refine(
     generations: Annotated[int | None, typer.Option("--generations", help="In place of the config's.", min=1)] = None,
 ) -> None:
     """Optimise a trained policy's gains over whole runs: even gait, safe starts, top speed."""
+    from spot_model.console.progress import Progress
     from spot_model.errors import BadInputError
-    from spot_model.io.progress import Progress
     from spot_model.io.whole import check_new, whole_file, write_over
     from spot_model.policy.contract import TrainingRecord, sha256_hex
     from spot_model.policy.policy import load_policy

@@ -9,8 +9,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model, model_from_data
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.config.task_config import Range

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spot_log.format.events import FOLLOWING_MODE
 from spot_log.read.run import Run, StateTable, TickTable
-from spot_model.plant.start import StartState
+from spot_model.plant.closed_loop import StartState
 from spot_model.policy.observation import observed
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from spot_model.effects.base import Effect
 from spot_model.effects.commands import CommandDelay
-from spot_model.plant.closed_loop import ClosedLoop, schedule_by_rate
+from spot_model.plant.closed_loop import ClosedLoop, StartState, put_at, schedule_by_rate
 from spot_model.plant.plant import Plant, PlantOptions
-from spot_model.plant.start import StartState, put_at
 from spot_model.policy.observation import N_OBSERVATION, is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.arrays import like, namespace_of, on_host

@@ -14,8 +14,7 @@ from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.registry import make_effect, reference_of
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
 

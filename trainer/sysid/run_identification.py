@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError
-from spot_model.io.progress import Progress
 from spot_model.io.whole import check_new, whole_folder
 from spot_model.policy.policy import load_policy
 from spot_model.text import counted

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.effects.friction import CoulombFriction
-from spot_model.plant.joint_losses import LossMotion, joint_losses_nm
+from spot_model.plant.model_fields import LossMotion, joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
 from trainer.sysid.config import SearchSpace

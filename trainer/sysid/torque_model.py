@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.effects.base import Motion, TorqueEffect
-from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
+from spot_model.plant.model_fields import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
 from trainer.signals.motor_torque import nominal_torque_nm

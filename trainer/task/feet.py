@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
-from spot_model.robot.mjcf_options import NoiseTerrain
-from spot_model.robot.mjcf_terrain import terrain_heights_m
+from spot_model.robot.mjcf_options import NoiseTerrain, terrain_heights_m
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.config.task_config import TerrainConfig
 from trainer.task.plant_backend import PlantState

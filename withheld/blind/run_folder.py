@@ -13,8 +13,7 @@ from typing import Final, Literal
 from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import check_new, whole_file
 from withheld.blind.jail import HOME_OF_OURS, Level
 from withheld.blind.seal import LEDGER, file_digest

@@ -10,8 +10,7 @@ from typing import Final
 
 from spot_model.io.joint_experiment import JointExperiment
 from spot_model.io.model_file import RobotModel
-from spot_model.policy.joint_motion import JointMotion
-from spot_model.policy.joint_script import joint_script
+from spot_model.policy.joint_script import JointMotion, joint_script
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot.facts import Array
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth

@@ -20,9 +20,8 @@ from fake_robot.robot.motion.walker import Walker
 from fake_robot.robot.streamed_command import EXPIRED
 from fake_robot.scenario.scenario import Scenario
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import TOTAL_MASS_KG, Array
+from spot_model.robot.facts import NS_PER_S, TOTAL_MASS_KG, Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from spot_model.robot.stamps import NS_PER_S
 
 _LYING_BODY_M = 0.2
 _LYING_S = 0.25

@@ -20,9 +20,8 @@ from fake_robot.robot.motion.steering import GroundPose, Steering, hold, slewed,
 from fake_robot.robot.motion.vendor_motion import leg_angles_rad, stand_feet_m
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot import facts
-from spot_model.robot.facts import Array
+from spot_model.robot.facts import NS_PER_S, Array
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz
-from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from google.protobuf.message import DecodeError
 from fake_robot.services.admin.injection import FaultInjector
 from fake_robot.services.calls import RefusedCallError
 from fake_robot.services.world import World
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_protos import fake_admin_pb2
 
 DEFAULT_WAIT_S = 5.0

@@ -29,8 +29,8 @@ from fake_robot.network.status import Snapshot
 from fake_robot.services.calls import Service, ns_of, refuse, timestamp_from_ns
 from fake_robot.services.reports.state_message import ROOT_FRAME, frame_tree
 from fake_robot.services.world import World
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.mjcf import BODY_HALF_SIZE_M
-from spot_model.robot.stamps import NS_PER_S
 
 _FIELD = 8
 """Pixels of one side of a field."""

@@ -20,7 +20,7 @@ from bosdyn.api.service_fault_pb2 import ServiceFault, ServiceFaultId
 from google.protobuf.duration_pb2 import Duration
 
 from fake_robot.services.calls import Service, duration_from_ns, ns_of, refuse, timestamp_from_ns
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 
 MAX_FAULTS = 256
 MAX_HISTORY = 32

@@ -7,8 +7,7 @@ from bosdyn.client.math_helpers import Quat, SE3Pose
 
 from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, MotorPower, Snapshot, SystemFault
 from fake_robot.services.calls import duration_from_ns, timestamp_from_ns
-from spot_model.robot.facts import JOINT_NAMES
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import JOINT_NAMES, NS_PER_S
 
 BATTERY_IDENTIFIER = "fake-battery"
 ROOT_FRAME = "body"

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import SlowState
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import CRITICAL, Stop, StopReason

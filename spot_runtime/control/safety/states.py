@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from spot_model.robot import facts
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.control.safety.body_height import body_height_m, is_body_above
 from spot_runtime.control.safety.values import are_finite, is_between

@@ -14,7 +14,7 @@ import numpy as np
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
 from spot_log.write.sink import SinkHealth
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode

@@ -15,8 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from spot_model.io.bounded_file import FileTooLargeError, open_to_read, read_at_most
-from spot_model.io.yaml_text import YamlError, parse_yaml
+from spot_model.io.yaml_text import FileTooLargeError, YamlError, open_to_read, parse_yaml, read_at_most
 from spot_runtime.hal.errors import CertificateError, CredentialsError
 
 USERNAME_VARIABLE: Final = "BOSDYN_CLIENT_USERNAME"

@@ -13,7 +13,7 @@ from bosdyn.client.lease import add_lease_wallet_processors
 from bosdyn.client.robot_command import NoTimeSyncError, RobotCommandClient
 from bosdyn.client.time_sync import TimeSyncClient
 
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_runtime.hal.errors import ClockError
 from spot_runtime.host.clock import ClockSample, HostClock
 

@@ -15,7 +15,7 @@ from bosdyn.client.robot_state import RobotStateStreamingClient
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
 from spot_log.write.sink import LogSink
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo

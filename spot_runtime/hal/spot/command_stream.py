@@ -10,7 +10,7 @@ from typing import Any, Final, Generic, TypeVar
 import grpc
 from bosdyn.api import robot_command_pb2
 
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array, Gains, JointCommand
 from spot_runtime.hal.spot.vendor_errors import describe, enum_word
 

@@ -8,8 +8,7 @@ from typing import Any, Final
 
 import grpc
 
-from spot_model.robot.facts import STATE_PERIOD_NS
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
 from spot_model.robot.state import RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.hal.errors import LockStepError

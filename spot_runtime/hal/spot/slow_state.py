@@ -7,8 +7,7 @@ from typing import Final
 
 from bosdyn.api import robot_state_pb2, service_fault_pb2
 
-from spot_model.robot.facts import N_JOINTS
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import N_JOINTS, NS_PER_S
 from spot_model.robot.state import SlowState
 from spot_runtime.hal.errors import HalError
 from spot_runtime.hal.spot.vendor_errors import enum_word

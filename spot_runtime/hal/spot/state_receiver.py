@@ -12,7 +12,7 @@ from bosdyn.api import robot_state_pb2
 
 from spot_log.format.records import WireState
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.realtime import let_others_run

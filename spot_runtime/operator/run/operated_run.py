@@ -19,7 +19,7 @@ from typing import Final
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
 from spot_model.policy.policy import Policy
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_model.version import software_revision
 from spot_protos import operator_pb2

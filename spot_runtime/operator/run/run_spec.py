@@ -8,8 +8,7 @@ from typing import IO, Final
 from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.io.settings import Settings
-from spot_model.io.validation import explain
+from spot_model.io.settings import Settings, explain
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
 from spot_runtime.admission import admission

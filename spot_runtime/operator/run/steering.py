@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array
 from spot_runtime.config import RunConfig
 from spot_runtime.sources.base import Shaper, Wanted

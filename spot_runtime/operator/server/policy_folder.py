@@ -9,7 +9,7 @@ from typing import Final
 
 import grpc
 
-from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.policy.contract import MAX_POLICY_BYTES, PolicyError, sha256_hex
 from spot_runtime.admission import admission
 from spot_runtime.config import ServiceConfig

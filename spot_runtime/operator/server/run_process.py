@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from spot_model.io.child_process import ChildProcess, without_secrets
+from spot_model.process.child_process import ChildProcess, without_secrets
 from spot_protos import run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address

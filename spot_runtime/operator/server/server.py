@@ -18,7 +18,7 @@ from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
-from spot_model.io.private_folder import make_private_folder
+from spot_model.process.private_folder import make_private_folder
 from spot_protos import operator_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.operator.door.access import Gate, Lane, Lanes

@@ -14,8 +14,8 @@ from spot_log import LogReadError, read_run, recover_leftovers, recover_log
 from spot_log.format.records import RunHeader
 from spot_log.write.run_writer import RunWriter
 from spot_model.errors import SpotRlError
-from spot_model.io.bounded_file import FileTooLargeError, read_at_most
 from spot_model.io.velocity_sequence import load_sequence
+from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import load_policy
 from spot_runtime.config import load_config
@@ -28,7 +28,7 @@ WALK = REPOSITORY / "policies" / "walk.onnx"
 
 
 def spot_rl(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
+    command = [sys.executable, "-c", "from spot_model.console.command_line import main; main()", *words]
     surroundings = {**os.environ, "BOSDYN_CLIENT_USERNAME": "u", "BOSDYN_CLIENT_PASSWORD": "p", **environment}
     return subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=120, cwd=REPOSITORY)
 

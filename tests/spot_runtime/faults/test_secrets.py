@@ -16,8 +16,8 @@ from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_log.read.mcap_scan import scan_mcap
 from spot_log.write.flight_recorder import flight_record_path
-from spot_model.io.child_process import without_secrets
 from spot_model.policy.contract import PolicyError
+from spot_model.process.child_process import without_secrets
 from spot_runtime.admission import check_allowed
 from spot_tools.run.summary_text import summary_text
 

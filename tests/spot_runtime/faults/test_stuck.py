@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 
 from proof.faults.rows_process import Running
-from spot_model.io.child_process import ChildProcess
+from spot_model.process.child_process import ChildProcess
 
 
 def running(program: str) -> Running:

@@ -22,7 +22,7 @@ from spot_log.format.topics import ALL_TOPICS, SCENE, STATE, TICK
 from spot_log.live.process import FOLDER_PREFIX, SOCKET_NAME, LiveProcess, LiveViewError
 from spot_log.write.live_tap import SOCKET_VARIABLE, LiveTap
 from spot_log.write.logger_process import LoggerProcess
-from spot_model.io.private_folder import make_private_folder
+from spot_model.process.private_folder import make_private_folder
 from spot_protos import log_pb2
 from tests.spot_runtime.live.viewer import Viewer
 

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from spot_log import read_run
 from spot_log.tools.export import write_rosbag2
-from spot_model.io.command_line import main
+from spot_model.console.command_line import main
 from spot_model.io.whole import OutputExistsError
 
 

@@ -16,7 +16,7 @@ import grpc
 import pytest
 
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_model.io.child_process import LOOK_PERIOD_S, LivingProcess
+from spot_model.process.child_process import LOOK_PERIOD_S, LivingProcess
 from spot_protos import fake_admin_pb2_grpc
 from spot_runtime.rescue.guardian import ABORT_TAKES_S, Heartbeat, Hold, outlive
 

@@ -14,7 +14,7 @@ import grpc
 import pytest
 
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_model.io.signals import STOP_SIGNALS
+from spot_model.process.signals import STOP_SIGNALS
 from spot_protos import fake_admin_pb2_grpc
 from tests.spot_model.test_inherited import DEAF, SPOT_RL, marks, planted
 

@@ -13,8 +13,8 @@ import pytest
 from spot_log.format.records import RunHeader
 from spot_log.write.logger_process import CLOSE_TIMEOUT_S
 from spot_log.write.sink import LogSink, MemorySink, NullSink
-from spot_model.io.child_process import ChildProcess
 from spot_model.policy.policy import Policy
+from spot_model.process.child_process import ChildProcess
 from spot_model.robot.state import RobotState
 from spot_protos import operator_pb2
 from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step

@@ -16,7 +16,7 @@ from typing import cast
 import pytest
 
 from spot_log.format.records import EventRecord, Severity
-from spot_model.io.child_process import ChildProcess
+from spot_model.process.child_process import ChildProcess
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.operator.run.link import RunLink, receive
 from spot_runtime.operator.server import run_process

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from spot_model.io.child_process import HEARD, ChildProcess
+from spot_model.process.child_process import HEARD, ChildProcess
 from spot_runtime.operator.server.run_process import Rescue
 
 

@@ -6,7 +6,7 @@ import pytest
 from spot_log import Run
 from spot_model.effects.commands import CommandDelay
 from spot_model.effects.friction import CoulombFriction
-from spot_model.plant.start import standing_height_m
+from spot_model.plant.closed_loop import standing_height_m
 from spot_model.policy.policy import Policy
 from trainer.signals.policy_ticks import start_of
 from trainer.simulate.rollout import (

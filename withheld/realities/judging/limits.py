@@ -6,8 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from spot_model.robot.facts import JOINT_NAMES, Array, per_joint
-from spot_model.robot.knee_table import KNEE_MOTOR_TORQUE_NM
+from spot_model.robot.facts import JOINT_NAMES, KNEE_MOTOR_TORQUE_NM, Array, per_joint
 from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at
 from withheld.simulator.parameters import HIP_NO_LOAD_RAD_S
 from withheld.simulator.parts import Motion

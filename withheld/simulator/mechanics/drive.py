@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.robot.facts import N_JOINTS, Array
-from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from spot_model.robot.facts import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM, N_JOINTS, Array
 from withheld.simulator.mechanics.lugre import LuGre
 from withheld.simulator.mechanics.thermal import Motors
 from withheld.simulator.parts import Motion

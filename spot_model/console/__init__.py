@@ -1,0 +1,1 @@
+"""The command line spot-rl: its commands, their progress, and the options that they share."""
