@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_robot.network.camera_view import MAX_DEPTH_M, CameraView
+from fake_robot.network.requests import MAX_DEPTH_M, CameraView
 from fake_robot.scenario.scenario import Scenario
 
 NICENESS = 15

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_robot.network.camera_view import CameraView
+from fake_robot.network.requests import CameraView
 from fake_robot.scenario.scenario import Scenario
 from spot_model.process.child_process import UNHEARD, ChildProcess, without_secrets
 

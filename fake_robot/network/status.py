@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_robot.network.walk_plan import WalkProgress
+from fake_robot.network.requests import WalkProgress
 
 Array = NDArray[np.float64]
 

@@ -19,11 +19,9 @@ from fake_robot.body.truth import Truth
 from fake_robot.eyes.eyes import Eyes
 from fake_robot.faults.fault import ServiceFault
 from fake_robot.faults.registry import fault_kinds, make_fault
-from fake_robot.network.camera_view import CameraView
-from fake_robot.network.stand_pose import StandPose
-from fake_robot.network.state_stream import StateSubscription, spoil
+from fake_robot.network.requests import CameraView, StandPose, WalkPlan
 from fake_robot.network.status import EstopLevel, FaultKind, Snapshot, StreamFailure
-from fake_robot.network.walk_plan import WalkPlan
+from fake_robot.network.streams import StateSubscription, spoil
 from fake_robot.robot.joint_control import Stream
 from fake_robot.robot.real_time import RealTimeLoop
 from fake_robot.robot.simulation import Simulation

@@ -15,8 +15,8 @@ from fake_robot.body.sensing import Frame, Sensing
 from fake_robot.body.truth import Extremes
 from fake_robot.faults.active_faults import ActiveFaults, active_system_faults
 from fake_robot.faults.fault import Fault
-from fake_robot.network.channel import Channel
 from fake_robot.network.status import MotorPower, SystemFault
+from fake_robot.network.streams import Channel
 from fake_robot.robot.joint_control import JointControl, Stream
 from fake_robot.robot.modes import Modes
 from fake_robot.robot.motion.motion_sequence import MotionSequence

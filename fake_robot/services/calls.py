@@ -47,50 +47,83 @@ class Service:
     def __init__(self) -> None:
         self.lock = threading.RLock()
 
-    def handlers(self) -> dict[str, grpc.RpcMethodHandler[Any, Any]]:
-        """A handler for each answer, by the method's path."""
-        services = [service for module in self.modules for service in module.DESCRIPTOR.services_by_name.values()]
-        return {
-            f"/{service.full_name}/{method.name}": self._handler(method, answer)
+    def answer(self, method: Any, request: Any, context: grpc.ServicerContext) -> Any:
+        """The response to one request; an error ends the call, in words."""
+        response = message_factory.GetMessageClass(method.output_type)()
+        answer = self.table.get(method.name) or getattr(self, method.name)
+        try:
+            with self.lock:
+                answer(request, response)
+        except SpotRlError as error:
+            code = error.code if isinstance(error, RefusedCallError) else grpc.StatusCode.INVALID_ARGUMENT
+            context.abort(code, str(error))
+        except Exception as error:
+            _LOGGER.exception("%s failed", method.full_name)
+            told = f"{method.full_name} failed in the fake robot: {type(error).__name__}"
+            context.abort(grpc.StatusCode.INTERNAL, told)
+        return response
+
+
+class UnaryCalls(grpc.GenericRpcHandler):
+    """Serves the answers of services; a method that none answers is left to the next handler.
+
+    Args:
+        services: The services.
+        robot_now_ns: The robot's clock. With it answers get their header: the request's echoed, both times, and code OK
+            unless the service set another.
+    """
+
+    def __init__(self, services: Iterable[Service], robot_now_ns: Callable[[], int] | None = None) -> None:
+        self._robot_now_ns = robot_now_ns
+        self._handlers = {
+            f"/{kind.full_name}/{method.name}": self._handler(service, method)
             for service in services
-            for method in service.methods
-            if (answer := self.table.get(method.name) or getattr(self, method.name, None))
+            for module in service.modules
+            for kind in module.DESCRIPTOR.services_by_name.values()
+            for method in kind.methods
+            if method.name in service.table or hasattr(service, method.name)
         }
 
-    def _handler(self, method: Any, answer: Answer) -> grpc.RpcMethodHandler[Any, Any]:
-        response_type = message_factory.GetMessageClass(method.output_type)
+    def service(self, handler_call_details: grpc.HandlerCallDetails) -> grpc.RpcMethodHandler[Any, Any] | None:
+        """The handler of a method."""
+        return self._handlers.get(handler_call_details.method)
+
+    def _handler(self, service: Service, method: Any) -> grpc.RpcMethodHandler[Any, Any]:
+        now_ns = self._robot_now_ns
 
         def respond(request: Any, context: grpc.ServicerContext) -> Any:
-            response = response_type()
-            try:
-                with self.lock:
-                    answer(request, response)
-            except RefusedCallError as error:
-                context.abort(error.code, str(error))
-            except SpotRlError as error:
-                context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
-            except Exception as error:
-                _LOGGER.exception("%s failed", method.full_name)
-                told = f"{method.full_name} failed in the fake robot: {type(error).__name__}"
-                context.abort(grpc.StatusCode.INTERNAL, told)
+            if now_ns is None:
+                return service.answer(method, request, context)
+            received_ns = now_ns()
+            response = service.answer(method, request, context)
+            fill_header(response.header, request.header, received_ns, now_ns())
             return response
 
         return grpc.unary_unary_rpc_method_handler(
             respond,
             request_deserializer=message_factory.GetMessageClass(method.input_type).FromString,
-            response_serializer=response_type.SerializeToString,
+            response_serializer=message_factory.GetMessageClass(method.output_type).SerializeToString,
         )
 
 
-class UnaryCalls(grpc.GenericRpcHandler):
-    """Serves the answers of services; a method that none answers is left to the next handler."""
+def fill_header(
+    header: header_pb2.ResponseHeader, request: header_pb2.RequestHeader, received_ns: int, answered_ns: int
+) -> None:
+    """Echo the request's header and stamp the answer; code OK unless one is set. Times in robot nanoseconds."""
+    header.request_header.CopyFrom(request)
+    header.request_received_timestamp.CopyFrom(timestamp_from_ns(received_ns))
+    header.response_timestamp.CopyFrom(timestamp_from_ns(answered_ns))
+    if header.error.code == header_pb2.CommonError.CODE_UNSPECIFIED:
+        header.error.code = header_pb2.CommonError.CODE_OK
 
-    def __init__(self, services: Iterable[Service]) -> None:
-        self._handlers = {path: handler for service in services for path, handler in service.handlers().items()}
 
-    def service(self, handler_call_details: grpc.HandlerCallDetails) -> grpc.RpcMethodHandler[Any, Any] | None:
-        """The handler of a method."""
-        return self._handlers.get(handler_call_details.method)
+def refusing(code: grpc.StatusCode, message: str) -> grpc.RpcMethodHandler[Any, Any]:
+    """A handler that ends every call, whatever streams it has."""
+
+    def refuse_call(_: object, context: grpc.ServicerContext) -> Any:
+        context.abort(code, message)
+
+    return grpc.stream_stream_rpc_method_handler(refuse_call)
 
 
 def refuse(response: Any, message: str) -> None:

@@ -9,7 +9,7 @@ import grpc
 from bosdyn.api import directory_pb2, directory_registration_service_pb2, directory_service_pb2
 
 from fake_robot.services.authority.liveness import Heartbeat, LivenessClock
-from fake_robot.services.calls import Service, timestamp_from_ns
+from fake_robot.services.calls import Service, refusing, timestamp_from_ns
 
 _API, _HOST = "bosdyn.api.", ".spot.robot"
 _OWN = {
@@ -181,11 +181,7 @@ class UnknownServiceHandler(grpc.GenericRpcHandler):
             if service in types
             else f"the fake robot has no service {service!r}; it has {', '.join(types)}"
         )
-
-        def refuse(_: object, context: grpc.ServicerContext) -> Any:
-            context.abort(grpc.StatusCode.UNIMPLEMENTED, told)
-
-        return grpc.stream_stream_rpc_method_handler(refuse)
+        return refusing(grpc.StatusCode.UNIMPLEMENTED, told)
 
 
 def _passing_on(details: grpc.HandlerCallDetails, address: str) -> Callable[[Any, grpc.ServicerContext], Any]:

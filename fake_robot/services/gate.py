@@ -1,4 +1,4 @@
-"""What every call passes on its way in and out: the link, the user token, the response header."""
+"""What every call passes on its way in: the link and the user token."""
 
 from __future__ import annotations
 
@@ -9,15 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import grpc
-from bosdyn.api import header_pb2
 
 from fake_robot.services.auth import AuthService
-from fake_robot.services.calls import timestamp_from_ns
+from fake_robot.services.calls import refusing
 from fake_robot.services.directory import TOKENLESS_TYPES
 
 _BEARER = "Bearer "
-
-Handler = Callable[[Any, grpc.ServicerContext], Any]
 
 
 @dataclass
@@ -80,15 +77,13 @@ class Link:
 class GatekeeperInterceptor(grpc.ServerInterceptor):
     """Stands before every service of the robot.
 
-    A call without a valid token is refused with UNAUTHENTICATED, but for the services that need none (auth, robot-id,
-    payload-registration). Unary answers get their header: the request's header echoed, both times in robot time, and
-    code OK unless the service set another.
+    A call is refused while the link is down, and without a valid token, with UNAUTHENTICATED, but for the services that
+    need none (auth, robot-id, payload-registration).
     """
 
-    def __init__(self, auth: AuthService, link: Link, robot_now_ns: Callable[[], int]) -> None:
+    def __init__(self, auth: AuthService, link: Link) -> None:
         self._auth = auth
         self._link = link
-        self._robot_now_ns = robot_now_ns
 
     def intercept_service(
         self,
@@ -96,71 +91,18 @@ class GatekeeperInterceptor(grpc.ServerInterceptor):
         handler_call_details: grpc.HandlerCallDetails,
     ) -> grpc.RpcMethodHandler[Any, Any] | None:
         """Let the call through, or answer in the service's place."""
-        handler = continuation(handler_call_details)
-        if handler is None:
-            return None
-        method = handler_call_details.method
-        refusal = self._refusal(method, handler_call_details)
-        if refusal is not None:
-            return _refusing(handler, *refusal)
-        if handler.unary_unary is None:
-            return handler
-        return grpc.unary_unary_rpc_method_handler(
-            self._with_header(handler.unary_unary), handler.request_deserializer, handler.response_serializer
-        )
-
-    def _refusal(self, method: str, details: grpc.HandlerCallDetails) -> tuple[grpc.StatusCode, str] | None:
         down = self._link.why_down()
         if down is not None:
-            return grpc.StatusCode.UNAVAILABLE, down
-        service = method.rpartition("/")[0].lstrip("/")
-        if service in TOKENLESS_TYPES:
-            return None
-        if self._auth.user_of(_token_of(details.invocation_metadata)) is None:
-            return (
-                grpc.StatusCode.UNAUTHENTICATED,
-                f"{service} needs a valid user token: authenticate first, or again (401)",
-            )
-        return None
-
-    def _with_header(self, handler: Handler) -> Handler:
-        def answer(request: Any, context: grpc.ServicerContext) -> Any:
-            received_ns = self._robot_now_ns()
-            response = handler(request, context)
-            fill_header(response.header, request.header, received_ns, self._robot_now_ns())
-            return response
-
-        return answer
+            return refusing(grpc.StatusCode.UNAVAILABLE, down)
+        service = handler_call_details.method.rpartition("/")[0].lstrip("/")
+        if service not in TOKENLESS_TYPES and self._auth.user_of(_token_of(handler_call_details)) is None:
+            told = f"{service} needs a valid user token: authenticate first, or again (401)"
+            return refusing(grpc.StatusCode.UNAUTHENTICATED, told)
+        return continuation(handler_call_details)
 
 
-def fill_header(
-    header: header_pb2.ResponseHeader, request: header_pb2.RequestHeader, received_ns: int, answered_ns: int
-) -> None:
-    """Echo the request's header and stamp the answer; code OK unless one is set. Times in robot nanoseconds."""
-    header.request_header.CopyFrom(request)
-    header.request_received_timestamp.CopyFrom(timestamp_from_ns(received_ns))
-    header.response_timestamp.CopyFrom(timestamp_from_ns(answered_ns))
-    if header.error.code == header_pb2.CommonError.CODE_UNSPECIFIED:
-        header.error.code = header_pb2.CommonError.CODE_OK
-
-
-def _token_of(metadata: Any) -> str:
-    for key, value in metadata or ():
+def _token_of(details: grpc.HandlerCallDetails) -> str:
+    for key, value in details.invocation_metadata or ():
         if key == "authorization" and isinstance(value, str) and value.startswith(_BEARER):
             return value[len(_BEARER) :]
     return ""
-
-
-def _refusing(
-    handler: grpc.RpcMethodHandler[Any, Any], code: grpc.StatusCode, told: str
-) -> grpc.RpcMethodHandler[Any, Any]:
-    def refuse(_: object, context: grpc.ServicerContext) -> Any:
-        context.abort(code, told)
-
-    if handler.request_streaming and handler.response_streaming:
-        return grpc.stream_stream_rpc_method_handler(refuse)
-    if handler.request_streaming:
-        return grpc.stream_unary_rpc_method_handler(refuse)
-    if handler.response_streaming:
-        return grpc.unary_stream_rpc_method_handler(refuse)
-    return grpc.unary_unary_rpc_method_handler(refuse)

@@ -49,7 +49,11 @@ def add_services(server: grpc.Server, world: World) -> None:
     )
     # The first handler that takes a method wins: the stream of bytes, our own services, then nobody's.
     server.add_generic_rpc_handlers(
-        (stream_handler(world), UnaryCalls(services), UnknownServiceHandler(world.directory.address_of_type))
+        (
+            stream_handler(world),
+            UnaryCalls(services, world.now_ns),
+            UnknownServiceHandler(world.directory.address_of_type),
+        )
     )
 
 

@@ -235,7 +235,7 @@ class FakeServer:
         config, world = self._config, self._world
         server = grpc.server(
             futures.ThreadPoolExecutor(max_workers=config.max_concurrent_calls, thread_name_prefix="fake-robot"),
-            interceptors=[GatekeeperInterceptor(world.auth, world.link, world.now_ns)],
+            interceptors=[GatekeeperInterceptor(world.auth, world.link)],
             options=[
                 ("grpc.so_reuseport", 0),
                 ("grpc.max_receive_message_length", config.max_message_bytes),

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fake_robot.network.camera_view import CameraView
-from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.requests import CameraView, StandPose, WalkPlan
 from fake_robot.network.status import (
     BehaviorFault,
     EstopLevel,
@@ -25,7 +24,6 @@ from fake_robot.network.status import (
     StreamFailure,
     SystemFault,
 )
-from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.auth import Credentials
 from fake_robot.start.certificates import ServerCertificates, ensure_certificates

@@ -25,7 +25,7 @@ from bosdyn.client.image import (
 from PIL import Image
 
 from fake_robot.eyes.eyes import Eyes
-from fake_robot.network.camera_view import CameraView
+from fake_robot.network.requests import CameraView
 from fake_robot.scenario.scenario import Scenario
 from fake_robot.services.reports.cameras import card_pixels
 

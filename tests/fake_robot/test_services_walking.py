@@ -14,8 +14,8 @@ from bosdyn.api.spot import robot_command_pb2 as spot_command_pb2
 from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
+from fake_robot.network.requests import PathPlan, VelocityPlan, WalkProgress
 from fake_robot.network.status import Mode, MotorPower, StanceProgress
-from fake_robot.network.walk_plan import PathPlan, VelocityPlan, WalkProgress
 
 Response = robot_command_pb2.RobotCommandResponse
 Trajectory = basic_command_pb2.SE2TrajectoryCommand.Feedback

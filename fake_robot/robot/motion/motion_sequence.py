@@ -9,9 +9,8 @@ import numpy as np
 
 from fake_robot.body.body import SIT_POSITION_RAD, Body
 from fake_robot.body.drive import damping_servo, stand_servo, torque_servo
-from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.requests import StandPose, WalkPlan
 from fake_robot.network.status import Mode, StanceProgress, StreamFailure
-from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import Expiry, JointControl
 from fake_robot.robot.motion.stance import AIM_SHARE, MAX_ROUNDS, REACH_M, stance_path
 from fake_robot.robot.motion.steering import GroundPose

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
-from fake_robot.network.walk_plan import PathPlan, PathPoint, Velocity, VelocityPlan, WalkLimits, WalkPlan
+from fake_robot.network.requests import PathPlan, PathPoint, Velocity, VelocityPlan, WalkLimits, WalkPlan
 
 _POSITION_GAIN_PER_S = 1.2
 _YAW_GAIN_PER_S = 1.5

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from fake_robot.body.body import SIT_POSITION_RAD
-from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.requests import StandPose
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_robot.body.sensing import Report
-from fake_robot.network.stand_pose import StandPose
-from fake_robot.network.walk_plan import PathPlan, Velocity, VelocityPlan, WalkPlan, WalkProgress
+from fake_robot.network.requests import PathPlan, StandPose, Velocity, VelocityPlan, WalkPlan, WalkProgress
 from fake_robot.robot.motion.steering import GroundPose, Steering, hold, slewed, steer, turn_towards
 from fake_robot.robot.motion.vendor_motion import leg_angles_rad, stand_feet_m
 from spot_model.plant.command_channel import ServoCommand

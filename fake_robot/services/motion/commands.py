@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from bosdyn.api import basic_command_pb2, robot_command_pb2
 
+from fake_robot.network.requests import WalkProgress
 from fake_robot.network.status import EstopLevel, Mode, MotorPower, Snapshot, StanceProgress
-from fake_robot.network.walk_plan import WalkProgress
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.calls import ns_of

@@ -11,7 +11,7 @@ from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
 
 from fake_robot.network.status import StreamFailure
 from fake_robot.robot.robot import CommandStream
-from fake_robot.services.gate import fill_header
+from fake_robot.services.calls import fill_header
 from fake_robot.services.world import World
 
 Response = robot_command_pb2.JointControlStreamResponse

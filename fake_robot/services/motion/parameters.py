@@ -14,9 +14,8 @@ from bosdyn.client.frame_helpers import ODOM_FRAME_NAME, get_a_tform_b
 from bosdyn.client.math_helpers import Quat, SE2Pose, SE3Pose
 from google.protobuf.message import DecodeError
 
-from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.requests import PathPlan, PathPoint, StandPose, Velocity, VelocityPlan, WalkLimits, WalkPlan
 from fake_robot.network.status import Array, Snapshot
-from fake_robot.network.walk_plan import PathPlan, PathPoint, Velocity, VelocityPlan, WalkLimits, WalkPlan
 from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.calls import ns_of
 from fake_robot.services.reports.state_message import frame_tree

@@ -24,7 +24,7 @@ from bosdyn.api import (
 from bosdyn.client.math_helpers import Quat, SE3Pose
 from numpy.typing import NDArray
 
-from fake_robot.network.camera_view import CameraView
+from fake_robot.network.requests import CameraView
 from fake_robot.network.status import Snapshot
 from fake_robot.services.calls import Service, ns_of, refuse, timestamp_from_ns
 from fake_robot.services.reports.state_message import ROOT_FRAME, frame_tree

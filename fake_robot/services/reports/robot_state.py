@@ -1,17 +1,108 @@
-"""RobotStateService and RobotStateStreamingService: the polled state and the 333 Hz stream."""
+"""The polled state, the 333 Hz stream, and the skeleton: links under the vendor's names, each with a box around it.
+
+The skeleton's URDF is of our own numbers.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import grpc
 from bosdyn.api import robot_state_pb2, robot_state_service_pb2
 
 from fake_robot.services.calls import Service, refuse, timestamp_from_ns
-from fake_robot.services.reports.skeleton import LINK_NAMES, outline_obj, urdf
 from fake_robot.services.reports.state_message import fill_state
 from fake_robot.services.world import World
+from spot_model.robot import facts
+from spot_model.robot.mjcf import BODY_HALF_SIZE_M
+
+_Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+_Vector = tuple[float, float, float]
+
+_HALF_HIP_M = (0.11, 0.05, 0.05)
+_HALF_THIGH_M = 0.05
+_FACES = ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
+"""Corners of each side, seen from outside against the clock; corner 1 has the least x, y, z, and z changes first."""
+
+
+def _between(end_m: _Vector, half_m: float) -> _Corners:
+    """The box around a link that leads from its joint to ``end_m``."""
+    x, y, z = end_m
+    return (min(0.0, x) - half_m, max(0.0, x) + half_m), (y - half_m, y + half_m), (z - half_m, half_m)
+
+
+def _around(half_m: _Vector) -> _Corners:
+    x, y, z = half_m
+    return (-x, x), (-y, y), (-z, z)
+
+
+BASE = "base"
+_OF_LEG: dict[str, _Corners] = {
+    "hip": _around(_HALF_HIP_M),
+    "uleg": _between(facts.KN_FROM_HY_M, _HALF_THIGH_M),
+    "lleg": _between(facts.FOOT_FROM_KN_M, facts.FOOT_RADIUS_M),
+}
+"""The link behind each joint of a leg."""
+_BOXES: dict[str, _Corners] = {
+    BASE: _around(BODY_HALF_SIZE_M),
+    **{f"{leg}.{part}": box for leg in facts.LEG_NAMES for part, box in _OF_LEG.items()},
+}
+LINK_NAMES = tuple(_BOXES)
+"""The links, as the vendor's published URDF names them."""
+
+
+def outline_obj(link: str) -> str:
+    """The OBJ text of a link's box, in metres, in the link's frame. Raises KeyError for an unknown link."""
+    corners = [f"v {x:g} {y:g} {z:g}" for x, y, z in product(*_BOXES[link])]
+    faces = [f"f {' '.join(map(str, face))}" for face in _FACES]
+    return "\n".join([f"o {link}", *corners, *faces, ""])
+
+
+def urdf() -> str:
+    """The nominal robot; meshes are those that ``GetRobotLinkModel`` gives."""
+    parts = ['<robot name="spot">', _link(BASE, facts.BODY)]
+    for leg in facts.LEG_NAMES:
+        side, is_right, is_hind = facts.side_sign(leg), facts.side_sign(leg) < 0, facts.end_sign(leg) < 0
+        inertias = (
+            facts.HIP_FL.mirrored(left_right=is_right, front_hind=is_hind),
+            facts.UPPER_LEG_FL.mirrored(left_right=is_right),
+            facts.LOWER_LEG_FL.mirrored(left_right=is_right),
+        )
+        x, y, z = facts.HX_FROM_BODY_M
+        hy_m = (0.0, side * facts.HY_FROM_HX_M[1], 0.0)
+        places_m = ((facts.end_sign(leg) * x, side * y, z), hy_m, facts.KN_FROM_HY_M)
+        parent = BASE
+        for joint, part, place_m, inertia in zip(facts.JOINT_TYPES, _OF_LEG, places_m, inertias, strict=True):
+            child = f"{leg}.{part}"
+            parts += [_link(child, inertia), _joint(f"{leg}.{joint}", parent, child, place_m)]
+            parent = child
+    return "\n".join([*parts, "</robot>", ""])
+
+
+def _link(name: str, inertia: facts.LinkInertia) -> str:
+    moments = zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), inertia.inertia_kg_m2, strict=True)
+    return f"""  <link name="{name}">
+    <inertial><origin xyz="{_text(inertia.com_m)}"/><mass value="{inertia.mass_kg!r}"/>
+      <inertia {" ".join(f'{axis}="{value!r}"' for axis, value in moments)}/></inertial>
+    <visual><geometry><mesh filename="{name}.obj"/></geometry></visual>
+  </link>"""
+
+
+def _joint(name: str, parent: str, child: str, place_m: _Vector) -> str:
+    index = facts.JOINT_NAMES.index(name.replace(".", "_"))
+    low, high = float(facts.POSITION_LOW_RAD[index]), float(facts.POSITION_HIGH_RAD[index])
+    axis = "1 0 0" if name.endswith("hx") else "0 1 0"
+    return f"""  <joint name="{name}" type="revolute">
+    <origin xyz="{_text(place_m)}"/><axis xyz="{axis}"/><parent link="{parent}"/><child link="{child}"/>
+    <limit lower="{low!r}" upper="{high!r}" effort="1000" velocity="1000"/>
+  </joint>"""
+
+
+def _text(vector: _Vector) -> str:
+    return " ".join(repr(float(value)) for value in vector)
+
 
 STATE_STREAM = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
 STREAM_WAIT_S = 0.5

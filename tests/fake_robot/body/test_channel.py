@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.network.channel import Channel
+from fake_robot.network.streams import Channel
 from fake_robot.scenario.parts import COMMAND_CHANNEL, STATE_CHANNEL, ChannelConfig
 from spot_model.plant.delay import ConstantDelay, GammaDelay
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from fake_robot.network.requests import Velocity, VelocityPlan, WalkLimits
 from fake_robot.network.status import EstopLevel, Mode, MotorPower
-from fake_robot.network.walk_plan import Velocity, VelocityPlan, WalkLimits
 from fake_robot.robot.modes import MotionRefusedError
 
 QUICK = {

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.requests import StandPose
 from fake_robot.network.status import EstopLevel, Mode, MotorPower
 from fake_robot.robot.modes import MotionRefusedError
 from fake_robot.robot.motion.vendor_motion import leg_angles_rad, sit_path, stand_feet_m, stand_path

@@ -11,9 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.requests import (
+    PathPlan,
+    PathPoint,
+    StandPose,
+    Velocity,
+    VelocityPlan,
+    WalkLimits,
+    WalkProgress,
+)
 from fake_robot.network.status import EstopLevel, Mode, MotorPower, StanceProgress
-from fake_robot.network.walk_plan import PathPlan, PathPoint, Velocity, VelocityPlan, WalkLimits, WalkProgress
 from fake_robot.robot.modes import MotionRefusedError
 from fake_robot.robot.motion.stance import load_shares
 from fake_robot.robot.motion.steering import GroundPose, slewed, steer

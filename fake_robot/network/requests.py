@@ -1,12 +1,26 @@
-"""Where a walking robot is asked to go: with a velocity, or along points on the ground. No gRPC, no physics."""
+"""What services ask of the robot: how to hold its body, where to walk, what to look at. No gRPC, no physics."""
 
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from fake_robot.network.stand_pose import StandPose
+
+@dataclass(frozen=True)
+class StandPose:
+    """Where a standing body shall be: offsets from the nominal stand over its feet (x forward, y left, z up)."""
+
+    forward_m: float = 0.0
+    left_m: float = 0.0
+    height_m: float = 0.0
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    after_s: float = 0.0
+    """When it shall be there, from now on; it takes longer where that is too soon."""
+
 
 Velocity: TypeAlias = tuple[float, float, float]
 """Forward and left in m/s, turn rate in rad/s."""
@@ -66,3 +80,24 @@ class PathPlan:
 
 
 WalkPlan: TypeAlias = VelocityPlan | PathPlan
+
+
+MAX_DEPTH_M = 4.0
+"""Depth cameras see no further. Source: the vendor's data sheet."""
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """One camera with a pinhole lens that sees 90 degrees across."""
+
+    position_in_body_m: tuple[float, float, float]
+    body_from_lens_wxyz: tuple[float, float, float, float]
+    """The lens' z looks ahead, its x to the right and its y down."""
+    cols: int
+    rows: int
+    is_depth: bool
+
+    @property
+    def field_of_view_y_rad(self) -> float:
+        """Angle between the image's upper and lower edge."""
+        return 2.0 * math.atan(self.rows / self.cols)
