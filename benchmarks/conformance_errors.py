@@ -20,8 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from fake_robot.conformance.check import Needs, Verdict  # noqa: E402
-from fake_robot.conformance.command import connect  # noqa: E402
-from fake_robot.conformance.table import run_checks  # noqa: E402
+from fake_robot.conformance.command import connect, run_checks  # noqa: E402
 from fake_robot.robot.robot import Robot  # noqa: E402
 from fake_robot.scenario.scenario import scenario_from_data  # noqa: E402
 from fake_robot.services.auth import Credentials  # noqa: E402

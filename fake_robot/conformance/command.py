@@ -1,26 +1,109 @@
-"""``spot-rl fake-robot conformance``: hold a server to the protos."""
+"""``spot-rl fake-robot conformance``: all checks, run against a server, and the table of them for the documentation."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import typer
 from bosdyn.client.exceptions import Error as SdkError
 from bosdyn.client.robot import Robot
 from bosdyn.client.sdk import Sdk, create_standard_sdk
 
-from fake_robot.conformance.check import Needs, Result, Verdict
+from fake_robot.conformance import authority, commands, identity, laws, services
+from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict, judge
+from fake_robot.conformance.power import CALL_ERRORS, cut_power, has_power
 from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server
-from fake_robot.conformance.table import CHECKS, exit_code, run_checks, summary
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.process.signals import exit_on_termination
 
+BROKEN_CODE: Final = 1
+OPEN_CODE: Final = 3
+POWER_CODE: Final = 4
 _COLOUR = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.DIFFERS: "yellow", Verdict.OPEN: "yellow"}
 _HOST_AND_PORT = re.compile(r"(\[[^\]]+\]|[^:]+):(\d{1,5})")
 _LOCAL = ("ipv4:127.", "unix:", "localhost", "127.")
+
+
+CHECKS: tuple[Check, ...] = tuple(
+    item
+    for module in (identity, authority, services, laws, commands)
+    for value in vars(module).values()
+    for item in (value if isinstance(value, tuple) else (value,))
+    if isinstance(item, Check)
+)
+
+
+def run_checks(server: Server, allowed: Needs, names: tuple[str, ...] = ()) -> Iterator[Result]:
+    """Each check's result, in the table's order; all checks, or those of ``names``.
+
+    The motors are looked at before the first check and after each. If they have power that they had not, it is taken
+    away, the check has failed, and no other is made.
+    """
+    had_power = _has_power(server)
+    gained = ""
+    for item in CHECKS:
+        if names and item.name not in names:
+            continue
+        if gained:
+            yield Result(item, Verdict.OPEN, f"nothing more is sent to a robot that got power by {gained}")
+            continue
+        result = judge(item, server, allowed)
+        if result.verdict is not Verdict.SKIPPED and not had_power and _has_power(server):
+            gained = item.name
+            told = f"{result.seen}; the motors got power: {cut_power(server)}"
+            result = Result(item, Verdict.FAIL, told, gave_power=True)
+        yield result
+
+
+def _has_power(server: Server) -> bool:
+    with contextlib.suppress(*CALL_ERRORS):
+        return has_power(server.state())
+    return False
+
+
+def exit_code(results: list[Result]) -> int:
+    """4 if motors had power that they should not, 1 if a rule is broken, 3 if one could not be judged, else 0."""
+    if any(result.gave_power for result in results):
+        return POWER_CODE
+    verdicts = {result.verdict for result in results}
+    if not verdicts - {Verdict.SKIPPED}:
+        return OPEN_CODE
+    return BROKEN_CODE if Verdict.FAIL in verdicts else OPEN_CODE if Verdict.OPEN in verdicts else 0
+
+
+def summary(results: list[Result]) -> str:
+    """Counts, then what follows from them, in one sentence each."""
+    counts = Counter(result.verdict for result in results)
+    told = [", ".join(f"{counts[verdict]} {verdict.value}" for verdict in Verdict if counts[verdict]) + "."]
+    reasons = Counter(r.seen for r in results if r.verdict in {Verdict.OPEN, Verdict.SKIPPED})
+    told += [f"{count} not judged: {reason}." for reason, count in reasons.most_common()]
+    told.append(
+        {
+            POWER_CODE: "Motors had power that they should not have had: see the line of the check.",
+            BROKEN_CODE: "The server does not conform.",
+            OPEN_CODE: "Whether the server conforms is not known: not all that was asked for could be judged.",
+        }.get(exit_code(results), "No rule is broken in what was judged.")
+    )
+    return "\n".join(told)
+
+
+def markdown() -> str:
+    """The table as it stands in the documentation."""
+    rows = ["| call and field | what is sent | right answer | how we know | switch |", "|---|---|---|---|---|"]
+    for item in CHECKS:
+        answer = " or ".join(f"`{expected}`" if expected.isupper() else expected for expected in item.expects)
+        switch = f"`{item.switch}`" if item.switch else ""
+        rows.append(f"| {item.rpc} | {item.sends} | {answer} | {item.basis.value}: {item.source} | {switch} |")
+    counts = Counter(item.basis for item in CHECKS)
+    told = ", ".join(f"{counts[basis]} {basis.value}" for basis in Basis)
+    return "\n".join([*rows, "", f"{len(CHECKS)} checks: {told}.", ""])
 
 
 class UnreachableError(SpotRlError):
@@ -30,7 +113,7 @@ class UnreachableError(SpotRlError):
 def run_suite(
     robot: str, *, is_attended: bool, with_motion: bool, ca_file: Path | None, names: tuple[str, ...], as_json: bool
 ) -> int:
-    """Run the checks and print their table; returns the exit code, as of :func:`table.exit_code`.
+    """Run the checks and print their table; returns the exit code, as of :func:`exit_code`.
 
     Raises:
         BadInputError: The host may be a real robot, and nobody said that they stand beside it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fake_robot.conformance.table import markdown
+from fake_robot.conformance.command import markdown
 
 from .words import page
 

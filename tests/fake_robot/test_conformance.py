@@ -26,12 +26,20 @@ from benchmarks import conformance_errors
 from fake_robot.conformance import server as server_module
 from fake_robot.conformance import session as session_module
 from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict
-from fake_robot.conformance.command import UnreachableError, connect, run_suite
+from fake_robot.conformance.command import (
+    CHECKS,
+    UnreachableError,
+    connect,
+    exit_code,
+    markdown,
+    run_checks,
+    run_suite,
+    summary,
+)
 from fake_robot.conformance.power import has_power, held, is_off
 from fake_robot.conformance.recording import Recorder, Recording
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server
 from fake_robot.conformance.session import Session, drive
-from fake_robot.conformance.table import CHECKS, exit_code, markdown, run_checks, summary
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
 from fake_robot.services.auth import Credentials
