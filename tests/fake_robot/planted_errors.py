@@ -94,6 +94,30 @@ def planted(
     return enter
 
 
+def _changed(
+    name: str, what: str, methods: str, path: str, value: Any, *, source: str = "own", needs_motion: bool = False
+) -> None:
+    """Enter an error of one field: another value, what a function makes of it, or None for none at all.
+
+    A star in the path stands for every element of a repeated field.
+    """
+    *parents, field_name = path.split(".")
+
+    def change(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+        messages = [answer]
+        for parent in parents:
+            found = messages if parent == "*" else [getattr(message, parent) for message in messages]
+            messages = [part for message in found for part in message] if parent == "*" else found
+        for message in messages:
+            if value is None:
+                message.ClearField(field_name)
+            else:
+                setattr(message, field_name, value(getattr(message, field_name)) if callable(value) else value)
+
+    change.__name__, change.__doc__ = name, what
+    planted(methods, source=source, needs_motion=needs_motion)(change)
+
+
 def _shift(stamp: Timestamp, seconds: float) -> None:
     stamp.FromNanoseconds(stamp.ToNanoseconds() + round(seconds * NS_PER_S))
 
@@ -154,25 +178,6 @@ def yaw_rate_negated(_request: Any, answer: Any, _memory: dict[str, Any]) -> Non
         velocity.angular.z = -velocity.angular.z
 
 
-@planted(STATE, source="outside")
-def motor_state_always_on(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The motors are reported on whatever they are."""
-    answer.robot_state.power_state.motor_power_state = robot_state_pb2.PowerState.MOTOR_POWER_STATE_ON
-
-
-@planted(STATE, source="outside", needs_motion=True)
-def motor_state_always_off(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The motors are reported off whatever they are."""
-    answer.robot_state.power_state.motor_power_state = robot_state_pb2.PowerState.MOTOR_POWER_STATE_OFF
-
-
-@planted(STATE, source="outside", needs_motion=True)
-def load_negated_in_poll(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """Joint loads of GetRobotState have the other sign."""
-    for joint in _joint_states(answer):
-        joint.load.value = -joint.load.value
-
-
 @planted(STREAM, source="outside", needs_motion=True)
 def load_negated_in_stream(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """Joint loads of the state stream have the other sign."""
@@ -190,13 +195,6 @@ def packet_stamps_in_another_clock(_request: Any, answer: Any, _memory: dict[str
 def contacts_inverted_in_stream(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """A foot on the ground is streamed as lost, one in the air as made."""
     answer.contact_states[:] = [3 - contact for contact in answer.contact_states]
-
-
-@planted(STATE, source="outside", needs_motion=True)
-def contacts_inverted_in_poll(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A foot on the ground is polled as lost, one in the air as made."""
-    for foot in answer.robot_state.foot_state:
-        foot.contact = 3 - foot.contact
 
 
 @planted(ESTOP_CHECK_IN, source="outside")
@@ -244,12 +242,6 @@ def no_token_needed(_request: Any, _answer: Any, _memory: dict[str, Any]) -> Non
     """Calls without a token are served; the server fills in the token that it knows."""
 
 
-@planted(ROBOT_ID)
-def robot_without_serial(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The robot has no serial number."""
-    answer.robot_id.serial_number = ""
-
-
 @planted(SERVICES)
 def directory_lacks_joint_control(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """robot-command-streaming is not in the directory."""
@@ -274,12 +266,6 @@ def directory_without_authority(_request: Any, answer: Any, _memory: dict[str, A
             entry.authority = ""
 
 
-@planted(SERVICE)
-def directory_finds_anything(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A service that does not exist is answered with OK and an empty entry."""
-    answer.status = 1
-
-
 @planted(LICENCE)
 def licence_of_another_robot(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """The licence is valid, but for another serial number."""
@@ -298,12 +284,6 @@ def header_without_times(_request: Any, answer: Any, _memory: dict[str, Any]) ->
     """Answers do not say when they were sent."""
     if hasattr(answer, "header"):
         answer.header.ClearField("response_timestamp")
-
-
-@planted(f"{STATE} {ESTOP_STATUS} {LEASES} {TIME_SYNC} {ROBOT_ID} {SERVICES}")
-def header_without_code(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """Unary answers leave the error code unspecified."""
-    answer.header.error.code = header_pb2.CommonError.CODE_UNSPECIFIED
 
 
 @planted(ANY)
@@ -340,25 +320,12 @@ def clock_identifier_changes(_request: Any, answer: Any, memory: dict[str, Any])
 
 
 @planted(TIME_SYNC)
-def time_sync_never_ends(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """Time synchronisation always needs more samples."""
-    answer.state.status = 2
-
-
-@planted(TIME_SYNC)
 def round_trip_negative(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     """The round trip takes less than no time."""
     answer.state.best_estimate.round_trip_time.CopyFrom(Duration(nanos=-3_000_000))
 
 
 # ---- the state, polled ----
-
-
-@planted(STATE)
-def positions_in_degrees(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """Polled joint positions are in degrees."""
-    for joint in _joint_states(answer):
-        joint.position.value *= 57.29578
 
 
 @planted(STATE)
@@ -427,46 +394,6 @@ def feet_reversed(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
     answer.robot_state.foot_state.extend(copies)
 
 
-@planted(STATE)
-def feet_mirrored_upwards(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The feet are above the body."""
-    for foot in answer.robot_state.foot_state:
-        foot.foot_position_rt_body.z = -foot.foot_position_rt_body.z
-
-
-@planted(STATE)
-def battery_as_a_fraction(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The battery's charge is a fraction, not a percentage."""
-    for battery in answer.robot_state.battery_states:
-        battery.charge_percentage.value /= 100.0
-
-
-@planted(STATE)
-def battery_in_millivolts(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The battery's voltage is in millivolts."""
-    for battery in answer.robot_state.battery_states:
-        battery.voltage.value *= 1000.0
-
-
-@planted(STATE)
-def estop_not_in_the_state(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The state has no e-stops."""
-    del answer.robot_state.estop_states[:]
-
-
-@planted(STATE)
-def estop_in_the_state_never_stopped(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The state's e-stops are released whatever they are."""
-    for estop in answer.robot_state.estop_states:
-        estop.state = robot_state_pb2.EStopState.STATE_NOT_ESTOPPED
-
-
-@planted(STATE)
-def always_standing(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The robot says that it stands, with its motors off."""
-    answer.robot_state.behavior_state.state = robot_state_pb2.BehaviorState.STATE_STANDING
-
-
 # ---- the state, streamed ----
 
 
@@ -483,13 +410,6 @@ def stream_by_joint_kind(_request: Any, answer: Any, _memory: dict[str, Any]) ->
     order = [3 * leg + kind for kind in range(3) for leg in range(4)]
     for values in (answer.joint_states.position, answer.joint_states.velocity, answer.joint_states.load):
         values[:] = [values[i] for i in order]
-
-
-@planted(STREAM)
-def acceleration_without_gravity(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The inertial unit measures no gravity."""
-    for packet in answer.inertial_state.packets:
-        packet.acceleration_rt_odom_in_link_frame.z -= 9.81
 
 
 @planted(STREAM)
@@ -548,12 +468,6 @@ def joints_frozen(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
     answer.joint_states.acquisition_timestamp.CopyFrom(stamp)
 
 
-@planted(STREAM, needs_motion=True)
-def command_key_not_echoed(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The last command's key is not in the stream."""
-    answer.ClearField("last_command")
-
-
 # ---- leases ----
 
 
@@ -565,19 +479,6 @@ def lease_for_everybody(_request: Any, answer: Any, memory: dict[str, Any]) -> N
     elif answer.status == lease_pb2.AcquireLeaseResponse.STATUS_RESOURCE_ALREADY_CLAIMED and "lease" in memory:
         answer.status = lease_pb2.AcquireLeaseResponse.STATUS_OK
         answer.lease.ParseFromString(memory["lease"])
-
-
-@planted(RETAIN)
-def lost_lease_retained(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A lease that was taken away can still be retained."""
-    answer.lease_use_result.status = lease_pb2.LeaseUseResult.STATUS_OK
-
-
-@planted(LEASES)
-def owners_not_listed(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The list of leases names no owner."""
-    for resource in answer.resources:
-        resource.ClearField("lease_owner")
 
 
 @planted(f"{ACQUIRE} {TAKE}")
@@ -595,18 +496,6 @@ def lease_of_a_banana(request: Any, answer: Any, _memory: dict[str, Any]) -> Non
         answer.lease.CopyFrom(lease_pb2.Lease(resource=request.resource, epoch="epoch", sequence=[1]))
 
 
-@planted(RETURN)
-def any_lease_can_be_returned(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A lease that its bearer does not hold is accepted as returned."""
-    answer.status = lease_pb2.ReturnLeaseResponse.STATUS_OK
-
-
-@planted(f"{COMMAND} {POWER} {RETAIN}")
-def lease_result_missing(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """Answers do not say what the lease was worth."""
-    answer.ClearField("lease_use_result")
-
-
 # ---- e-stop ----
 
 
@@ -615,18 +504,6 @@ def estop_of_a_stranger(_request: Any, answer: Any, _memory: dict[str, Any]) -> 
     """An endpoint that is not registered may check in."""
     if answer.status == estop_pb2.EstopCheckInResponse.STATUS_ENDPOINT_UNKNOWN:
         answer.status = estop_pb2.EstopCheckInResponse.STATUS_OK
-
-
-@planted(ESTOP_STATUS)
-def estop_endpoints_not_listed(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The e-stop's status lists no endpoint."""
-    del answer.status.endpoints[:]
-
-
-@planted(ESTOP_STATUS)
-def estop_always_released(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """The e-stop's status is released, whatever its endpoints ask for."""
-    answer.status.stop_level = estop_pb2.ESTOP_LEVEL_NONE
 
 
 @planted(ESTOP_REGISTER)
@@ -666,12 +543,6 @@ def power_for_anybody(request: Any, answer: Any, memory: dict[str, Any]) -> None
 @planted(STATE, of="power_for_anybody")
 def _power_for_anybody_shown(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
     _show_power(answer, memory)
-
-
-@planted(POWER_FEEDBACK)
-def power_feedback_of_nothing_succeeds(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A power command that was never given has succeeded."""
-    answer.status = power_pb2.STATUS_SUCCESS
 
 
 @planted(STATE, needs_motion=True)
@@ -765,25 +636,7 @@ def walks_to_the_other_side(request: Any, _answer: Any, _memory: dict[str, Any])
         velocity.linear.y, velocity.angular = -velocity.linear.y, -velocity.angular
 
 
-@planted(CLEAR_FAULT)
-def clears_faults_that_are_not(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A behaviour fault that does not exist is cleared."""
-    answer.status = robot_command_pb2.ClearBehaviorFaultResponse.STATUS_CLEARED
-
-
 # ---- joint control ----
-
-
-@planted(JOINTS)
-def joint_stream_always_ok(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A stream of joint commands ends with OK whatever was sent, and whatever the robot's mode."""
-    answer.status = robot_command_pb2.JointControlStreamResponse.STATUS_OK
-
-
-@planted(JOINTS)
-def joint_stream_without_words(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A stream of joint commands that is refused gets no reason."""
-    answer.message = ""
 
 
 @planted(asks=JOINTS, needs_motion=True)
@@ -803,12 +656,6 @@ def gains_halved(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
 
 
 @planted(STATE)
-def service_faults_not_shown(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A fault that a service raised is not in the state."""
-    del answer.robot_state.service_fault_state.faults[:]
-
-
-@planted(STATE)
 def service_faults_stay(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
     """A fault that was cleared stays in the state."""
     faults = answer.robot_state.service_fault_state.faults
@@ -820,8 +667,67 @@ def service_faults_stay(_request: Any, answer: Any, memory: dict[str, Any]) -> N
         faults.add().ParseFromString(kept)
 
 
-@planted(STATE)
-def service_faults_without_a_time(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
-    """A service's fault does not say since when."""
-    for fault in answer.robot_state.service_fault_state.faults:
-        fault.ClearField("onset_timestamp")
+# ---- one field ----
+
+
+# fmt: off
+_changed("motor_state_always_on", "The motors are reported on whatever they are.",
+         STATE, "robot_state.power_state.motor_power_state",
+         robot_state_pb2.PowerState.MOTOR_POWER_STATE_ON, source="outside")
+_changed("motor_state_always_off", "The motors are reported off whatever they are.",
+         STATE, "robot_state.power_state.motor_power_state",
+         robot_state_pb2.PowerState.MOTOR_POWER_STATE_OFF, source="outside", needs_motion=True)
+_changed("load_negated_in_poll", "Joint loads of GetRobotState have the other sign.",
+         STATE, "robot_state.kinematic_state.joint_states.*.load.value",
+         lambda x: -x, source="outside", needs_motion=True)
+_changed("contacts_inverted_in_poll", "A foot on the ground is polled as lost, one in the air as made.",
+         STATE, "robot_state.foot_state.*.contact", lambda x: 3 - x, source="outside", needs_motion=True)
+_changed("robot_without_serial", "The robot has no serial number.", ROBOT_ID, "robot_id.serial_number", "")
+_changed("directory_finds_anything", "A service that does not exist is answered with OK and an empty entry.",
+         SERVICE, "status", 1)
+_changed("header_without_code", "Unary answers leave the error code unspecified.",
+         f"{STATE} {ESTOP_STATUS} {LEASES} {TIME_SYNC} {ROBOT_ID} {SERVICES}", "header.error.code",
+         header_pb2.CommonError.CODE_UNSPECIFIED)
+_changed("time_sync_never_ends", "Time synchronisation always needs more samples.", TIME_SYNC, "state.status", 2)
+_changed("positions_in_degrees", "Polled joint positions are in degrees.",
+         STATE, "robot_state.kinematic_state.joint_states.*.position.value", lambda x: x * 57.29578)
+_changed("feet_mirrored_upwards", "The feet are above the body.",
+         STATE, "robot_state.foot_state.*.foot_position_rt_body.z", lambda x: -x)
+_changed("battery_as_a_fraction", "The battery's charge is a fraction, not a percentage.",
+         STATE, "robot_state.battery_states.*.charge_percentage.value", lambda x: x / 100.0)
+_changed("battery_in_millivolts", "The battery's voltage is in millivolts.",
+         STATE, "robot_state.battery_states.*.voltage.value", lambda x: x * 1000.0)
+_changed("estop_not_in_the_state", "The state has no e-stops.", STATE, "robot_state.estop_states", None)
+_changed("estop_in_the_state_never_stopped", "The state's e-stops are released whatever they are.",
+         STATE, "robot_state.estop_states.*.state", robot_state_pb2.EStopState.STATE_NOT_ESTOPPED)
+_changed("always_standing", "The robot says that it stands, with its motors off.",
+         STATE, "robot_state.behavior_state.state", robot_state_pb2.BehaviorState.STATE_STANDING)
+_changed("acceleration_without_gravity", "The inertial unit measures no gravity.",
+         STREAM, "inertial_state.packets.*.acceleration_rt_odom_in_link_frame.z", lambda x: x - 9.81)
+_changed("command_key_not_echoed", "The last command's key is not in the stream.",
+         STREAM, "last_command", None, needs_motion=True)
+_changed("lost_lease_retained", "A lease that was taken away can still be retained.",
+         RETAIN, "lease_use_result.status", lease_pb2.LeaseUseResult.STATUS_OK)
+_changed("owners_not_listed", "The list of leases names no owner.", LEASES, "resources.*.lease_owner", None)
+_changed("any_lease_can_be_returned", "A lease that its bearer does not hold is accepted as returned.",
+         RETURN, "status", lease_pb2.ReturnLeaseResponse.STATUS_OK)
+_changed("lease_result_missing", "Answers do not say what the lease was worth.",
+         f"{COMMAND} {POWER} {RETAIN}", "lease_use_result", None)
+_changed("estop_endpoints_not_listed", "The e-stop's status lists no endpoint.",
+         ESTOP_STATUS, "status.endpoints", None)
+_changed("estop_always_released", "The e-stop's status is released, whatever its endpoints ask for.",
+         ESTOP_STATUS, "status.stop_level", estop_pb2.ESTOP_LEVEL_NONE)
+_changed("power_feedback_of_nothing_succeeds", "A power command that was never given has succeeded.",
+         POWER_FEEDBACK, "status", power_pb2.STATUS_SUCCESS)
+_changed("clears_faults_that_are_not", "A behaviour fault that does not exist is cleared.",
+         CLEAR_FAULT, "status", robot_command_pb2.ClearBehaviorFaultResponse.STATUS_CLEARED)
+_changed("joint_stream_always_ok",
+         "A stream of joint commands ends with OK whatever was sent, and whatever the robot's mode.",
+         JOINTS, "status", robot_command_pb2.JointControlStreamResponse.STATUS_OK)
+_changed("joint_stream_without_words", "A stream of joint commands that is refused gets no reason.",
+         JOINTS, "message", "")
+_changed("service_faults_not_shown", "A fault that a service raised is not in the state.",
+         STATE, "robot_state.service_fault_state.faults", None)
+_changed("service_faults_without_a_time", "A service's fault does not say since when.",
+         STATE, "robot_state.service_fault_state.faults.*.onset_timestamp", None)
+# fmt: on
