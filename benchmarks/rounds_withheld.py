@@ -49,8 +49,7 @@ from withheld.outcome import Outcome, read_verdict
 from withheld.plan import RecordingPlan
 from withheld.realities.reality import ComposedReality, make
 from withheld.realities.source import CATALOGUES, source_of
-from withheld.scoring.scores import differences, is_right
-from withheld.scoring.sizes import LARGE
+from withheld.scoring.scores import LARGE, differences, is_right
 from withheld.scoring.statistics import Estimate, Share, mean
 from withheld.simulator.simulation import RealityDivergedError
 

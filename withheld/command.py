@@ -156,7 +156,7 @@ def open_case(
     file: Annotated[Path, typer.Argument(help="DIR/NUMBER, a case's folder, or its outcome.json.")],
 ) -> None:
     """Show one case: what was hidden, what was said, what it scores."""
-    from withheld.scoring.show import show_case
+    from withheld.scoring.verify import show_case
 
     for line in show_case(file):
         typer.echo(line)

@@ -45,7 +45,7 @@ from spot_model.policy.policy import load_policy
 from trainer.signals.recording import record
 from withheld.cases import draw, kind_of
 from withheld.realities.source import source_of
-from withheld.scoring.sizes import LARGE
+from withheld.scoring.scores import LARGE
 from withheld.scoring.statistics import LEVEL, N_RESAMPLES, Share
 from withheld.simulator.simulation import RealityDivergedError
 

@@ -14,8 +14,8 @@ from withheld.plan import FaultRequest, RecordingPlan, Truth
 from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.fault_kind import Ask, Built, FaultKind, at
 from withheld.realities.reality import make
-from withheld.simulator.parts import Law
-from withheld.simulator.settings import Settings
+from withheld.simulator.parameters import Settings
+from withheld.simulator.robot import Law
 from withheld.simulator.simulation import RealityDivergedError
 
 QUICK = Settings(settle_s=0.3, ramp_s=0.25, tail_s=0.05)

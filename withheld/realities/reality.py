@@ -8,22 +8,33 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
+from spot_model.effects.commands import CommandDelay
+from spot_model.effects.friction import Armature
 from spot_model.io.joint_experiment import JointExperiment
-from spot_model.io.model_file import RobotModel
+from spot_model.io.model_file import RobotModel, paper_model
 from spot_model.policy.joint_script import JointMotion, joint_script
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth
 from withheld.realities.fault_kind import Ask, Built, FaultKind, flags_of
-from withheld.simulator.nominal import NOMINAL
-from withheld.simulator.ordinary_errors import add_ordinary_errors, draw_scale
-from withheld.simulator.random_streams import stream
-from withheld.simulator.recording.log_writer import LogSetting, write_log
-from withheld.simulator.recording.run_arrays import RunArrays
+from withheld.simulator.draws import add_ordinary_errors, add_surroundings, draw_scale, draw_settings, stream
+from withheld.simulator.link import mean_delay_s
+from withheld.simulator.log import LogSetting, write_log
+from withheld.simulator.parameters import LinkParameters, Settings
+from withheld.simulator.recorder import RunArrays
 from withheld.simulator.robot import Robot
-from withheld.simulator.settings import Settings
 from withheld.simulator.simulation import RunRequest, simulate
-from withheld.simulator.surroundings import add_surroundings, draw_settings
+
+NOMINAL: Final = RobotModel(
+    effects=(
+        *(e for e in paper_model(facts.PAPER_IDENTIFIED).effects if not isinstance(e, CommandDelay)),
+        Armature(joints=("hips",), inertia_kg_m2=facts.HIP_ARMATURE_KG_M2),
+        Armature(joints=("knees",), inertia_kg_m2=facts.KNEE_ARMATURE_KG_M2),
+        CommandDelay(delay_s=round(mean_delay_s(LinkParameters()), 4)),
+    )
+)
+
 
 EPOCH_NS: Final = 1_790_000_000_000_000_000
 SIDE_BY_SIDE: Final = 16

@@ -11,10 +11,8 @@ from spot_log.page.look import Html, boxed, folded, framed, headed, listed, tabl
 from spot_log.page.svg import esc
 from withheld.cases import WORDS
 from withheld.outcome import Outcome
-from withheld.scoring.scores import differences
-from withheld.scoring.show import fault_words, verdict_words
-from withheld.scoring.sizes import does
-from withheld.scoring.verify import Checked
+from withheld.scoring.scores import differences, does
+from withheld.scoring.verify import Checked, fault_words, verdict_words
 
 _MORE: Final = """
 .met, .right { color: var(--good); } .not-met, .wrong { color: var(--bad); font-weight: 600; }
@@ -44,11 +42,6 @@ def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
             "Right answers by kind of case",
             "Cases of which something is asked: all but effects outside the library that do not matter.",
             _table(("grouped by", "", "right"), _breakdown(data["breakdown"])),
-        ),
-        boxed(
-            "Stated probabilities",
-            "That a difference is there, in steps of a tenth; faults that are not stated count at 0 or as rivals.",
-            _table(("stated", "came true"), [(f"{b['said']:.2f}", _share(b)) for b in data["reliability"]]),
         ),
         boxed(
             "Metadata alone",

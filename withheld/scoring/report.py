@@ -14,8 +14,6 @@ from spot_model.errors import BadInputError
 from spot_model.io.whole import write_over
 from withheld.scoring.leak import leaks
 from withheld.scoring.page import page
-from withheld.scoring.scores import claims
-from withheld.scoring.statistics import reliability
 from withheld.scoring.table import breakdown, table
 from withheld.scoring.verify import Checked, check
 
@@ -59,9 +57,6 @@ def scores(checked: Checked) -> dict[str, Any]:
         "core_seconds_by_stage": {s: float(np.mean([o.seconds.get(s, 0.0) for o in outcomes])) for s in stages},
         "table": [row.to_data() for row in table(outcomes)],
         "breakdown": {cut: {v: s.to_data() for v, s in of.items()} for cut, of in breakdown(outcomes).items()},
-        "reliability": [
-            {"said": said, **was.to_data()} for said, was in reliability([c for o in outcomes for c in claims(o)])
-        ],
         "metadata_alone": [asdict(leak) for leak in leaks(outcomes)],
     }
 

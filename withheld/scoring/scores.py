@@ -1,4 +1,4 @@
-"""Right or wrong, case by case; no table yet."""
+"""Right or wrong, case by case: which faults matter, what is named, and what is said of it; no table yet."""
 
 from __future__ import annotations
 
@@ -7,9 +7,66 @@ from dataclasses import dataclass
 from typing import Final
 
 from spot_model.effects.registry import BUILT_IN
-from withheld.outcome import Difference, Number, Outcome, Verdict
+from withheld.outcome import Change, Consequences, Difference, Number, Outcome, Verdict
 from withheld.plan import Fault
-from withheld.scoring.sizes import inside, matters, outside
+
+LARGE: Final = 2.0
+"""A fault matters that moves the headline gap by at least this many times its floor."""
+SPEED_M_S: Final = 0.1
+"""And one that costs so much of the top or mean speed."""
+POWER: Final = 0.05
+"""And one that costs so large a share of the power more."""
+FALL: Final = 1.0 / 15.0
+"""And one by which so large a share of the runs more ends in a fall: one of fifteen."""
+
+
+def is_costly(own: Consequences | None) -> bool:
+    """Whether a fault costs speed, power, or a fall."""
+    if own is None:
+        return False
+    lost = (own.top_speed.of, own.mean_speed.of)
+    power = own.power.of
+    return (
+        any(change is not None and change <= -SPEED_M_S for change in lost)
+        or (power is not None and power >= POWER * (own.power.before or 0.0))
+        or (own.fall_share.of or 0.0) >= FALL
+    )
+
+
+def matters(o: Outcome, number: int) -> bool:
+    """Whether one of a case's faults does."""
+    moved = o.moved[number] if number < len(o.moved) else None
+    own = o.consequences[number] if number < len(o.consequences) else None
+    return (moved is not None and moved >= LARGE) or is_costly(own)
+
+
+def does(o: Outcome, number: int) -> str:
+    """What one of a case's faults does, in words."""
+    moved = o.moved[number] if number < len(o.moved) else None
+    own = o.consequences[number] if number < len(o.consequences) else None
+    words = ["" if moved is None else f"moves the robot by {moved:.1f} floors"]
+    if own is not None:
+        units = (("top speed", own.top_speed, "m/s"), ("mean speed", own.mean_speed, "m/s"), ("power", own.power, "W"))
+        words += [f"{name} {c.of:+.2g} {unit}" for name, c, unit in units if c.of is not None]
+        words += [f"falls {100 * own.fall_share.of:+.0f} %"] if own.fall_share.of else []
+    told = ", ".join(filter(None, words)) or "not measured"
+    return f"{told}; {'matters' if matters(o, number) else 'does not matter'}"
+
+
+def is_named_by_library(fault: Fault, o: Outcome) -> bool:
+    """Whether the case's library holds an effect that is a right answer."""
+    return bool(set(fault.names) - set(o.case.without))
+
+
+def inside(o: Outcome) -> list[int]:
+    """Numbers of the faults that the case's library could name."""
+    return [i for i, f in enumerate(o.truth.faults) if is_named_by_library(f, o)]
+
+
+def outside(o: Outcome) -> list[int]:
+    """Numbers of those that it could not."""
+    return [i for i, f in enumerate(o.truth.faults) if not is_named_by_library(f, o)]
+
 
 MAX_GROUP: Final = 3
 """A larger group of rivals names nothing."""
@@ -159,3 +216,53 @@ def stated_claims(o: Outcome) -> list[Claim]:
     """Of the stated differences alone."""
     there = {name for i in inside(o) for name in o.truth.faults[i].names}
     return [(d.probability, bool(d.names & there)) for d in differences(o.verdict)]
+
+
+STATED_SPEED_M_S: Final = 0.05
+STATED_SHARE: Final = 0.3
+"""Of the true change of a speed or of the power; and of the runs, for falls."""
+SPEEDS: Final = ("top_speed", "mean_speed")
+
+
+def speeds_right(o: Outcome) -> list[bool]:
+    """Whether each stated change of top and mean speed is within 0.05 m/s or 30 % of the true one."""
+    return [
+        stated is not None and abs(stated - true) <= max(STATED_SPEED_M_S, STATED_SHARE * abs(true))
+        for quantity in SPEEDS
+        for true, stated in _changes(o, quantity)
+    ]
+
+
+def power_right(o: Outcome) -> list[bool]:
+    """Whether each change of the power, as a share of it, is within 30 % of the true one; where either is 5 % or more.
+
+    As a share: what a robot draws beside the work of its joints is none of the model's.
+    """
+    return [
+        stated is not None and abs(stated - true) <= STATED_SHARE * abs(true)
+        for true, stated in _changes(o, "power", is_share=True)
+        if max(abs(true), abs(stated or 0.0)) >= POWER
+    ]
+
+
+def falls_right(o: Outcome) -> list[bool]:
+    """Whether the stated change of the share of runs that fall is within 0.3 of the true one."""
+    return [stated is not None and abs(stated - true) <= STATED_SHARE for true, stated in _changes(o, "fall_share")]
+
+
+def _changes(o: Outcome, quantity: str, *, is_share: bool = False) -> list[tuple[float, float | None]]:
+    """True and stated change, or its share of what was before, by each named fault whose true one is known."""
+    found = []
+    for number, difference in score(o).named.items():
+        own = o.consequences[number] if number < len(o.consequences) else None
+        stated = difference.consequences.changes if difference.consequences is not None else ()
+        true = _size(getattr(own, quantity, None), is_share)
+        if true is not None:
+            found.append((true, _size(next((c for c in stated if c.quantity == quantity), None), is_share)))
+    return found
+
+
+def _size(change: Change | None, is_share: bool) -> float | None:
+    if change is None or change.of is None or not is_share:
+        return None if change is None else change.of
+    return change.of / change.before if change.before else None

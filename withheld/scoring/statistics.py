@@ -1,10 +1,10 @@
-"""Shares with exact bounds, means and medians with bootstrap bounds, calibration of stated probabilities."""
+"""Figures with their intervals, and whether what is asked of them is met: by the bounds, never by the value."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,15 +107,68 @@ def calibration_error(claims: NDArray[np.float64]) -> float:
     return sum(off) / len(claims)
 
 
-def reliability(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, Share]]:
-    """Stated probability and how often it was so, in bins of a tenth; empty bins are left out."""
-    made = []
-    for b in range(N_BINS):
-        inside = [(p, was) for p, was in claims if min(int(p * N_BINS), N_BINS - 1) == b]
-        if inside:
-            made.append((float(np.mean([p for p, _ in inside])), Share.of([was for _, was in inside])))
-    return made
-
-
 def _bounds(low: float, high: float, factor: float) -> str:
     return f"{factor * low:.0f} to {factor * high:.0f}" if factor > 1 else f"{low:.2f} to {high:.2f}"
+
+
+Met = Literal["met", "not met", "not shown", ""]
+"""*met* and *not met*: the whole interval lies on one side of what is asked. *not shown*: it holds both."""
+
+
+FEWEST: Final = 20
+"""Resampling fewer cases tells nothing of how far a mean or a median may be off."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure."""
+
+    key: str
+    title: str
+    value: Share | Estimate
+    asked: str = ""
+    met: Met = ""
+
+    def to_data(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "key": self.key,
+            "title": self.title,
+            "asked": self.asked,
+            "met": self.met,
+            "text": str(self.value),
+            **self.value.to_data(),
+        }
+
+
+def share(key: str, title: str, flags: Sequence[bool], at_least: float | None = None) -> Row:
+    """A share of cases, and the least that is asked."""
+    made = Share.of(flags)
+    if at_least is None:
+        return Row(key, title, made)
+    return Row(key, title, made, f"at least {100 * at_least:.0f} %", _met(made, at_least, float("inf")))
+
+
+def between(key: str, title: str, flags: Sequence[bool], low: float, high: float) -> Row:
+    """A share that is to lie between two bounds."""
+    made = Share.of(flags)
+    return Row(key, title, made, f"{100 * low:.0f} to {100 * high:.0f} %", _met(made, low, high))
+
+
+def estimate(
+    key: str, title: str, made: Estimate, at_least: float = float("-inf"), at_most: float = float("inf")
+) -> Row:
+    """A mean or median, and what is asked of it."""
+    asked = f"at least {at_least:g}" if at_least > float("-inf") else f"at most {at_most:g}"
+    is_asked = (at_least, at_most) != (float("-inf"), float("inf"))
+    return Row(key, title, made, asked if is_asked else "", _met(made, at_least, at_most) if is_asked else "")
+
+
+def _met(value: Share | Estimate, low: float, high: float) -> Met:
+    if not value.trials:
+        return ""
+    if isinstance(value, Estimate) and value.trials < FEWEST:
+        return "not shown"
+    if low <= value.low and value.high <= high:
+        return "met"
+    return "not met" if value.high < low or value.low > high else "not shown"

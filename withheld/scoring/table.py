@@ -6,11 +6,22 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from withheld.outcome import GAPS, Outcome, Shrink
-from withheld.scoring.changes import falls_right, power_right, speeds_right
-from withheld.scoring.rows import Row, between, estimate, share
-from withheld.scoring.scores import claims, differences, is_right, joints_f1, parameters, score, stated_claims
-from withheld.scoring.sizes import inside, matters, outside
-from withheld.scoring.statistics import Estimate, Share, calibration_error, mean, median
+from withheld.scoring.scores import (
+    claims,
+    differences,
+    falls_right,
+    inside,
+    is_right,
+    joints_f1,
+    matters,
+    outside,
+    parameters,
+    power_right,
+    score,
+    speeds_right,
+    stated_claims,
+)
+from withheld.scoring.statistics import Estimate, Row, Share, between, calibration_error, estimate, mean, median, share
 
 PARAMETER_ERROR: Final = 0.20
 SURE: Final = 0.9

@@ -17,18 +17,15 @@ from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
 from spot_model.robot.mjcf import default_height_m
 from spot_model.robot.rotation import multiply_wxyz
-from withheld.simulator.mechanics.body import build_model
-from withheld.simulator.mechanics.drive import Drives
-from withheld.simulator.mechanics.supply import Battery
-from withheld.simulator.recording.recorder import Recorder
-from withheld.simulator.recording.run_arrays import RunArrays
-from withheld.simulator.recording.transport import Deliveries, deliveries, tick_states
+from withheld.simulator.body import build_model
+from withheld.simulator.drives import Drives
+from withheld.simulator.estimator import Estimator
+from withheld.simulator.link import Deliveries, deliveries, tick_states
+from withheld.simulator.parameters import Settings
+from withheld.simulator.power import Battery
+from withheld.simulator.recorder import Recorder, RunArrays
 from withheld.simulator.robot import Robot
-from withheld.simulator.senses.contacts import ContactDetector
-from withheld.simulator.senses.estimator import Estimator
-from withheld.simulator.senses.inertial_unit import InertialUnit
-from withheld.simulator.senses.joint_sensors import JointSensors
-from withheld.simulator.settings import Settings
+from withheld.simulator.sensors import ContactDetector, InertialUnit, JointSensors
 
 JOINTS_Q, JOINTS_V = slice(7, 7 + N_JOINTS), slice(6, 6 + N_JOINTS)
 STATE_S: Final = STATE_PERIOD_NS * 1e-9

@@ -8,8 +8,7 @@ import pytest
 from spot_model.robot.facts import N_JOINTS
 from withheld.realities.fault_kind import Ask, Built
 from withheld.realities.judging import drive, friction, limits, outside, sensing, transport
-from withheld.simulator.parts import Motion, TorquePart
-from withheld.simulator.robot import Robot
+from withheld.simulator.robot import Motion, Robot, TorquePart
 
 DT_S = 5e-4
 EVERY = np.ones(N_JOINTS, dtype=np.bool_)

@@ -5,10 +5,23 @@ from typing import Any
 import pytest
 
 from withheld.outcome import Number, Outcome
-from withheld.scoring.changes import falls_right, power_right, speeds_right
-from withheld.scoring.rows import Row
-from withheld.scoring.scores import claims, differences, f1, is_right, joints_f1, parameters, score
-from withheld.scoring.sizes import inside, is_costly, matters, outside
+from withheld.scoring.scores import (
+    claims,
+    differences,
+    f1,
+    falls_right,
+    inside,
+    is_costly,
+    is_right,
+    joints_f1,
+    matters,
+    outside,
+    parameters,
+    power_right,
+    score,
+    speeds_right,
+)
+from withheld.scoring.statistics import Row
 from withheld.scoring.table import breakdown, table
 
 from .made_up import KNEES, does, fault, outcome, said, verdict

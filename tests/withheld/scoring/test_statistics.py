@@ -5,8 +5,7 @@ import pytest
 
 from withheld.outcome import Outcome
 from withheld.scoring.leak import leaks
-from withheld.scoring.rows import between, estimate, share
-from withheld.scoring.statistics import Estimate, Share, calibration_error, median, reliability
+from withheld.scoring.statistics import Estimate, Share, between, calibration_error, estimate, median, share
 
 from .made_up import fault, outcome
 
@@ -48,11 +47,6 @@ def test_calibration_error_of_certainty_of_doubt_and_of_conceit() -> None:
     assert error((0.5, 1.0), (0.5, 0.0)) == 0.0
     # Two claims of 0.95 of which one is so are 0.45 off; one of 0.05 that is not so is 0.05 off.
     assert error((0.95, 1.0), (0.95, 0.0), (0.05, 0.0)) == pytest.approx((0.9 + 0.05) / 3)
-
-
-def test_reliability_puts_each_claim_in_its_step() -> None:
-    bins = reliability([(0.95, True), (0.92, False), (0.05, False), (1.0, True)])
-    assert [(s.hits, s.trials) for _, s in bins] == [(0, 1), (2, 3)]
 
 
 def _cases(telling: bool) -> list[Outcome]:

@@ -13,8 +13,7 @@ from withheld.command import app
 from withheld.outcome import Outcome
 from withheld.plan import Truth
 from withheld.scoring.report import lines, scores, write_scores
-from withheld.scoring.show import show_case
-from withheld.scoring.verify import check
+from withheld.scoring.verify import check, show_case
 
 from .made_up import fault, outcome, said
 

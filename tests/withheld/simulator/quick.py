@@ -13,8 +13,8 @@ from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import FaultRequest
 from withheld.realities.fault_kind import FaultKind
 from withheld.realities.reality import make
-from withheld.simulator.recording.run_arrays import RunArrays
-from withheld.simulator.settings import Settings
+from withheld.simulator.parameters import Settings
+from withheld.simulator.recorder import RunArrays
 from withheld.simulator.simulation import RunRequest, simulate
 
 POLICIES = Path(__file__).parents[3] / "policies"

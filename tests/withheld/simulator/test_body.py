@@ -11,9 +11,9 @@ from spot_model.robot.facts import N_JOINTS
 from withheld.realities.calibrating import body as calibrating_body
 from withheld.realities.fault_kind import Ask, Draw, flags_of
 from withheld.realities.judging import body, outside
-from withheld.simulator.mechanics.body import build_model
+from withheld.simulator.body import build_model
+from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot
-from withheld.simulator.settings import Settings
 
 KNEES = tuple(j for j in facts.JOINT_NAMES if j.endswith("kn"))
 

@@ -9,11 +9,9 @@ from spot_model.robot.facts import N_JOINTS
 from withheld.realities.calibrating import drive as drive_faults
 from withheld.realities.calibrating import friction, limits
 from withheld.realities.fault_kind import Ask
-from withheld.simulator.mechanics.drive import Drives
-from withheld.simulator.mechanics.lugre import PRESLIDING_RAD, LuGre
+from withheld.simulator.drives import PRESLIDING_RAD, Drives, LuGre
 from withheld.simulator.parameters import DriveParameters
-from withheld.simulator.parts import Motion
-from withheld.simulator.robot import Robot
+from withheld.simulator.robot import Motion, Robot
 
 DT_S = 5e-4
 EVERY = np.ones(N_JOINTS, dtype=np.bool_)

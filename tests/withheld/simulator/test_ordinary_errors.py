@@ -8,10 +8,10 @@ import pytest
 from withheld.plan import FaultRequest
 from withheld.realities.judging.catalogue import CATALOGUE
 from withheld.realities.reality import make
-from withheld.simulator.mechanics.body import build_model
-from withheld.simulator.ordinary_errors import SCALES, add_ordinary_errors, draw_scale
+from withheld.simulator.body import build_model
+from withheld.simulator.draws import SCALES, add_ordinary_errors, draw_scale
+from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot
-from withheld.simulator.settings import Settings
 
 
 def test_scales_are_log_uniform_between_a_half_and_five() -> None:

@@ -16,8 +16,8 @@ from tests.withheld.simulator.quick import POLICIES, QUICK, ahead, policy, wides
 from withheld.plan import IMPORT_LACKS, RecordingPlan, Signal
 from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.reality import make
+from withheld.simulator.link import NEVER_NS, Deliveries, deliveries, mean_delay_s, tick_states
 from withheld.simulator.parameters import LinkParameters
-from withheld.simulator.recording.transport import NEVER_NS, Deliveries, deliveries, mean_delay_s, tick_states
 from withheld.simulator.simulation import RunRequest, simulate
 
 LINK = LinkParameters()

@@ -11,14 +11,11 @@ from spot_model.robot.rotation import rotate_wxyz
 from withheld.realities.calibrating import limits
 from withheld.realities.calibrating import supply as supply_faults
 from withheld.realities.fault_kind import Ask, flags_of
-from withheld.simulator.mechanics.supply import Battery
-from withheld.simulator.mechanics.thermal import Motors
+from withheld.simulator.estimator import Estimator
 from withheld.simulator.parameters import DriveParameters, SensingParameters, SupplyParameters
-from withheld.simulator.parts import Motion
-from withheld.simulator.robot import Robot
-from withheld.simulator.senses.contacts import ContactDetector
-from withheld.simulator.senses.estimator import Estimator
-from withheld.simulator.senses.inertial_unit import InertialUnit, tilt_wxyz
+from withheld.simulator.power import Battery, Motors
+from withheld.simulator.robot import Motion, Robot
+from withheld.simulator.sensors import ContactDetector, InertialUnit, tilt_wxyz
 
 STATE_S = 0.003
 LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])

@@ -9,8 +9,8 @@ from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.mjcf_options import MjcfOptions
 from withheld.realities.fault_kind import Ask, Built
+from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot, leg_mask
-from withheld.simulator.settings import Settings
 
 PAYLOAD_KG = 12.0
 PAYLOAD_HALF_M = (0.14, 0.09, 0.06)

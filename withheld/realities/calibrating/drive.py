@@ -8,8 +8,7 @@ from scipy.linalg import expm
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import Ask, Built, at, sign
-from withheld.simulator.parts import Motion
-from withheld.simulator.robot import Robot
+from withheld.simulator.robot import Motion, Robot
 
 FLUX_LOSS = 0.2
 FLUX_GAIN = 0.1

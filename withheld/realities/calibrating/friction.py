@@ -6,8 +6,7 @@ import numpy as np
 
 from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import Ask, Built, at
-from withheld.simulator.parts import Law, Motion
-from withheld.simulator.robot import Robot
+from withheld.simulator.robot import Law, Motion, Robot
 
 COULOMB_NM = 1.5
 VISCOUS_NM_S_PER_RAD = 0.3

@@ -9,7 +9,7 @@ import numpy as np
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at, sign
-from withheld.simulator.parts import Law, Motion
+from withheld.simulator.robot import Law, Motion
 
 SECTOR_LOSS: Final = 0.7
 SECTOR_RAD: Final = 0.12

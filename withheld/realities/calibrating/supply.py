@@ -6,8 +6,7 @@ import numpy as np
 
 from spot_model.robot.facts import Array, per_joint
 from withheld.realities.fault_kind import Ask, Built
-from withheld.simulator.parts import Motion
-from withheld.simulator.robot import Robot
+from withheld.simulator.robot import Motion, Robot
 
 LARGEST_W = 1900.0
 SMALLEST_W = 420.0

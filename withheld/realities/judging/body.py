@@ -10,8 +10,8 @@ import numpy as np
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.mjcf_options import MjcfOptions
 from withheld.realities.fault_kind import BODY, LEG_PLACES, Ask, Built, FaultKind, sign
+from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot, leg_mask
-from withheld.simulator.settings import Settings
 
 SADDLE_KG: Final = 12.0
 SHIFT_M: Final = 0.05

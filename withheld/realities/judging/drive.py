@@ -8,8 +8,7 @@ import numpy as np
 
 from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import JOINT_PLACES, Ask, Built, FaultKind, at, sign
-from withheld.simulator.parts import Law, Motion
-from withheld.simulator.robot import Robot
+from withheld.simulator.robot import Law, Motion, Robot
 
 GAIN_LOSS, GAIN_MORE = 0.22, 0.12
 ROTOR_KG_M2: Final = 0.06

@@ -9,7 +9,7 @@ import numpy as np
 
 from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import JOINT_PLACES, Ask, Built, FaultKind, at
-from withheld.simulator.parts import Law, Motion
+from withheld.simulator.robot import Law, Motion
 
 DRY_NM: Final = 1.5
 GREASE_NM_S_PER_RAD: Final = 0.3

@@ -9,8 +9,7 @@ import numpy as np
 from spot_model.robot.facts import JOINT_NAMES, KNEE_MOTOR_TORQUE_NM, Array, per_joint
 from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at
 from withheld.simulator.parameters import HIP_NO_LOAD_RAD_S
-from withheld.simulator.parts import Motion
-from withheld.simulator.robot import Robot
+from withheld.simulator.robot import Motion, Robot
 
 KNEES: Final = tuple(j for j in JOINT_NAMES if j.endswith("kn"))
 FLEXING: Final = tuple(j for j in JOINT_NAMES if not j.endswith("hx"))

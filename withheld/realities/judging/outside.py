@@ -10,7 +10,7 @@ import numpy as np
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at, sign
-from withheld.simulator.parts import Law, Motion
+from withheld.simulator.robot import Law, Motion
 
 SPRING_NM_PER_RAD: Final = 14.0
 HARDENS: Final = 6.0

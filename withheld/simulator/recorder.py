@@ -1,22 +1,52 @@
-"""Records runs while they are simulated, and cuts the record into one table a run."""
+"""Runs as arrays: kept while they are simulated, then cut into one table a run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.policy.observation import N_OBSERVATION
-from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS
-from withheld.simulator.mechanics.drive import Drives
-from withheld.simulator.mechanics.supply import Battery
+from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+from spot_model.robot.state import Measured
+from withheld.simulator.drives import Drives
+from withheld.simulator.estimator import Estimator
+from withheld.simulator.link import Deliveries
 from withheld.simulator.parameters import EstimatorParameters
-from withheld.simulator.recording.run_arrays import RunArrays
-from withheld.simulator.recording.transport import Deliveries
-from withheld.simulator.senses.estimator import Estimator
-from withheld.simulator.senses.inertial_unit import InertialUnit
-from withheld.simulator.senses.joint_sensors import Reading
+from withheld.simulator.power import Battery
+from withheld.simulator.sensors import InertialUnit, Reading
+
+
+@dataclass(frozen=True)
+class RunArrays(Measured):
+    """m states, as reported, k ticks, p polls; stamps count from state 0, ns."""
+
+    imu_acceleration_m_s2: Array
+    """Three packets a state, oldest first, 2, 1 and 0 ms old. Shape (m, 3, 3)."""
+    imu_turn_rad_s: Array
+    deliveries: Deliveries
+    echoed: NDArray[np.intp]
+    """Newest command that had arrived at each state, -1 for none."""
+    setpoint_rad: Array
+    """Sent with command k. Shape (m, 12)."""
+    tick_state: NDArray[np.intp]
+    """State of each tick, shape (k,)."""
+    observation: NDArray[np.float32]
+    action: NDArray[np.float32]
+    velocity_command: Array
+    requested_rad: Array
+    """Shape (k, 12)."""
+    is_active: NDArray[np.bool_]
+    """Whether the ramp from the stand was over, shape (k,)."""
+    battery_v: Array
+    """At every state, shape (m,)."""
+    battery_a: Array
+    """Drawn; positive while it discharges."""
+    battery_percent: Array
+    winding_c: Array
+    """Shape (m, 12)."""
 
 
 class Recorder:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
 from withheld.simulator.parameters import LinkParameters
-from withheld.simulator.parts import DelayPart
+from withheld.simulator.robot import DelayPart
 
 UP_SHAPE, DOWN_SHAPE = 3.0, 1.7
 TICK_NS = 20_000_000

@@ -1,18 +1,28 @@
-"""What no model has right: every robot is off by some per cent everywhere, whatever else is wrong with it.
+"""What differs from robot to robot: surroundings (ground, estimator, link, battery), and ordinary errors of everything.
 
-A case draws one scale for all of them. At scale 1 gains differ by 0.8 %, link masses by 1.2 %, encoder zeros by 1 mrad.
+A case draws one scale for all ordinary errors. At scale 1 gains differ by 0.8 %, link masses by 1.2 %, encoder zeros by
+1 mrad. Each purpose has a generator of its own, so that a fault more or less moves no other draw.
 """
 
 from __future__ import annotations
 
+import zlib
 from typing import Final
 
 import mujoco
 import numpy as np
 
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, N_JOINTS, N_LEGS, Array
-from withheld.simulator.mechanics.mjcf import LINK_NAMES
+from withheld.simulator.body import LINK_NAMES
+from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot
+
+
+def stream(seed: int, *purpose: object) -> np.random.Generator:
+    """The generator of a seed and a purpose."""
+    words = [zlib.crc32(repr(part).encode()) for part in purpose]
+    return np.random.default_rng(np.random.SeedSequence([seed, *words]))
+
 
 SCALES: Final = (0.5, 5.0)
 """Bounds of a case's scale."""
@@ -94,3 +104,50 @@ def _body(robot: Robot, rng: np.random.Generator, scale: float) -> None:
 def _factors(rng: np.random.Generator, share: float, n: int) -> Array:
     """Log-normal factors around 1, no further off than two and a half standard deviations."""
     return np.asarray(np.exp(share * np.clip(rng.standard_normal(n), -2.5, 2.5)))
+
+
+LOAD_CELL_LAG_S = (1e-5, 6e-3)
+GROUND_FRICTION = (0.6, 1.0)
+ODOMETRY_TIME_S = (0.03, 0.09)
+TILT_RATE_PER_S = (0.015, 0.06)
+ESTIMATE_LAG_S = (0.0, 6e-3)
+NOISE_SCALES = (0.5, 2.0)
+SLIPPED_SHARES = {"timer": 0.005, "divider": 0.016}
+
+
+def draw_settings(rng: np.random.Generator) -> Settings:
+    """How this robot is integrated, and how its ground answers."""
+    return Settings(
+        steps_per_state=int(rng.integers(5, 8)),
+        integrator=str(rng.choice(("implicit", "implicitfast"))),
+        impratio=float(rng.uniform(1.0, 4.0)),
+        contact_stiffness_per_s2=5200.0 * float(np.exp(rng.uniform(-0.5, 0.5))),
+        contact_damping_per_s=148.0 * float(np.exp(rng.uniform(-0.25, 0.25))),
+    )
+
+
+def add_surroundings(robot: Robot, rng: np.random.Generator) -> None:
+    """Draw the robot's ground, estimator, sensors, link, battery and temperatures."""
+    robot.foot_friction = np.full_like(robot.foot_friction, rng.uniform(*GROUND_FRICTION))
+    s = robot.sensing
+    s.load_filter_s = float(rng.uniform(*LOAD_CELL_LAG_S))
+    for name in ("position_noise_rad", "velocity_noise_rad_s", "load_noise_nm"):
+        setattr(s, name, getattr(s, name) * _log_uniform(rng, *NOISE_SCALES))
+    s.contact_on_n = float(rng.uniform(14.0, 32.0))
+    s.contact_off_n = 0.65 * s.contact_on_n
+    e = robot.estimator
+    e.odometry_time_s = _log_uniform(rng, *ODOMETRY_TIME_S)
+    e.tilt_rate_per_s = _log_uniform(rng, *TILT_RATE_PER_S)
+    e.output_lag_s = float(rng.uniform(*ESTIMATE_LAG_S))
+    link = robot.link
+    link.schedule = "divider" if rng.random() < 0.4 else "timer"
+    link.slipped_share = SLIPPED_SHARES[link.schedule]
+    link.up_floor_s *= float(rng.uniform(0.8, 1.2))
+    link.down_floor_s *= float(rng.uniform(0.8, 1.2))
+    link.down_scale_s *= float(np.exp(rng.normal(0.0, 0.15)))
+    robot.supply.charge = float(rng.uniform(0.6, 0.95))
+    robot.thermal.start_c = robot.thermal.start_c + rng.uniform(-4.0, 8.0, N_JOINTS)
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

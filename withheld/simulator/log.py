@@ -22,8 +22,8 @@ from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, STATE_PERIOD_NS
 from spot_model.robot.state import Measured
 from spot_protos import log_pb2
 from withheld.plan import Detail, Signal
-from withheld.simulator.recording.run_arrays import RunArrays
-from withheld.simulator.senses.inertial_unit import PACKET_NS, PACKETS
+from withheld.simulator.recorder import RunArrays
+from withheld.simulator.sensors import PACKET_NS, PACKETS
 
 END_AHEAD_NS: Final = 50_000_000
 POLL_STATES: Final = 56

@@ -1,16 +1,19 @@
-"""The inertial unit: three packets a state from the motion at every physics step, tilted, biased and noisy."""
+"""What the robot senses: encoders and load cells, contact flags, and an inertial unit with three packets a state."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spot_model.robot.facts import STATE_PERIOD_NS, Array
+from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
 from spot_model.robot.rotation import matrix_from_wxyz, multiply_wxyz
-from withheld.simulator.parameters import SensingParameters
-from withheld.simulator.settings import GRAVITY_M_S2
+from withheld.simulator.drives import Drives
+from withheld.simulator.parameters import GRAVITY_M_S2, SensingParameters
+from withheld.simulator.robot import Robot
 
 PACKETS: Final = 3
 PACKET_NS: Final = 1_000_000
@@ -86,3 +89,65 @@ def tilt_wxyz(rpy_rad: Array) -> Array:
         turn[0], turn[1 + axis] = np.cos(0.5 * angle), np.sin(0.5 * angle)
         out = np.asarray(multiply_wxyz(out, turn))
     return out
+
+
+class ContactDetector:
+    """Flags of the four feet in n runs."""
+
+    def __init__(self, sensing: SensingParameters, n_runs: int, dt_s: float) -> None:
+        self._sensing = sensing
+        self._blend = -np.expm1(-dt_s / sensing.contact_filter_s)
+        self.force_n: Array = np.zeros((n_runs, N_LEGS))
+        """Filtered."""
+        self._waited: Array = np.zeros((n_runs, N_LEGS))
+        self.flags: NDArray[np.bool_] = np.zeros((n_runs, N_LEGS), dtype=np.bool_)
+        self.age: Array = np.zeros((n_runs, N_LEGS))
+        """States since a flag was raised; 0 while it is not."""
+
+    def see(self, force_n: Array) -> NDArray[np.bool_]:
+        """Flags after another state, from true normal forces (n, 4)."""
+        s = self._sensing
+        self.force_n = self.force_n + self._blend * (force_n - self.force_n)
+        threshold = np.where(self.flags, s.contact_off_n, s.contact_on_n)
+        differs = (self.force_n > threshold) != self.flags
+        self._waited = np.where(differs, self._waited + 1.0, 0.0)
+        self.flags = self.flags ^ (differs & (self._waited > s.contact_hold_states))
+        self.age = np.where(self.flags, self.age + 1.0, 0.0)
+        return self.flags
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the joints report, each of shape (n, 12)."""
+
+    position_rad: Array
+    velocity_rad_s: Array
+    load_nm: Array
+    all: Array
+    """The three side by side, shape (n, 36)."""
+
+
+class JointSensors:
+    """Readings of n runs; all noise is drawn at the start, run by run."""
+
+    def __init__(self, robot: Robot, n_states: int, rngs: Sequence[np.random.Generator]) -> None:
+        s = self._s = robot.sensing
+        sigma = np.concatenate([s.position_noise_rad, s.velocity_noise_rad_s, s.load_noise_nm])
+        self._noise = np.stack([rng.standard_normal((n_states, 3 * N_JOINTS)) for rng in rngs], axis=1) * sigma
+        self._quantum = np.repeat([s.position_quantum_rad, s.velocity_quantum_rad_s, s.load_quantum_nm], N_JOINTS)
+        self._per_quantum = 1.0 / self._quantum
+        self._out: Array = np.empty((len(rngs), 3 * N_JOINTS))
+        self._parts = robot.readings
+        for part in self._parts:
+            part.start(len(rngs))
+
+    def read(self, state: int, drives: Drives, dt_s: float) -> Reading:
+        """What is reported at this state."""
+        s, m, out = self._s, drives.motion, self._out
+        out[:, :N_JOINTS] = drives.encoder_rad()
+        out[:, N_JOINTS : 2 * N_JOINTS] = m.rotor_rad_s
+        out[:, 2 * N_JOINTS :] = s.load_gain * drives.cell_nm + s.load_bias_nm
+        for part in self._parts:
+            out = part.act(out, dt_s)
+        stepped = np.round((out + self._noise[state]) * self._per_quantum) * self._quantum
+        return Reading(stepped[:, :N_JOINTS], stepped[:, N_JOINTS : 2 * N_JOINTS], stepped[:, 2 * N_JOINTS :], stepped)

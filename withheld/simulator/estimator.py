@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.rotation import matrix_from_wxyz, multiply_wxyz
-from withheld.simulator.parameters import EstimatorParameters
-from withheld.simulator.settings import GRAVITY_M_S2
+from withheld.simulator.parameters import GRAVITY_M_S2, EstimatorParameters
 
 _HIP_X_M = np.array([facts.end_sign(leg) * facts.HX_FROM_BODY_M[0] for leg in facts.LEG_NAMES])
 _HIP_Y_M = np.array([facts.side_sign(leg) * facts.HX_FROM_BODY_M[1] for leg in facts.LEG_NAMES])

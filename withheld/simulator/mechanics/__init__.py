@@ -1,1 +1,0 @@
-"""Body, drives, friction, heat and supply."""

@@ -1,1 +1,0 @@
-"""Transport, recording, and logs."""

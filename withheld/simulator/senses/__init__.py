@@ -1,1 +1,0 @@
-"""Joint sensors, inertial unit, contact detector, state estimator."""
