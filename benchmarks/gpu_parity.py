@@ -19,8 +19,7 @@ from spot_model.plant.closed_loop import StartState
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from trainer.config.task_config import RandomisationConfig, TaskConfig
-from trainer.signals.distances import SequenceReference
-from trainer.signals.features import features_of_run
+from trainer.signals.distances import SequenceReference, features_of_run
 from trainer.signals.policy_ticks import Script
 from trainer.task.draws import Draws, draw_initial_state, draw_simulations, training_effects
 from trainer.task.plant_backend import PlantBackend

@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 from diagnosis.next.command import next_experiment, predict_run
 from spot_model.errors import BadInputError
-from trainer.simulate.options import Device, EngineName, EngineOption, RayAddress, Workers, place_of
+from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 EXPLAIN = "explain"
 

@@ -79,7 +79,7 @@ def diagnose(
     from spot_model.io.model_file import RobotModel, save_model
     from spot_model.io.whole import check_new
     from spot_rl.simulation import model_of, policy_file
-    from trainer.simulate.options import EngineName, place_of
+    from trainer.simulate.engine import EngineName, place_of
 
     folder = to_path(out, "out")
     paths = existing_all(logs, "logs")
@@ -153,7 +153,7 @@ def identify(
     from spot_model.errors import BadInputError
     from spot_model.policy.policy import load_policy
     from spot_rl.simulation import policy_file
-    from trainer.simulate.options import EngineName, place_of
+    from trainer.simulate.engine import EngineName, place_of
     from trainer.sysid.logs import read_logs
     from trainer.sysid.run_identification import run_identification
 

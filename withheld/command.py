@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from trainer.simulate.options import EngineName, EngineOption, RayAddress, Workers
+from trainer.simulate.engine import EngineName, EngineOption, RayAddress, Workers
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 case_app = typer.Typer(no_args_is_help=True, help="One case of a run.")

@@ -15,8 +15,7 @@ from scipy.stats import t as student
 from diagnosis.channels import Array
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy
-from trainer.signals.distances import SequenceReference, digest, distance
-from trainer.signals.features import features_of_run
+from trainer.signals.distances import SequenceReference, digest, distance, features_of_run
 from trainer.signals.policy_ticks import MIN_TICKS
 
 N_RESAMPLES: Final = 1000

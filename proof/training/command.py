@@ -24,7 +24,7 @@ def train(
     from proof.training.speed import bench_train
     from trainer.config.train_config import config_from_data, load_config
     from trainer.ppo.train import is_first_process, local_device
-    from trainer.simulate.options import check_device
+    from trainer.simulate.engine import check_device
 
     overrides = tuple(set_ or ())
     default = {"name": "bench", "iterations": 1}

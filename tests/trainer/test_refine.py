@@ -18,8 +18,7 @@ from trainer.ppo.checkpoint_policy import run_torch
 from trainer.ppo.ppo import mirror_action, mirror_observation
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig, load_refine_config
 from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
-from trainer.refine.judge import Steady, judge, run_starts, score_steady
-from trainer.refine.search import Problem, search
+from trainer.refine.search import Problem, Steady, judge, run_starts, score_steady, search
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 SMALL = RefineConfig(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from trainer.simulate.options import Device, check_device
+from trainer.simulate.engine import Device, check_device
 
 if TYPE_CHECKING:
     from trainer.evaluate.setting import Setting

@@ -17,6 +17,8 @@ from spot_model.policy.observation import OBSERVATION
 from spot_model.robot import facts
 from trainer.ppo.vec_env import TaskVecEnv
 
+Tensor = torch.Tensor
+
 _MIRROR_LEG = {"fl": "fr", "fr": "fl", "hl": "hr", "hr": "hl"}
 JOINT_SOURCE = [facts.JOINT_NAMES.index(f"{_MIRROR_LEG[name[:2]]}_{name[3:]}") for name in facts.JOINT_NAMES]
 JOINT_SIGN = [-1.0 if name.endswith("hx") else 1.0 for name in facts.JOINT_NAMES]
@@ -52,8 +54,6 @@ def _observation_mirror(device: torch.device) -> tuple[Tensor, Tensor]:
     with torch.inference_mode(mode=False):
         return torch.tensor(source, device=device), torch.tensor(sign, device=device)
 
-
-Tensor = torch.Tensor
 
 SETTLED_KL_SHARE = 0.2
 """Of the KL target, at the end of the settling iterations."""

@@ -14,7 +14,7 @@ from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, make_run_folder, read_checkpoint
 from trainer.ppo.runner import PpoRunner
 from trainer.ppo.vec_env import TaskVecEnv
-from trainer.simulate.options import check_device
+from trainer.simulate.engine import check_device
 from trainer.task.task import make_tasks
 
 

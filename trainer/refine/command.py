@@ -36,8 +36,7 @@ def refine(
     from trainer.ppo.checkpoint import command_line
     from trainer.refine.config import load_refine_config
     from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
-    from trainer.refine.judge import in_words
-    from trainer.refine.search import Problem, compare, search
+    from trainer.refine.search import Problem, compare, in_words, search
     from trainer.simulate.engine import Place
 
     settings = load_refine_config(config)

@@ -1,12 +1,12 @@
-"""CMA-ES over the gains, in one or several processes, with a checkpoint after every generation."""
+"""CMA-ES over the gains, scored by steady running on every robot and by random starts; in one or several processes."""
 
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -15,13 +15,120 @@ from numpy.typing import NDArray
 
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.refine.config import RefineConfig
+from trainer.evaluate.setting import Setting
+from trainer.evaluate.trials import random_commands
+from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig
 from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
-from trainer.refine.judge import Judgement, judge
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
+from trainer.simulate.walks import hold, record_walks
 
 Array = NDArray[np.float64]
+
+TRACKED_UP_TO_M_S = 5.0
+
+
+@dataclass(frozen=True)
+class Steady:
+    """One robot model at all steady commands."""
+
+    duty_spread: tuple[float, ...]
+    """By forward speed, as far as it is tracked."""
+    forward_error_m_s: float
+    other_error: float
+    top_speed_m_s: float
+    """Reached at the highest commanded speed."""
+    falls: int
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """All that is known of a candidate."""
+
+    score: float
+    """Lower is better; 0 where nothing falls short."""
+    steady: tuple[Steady, ...]
+    falls: tuple[int, ...]
+    """Starts that ended in a fall, by start config."""
+
+
+def judge(policy: Policy, config: RefineConfig, seed: int) -> Judgement:
+    """Run a policy on every robot and through the random starts."""
+    steady = tuple(run_steadily(policy, robot, config) for robot in config.robots)
+    falls = tuple(run_starts(policy, config.robots[0], start, seed + i) for i, start in enumerate(config.starts))
+    score = sum(score_steady(s, config.weights) for s in steady)
+    score += sum(c.weight * n / c.robots for c, n in zip(config.starts, falls, strict=True))
+    return Judgement(score=float(score), steady=steady, falls=falls)
+
+
+def run_steadily(policy: Policy, robot: RobotConfig, config: RefineConfig) -> Steady:
+    """One robot a command, from rest, a ramp and some seconds at the command."""
+    speeds = np.array(config.speeds_m_s)
+    target = np.concatenate(
+        [np.stack([speeds, 0 * speeds, 0 * speeds], axis=-1), np.array(config.others).reshape(-1, 3)]
+    )
+    setting = _setting(policy, robot)
+    steady_s = config.ramp_s + config.settle_s
+    recording = hold(policy, setting.plant(len(target)), target, config.ramp_s, steady_s + config.watch_s)
+    span = recording.ticks(steady_s, steady_s + config.watch_s)
+    error = np.nan_to_num(recording.tracking_error(span), nan=1.0)
+    tracked = np.flatnonzero(speeds <= TRACKED_UP_TO_M_S)
+    return Steady(
+        duty_spread=tuple(recording.gait(span, int(i))["duty_spread"] for i in tracked),
+        forward_error_m_s=float(error[tracked, 0].mean()) if len(tracked) else 0.0,
+        other_error=float(error[len(speeds) :].mean()) if len(config.others) else 0.0,
+        top_speed_m_s=float(recording.mean_velocity(span)[int(np.argmax(speeds)), 0]),
+        falls=int((~recording.survived).sum()),
+    )
+
+
+def run_starts(policy: Policy, robot: RobotConfig, start: StartConfig, seed: int) -> int:
+    """Falls of randomised starts whose command jumps once."""
+    setting = replace(_setting(policy, robot), seed=seed)
+    drawn = {"added_body_mass_kg": start.added_body_mass_kg, "foot_friction": start.foot_friction}
+    ranges = setting.randomisation.model_copy(update=drawn)
+    setting = replace(setting, randomisation=ranges)
+    rng = np.random.default_rng(seed)
+    plant = setting.random_plant(start.robots, rng)
+    first, second = (random_commands(setting, start.robots, rng, top_m_s=start.top_m_s) for _ in range(2))
+    jump = round(start.jump_s * policy.contract.rate_hz)
+    recording = record_walks(
+        policy, plant, lambda k: first if k < jump else second, 2 * jump, noise_sigma=setting.noise_sigma(), rng=rng
+    )
+    return int((~recording.survived).sum())
+
+
+def score_steady(steady: Steady, weights: WeightConfig) -> float:
+    """What the shortfalls of steady running cost."""
+    excess = np.maximum(np.array(steady.duty_spread) - weights.duty_spread_allowed, 0.0)
+    duty = weights.duty_spread * float(excess.mean() + excess.max()) if len(excess) else 0.0
+    return (
+        duty
+        + weights.forward_error_per_m_s * steady.forward_error_m_s
+        + weights.other_error * steady.other_error
+        + weights.top_speed_per_m_s * max(weights.top_speed_wanted_m_s - steady.top_speed_m_s, 0.0)
+        + weights.fall * steady.falls
+    )
+
+
+def in_words(judgements: Sequence[Judgement], config: RefineConfig) -> dict[str, Any]:
+    """The figures of one policy judged with several seeds: steady running is the same in all, starts are counted."""
+    steady = judgements[0].steady
+    return {
+        "score": round(float(np.mean([j.score for j in judgements])), 3),
+        "duty_spread": [round(max(s.duty_spread, default=0.0), 3) for s in steady],
+        "forward_error_m_s": [round(s.forward_error_m_s, 3) for s in steady],
+        "top_speed_m_s": [round(s.top_speed_m_s, 2) for s in steady],
+        "falls": [
+            f"{sum(j.falls[i] for j in judgements)} of {start.robots * len(judgements)}"
+            for i, start in enumerate(config.starts)
+        ],
+    }
+
+
+def _setting(policy: Policy, robot: RobotConfig) -> Setting:
+    return Setting(policy=policy, model=robot.robot(), mjcf=robot.mjcf(), n_threads=1)
+
 
 SCHEMA: Final = "spot-rl/refine-search/2"
 FRESH: Final = 1_000_000

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from spot_model.errors import BadInputError
 from spot_model.io.whole import write_new, write_over
 
+Array = NDArray[np.float64]
+
 
 def read_or_begin(path: Path, head: dict[str, Any]) -> list[dict[str, Any]]:
     """The finished generations of a search; a file that is missing or empty is begun with ``head``.
@@ -60,7 +62,6 @@ def append_line(path: Path, data: dict[str, Any]) -> None:
         os.fsync(file.fileno())
 
 
-Array = NDArray[np.float64]
 ResultT = TypeVar("ResultT")
 
 

@@ -12,12 +12,12 @@ from spot_model.effects.base import Effect
 from spot_model.effects.commands import CommandDelay
 from spot_model.plant.closed_loop import ClosedLoop, StartState, put_at, schedule_by_rate
 from spot_model.plant.plant import Plant, PlantOptions
-from spot_model.policy.observation import N_OBSERVATION, is_fallen, observed
+from spot_model.policy.observation import N_OBSERVATION, is_fallen
 from spot_model.policy.policy import Policy
 from spot_model.robot.arrays import like, namespace_of, on_host
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import AnyArray
-from trainer.signals.features import features_of_observations
+from trainer.signals.distances import features_of_observations
 from trainer.simulate.recorded_loop import padded
 
 Array = NDArray[np.float64]
@@ -58,8 +58,6 @@ class Rollouts:
     """First tick after a fall, n_ticks where there is none. Shape (n_candidates, n_cases)."""
     torque_nm: AnyArray
     """Applied torque at each tick, canonical order, shape (n_candidates, n_cases, n_ticks, 12)."""
-    linear_vel_of_body_in_body_m_s: AnyArray
-    """Shape (n_candidates, n_cases, n_ticks, 3)."""
 
 
 def roll_out(
@@ -112,9 +110,6 @@ def roll_out(
         features=by_case,
         fallen_tick=fallen.reshape(shape[:2]),
         torque_nm=xp.astype(torque, xp.float32).reshape(shape),
-        linear_vel_of_body_in_body_m_s=xp.astype(
-            observed(observation, "linear_vel_of_body_in_body_m_s"), xp.float32
-        ).reshape(shape),
     )
 
 

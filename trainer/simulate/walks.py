@@ -19,6 +19,8 @@ from spot_model.robot.gait import measure_gait
 from spot_model.robot.rotation import AnyArray, tilt_rad
 from trainer.simulate.recorded_loop import stacked
 
+Array = NDArray[np.float64]
+
 AT_STOP_RAD: Final = 0.02
 """Distance from a joint's stop at which it counts as at the stop."""
 UPRIGHT_RAD: Final = 0.5
@@ -129,8 +131,6 @@ def _words(velocity: tuple[float, float, float]) -> str:
 def _three(values: Array) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
-
-Array = NDArray[np.float64]
 
 Disturb = Callable[[Plant, int], None]
 """Called before every tick with the plant and the tick's number."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from trainer.simulate.options import Device, EngineName, EngineOption, RayAddress, Workers, place_of
+from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 
 def sysid(

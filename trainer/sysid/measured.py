@@ -40,6 +40,8 @@ from trainer.signals.recording import Recording
 from trainer.sysid.config import SearchSpace
 from trainer.sysid.torque_fit import TorqueFit
 
+Array = NDArray[np.float64]
+
 STATE_RATE_HZ: Final = 1e9 / facts.STATE_PERIOD_NS
 SEGMENT: Final = 64
 """Samples of a stretch, 0.19 s of the state stream."""
@@ -161,8 +163,6 @@ def _sigma_of_power(power: Array, rate_hz: float, segment: int) -> Array:
     weight = frequency[upper] ** 2
     return np.asarray(np.sqrt(np.tensordot(weight, typical, axes=(0, 0)) / weight.sum()))
 
-
-Array = NDArray[np.float64]
 
 BIN_S: Final = 0.00025
 """Width of the histogram's bins."""

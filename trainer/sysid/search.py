@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from spot_log import Run
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.signals.distances import SequenceReference, score_of_distances
-from trainer.signals.features import features_of_observations
+from trainer.signals.distances import SequenceReference, features_of_observations, score_of_distances
 from trainer.signals.policy_ticks import start_of
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
 from trainer.sysid.config import SearchConfig, SearchSpace
 from trainer.sysid.logs import sequence_of
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,6 @@ def build_problem(
     )
 
 
-Array = NDArray[np.float64]
 Candidates = Engine[Problem, Array, list[CandidateResult]]
 
 SCHEMA: Final = "spot-rl/sysid-search/2"

@@ -19,6 +19,8 @@ from trainer.signals.recording import Recording
 from trainer.signals.smoothing import eroded
 from trainer.sysid.config import SearchSpace
 
+Array = NDArray[np.float64]
+
 SLOPE_WEIGHTS: Final = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 """Slope in the middle of five neighbouring samples, per sample period; exact for polynomials up to the fourth degree.
 
@@ -119,8 +121,6 @@ def _of_log(number: int, log: Recording) -> TorqueSamples:
         load_nm=log.load_nm[keep],
     )
 
-
-Array = NDArray[np.float64]
 
 NUISANCE_NAMES: Final = (
     "time offset",

@@ -15,6 +15,8 @@ from trainer.sysid.search import CandidateResult, Problem
 from trainer.sysid.torque_fit import TorqueFit, usable
 from trainer.sysid.torque_model import TorqueModel, TorqueSamples
 
+Array = NDArray[np.float64]
+
 N_BOOTSTRAP: Final = 200
 BEST_SHARE: Final = 0.5
 """Share of the evaluations, the best ones, that the surrogate is fitted to."""
@@ -106,8 +108,6 @@ def _minimum(unit: Array, score: Array) -> Array:
     )
     return np.asarray(found.x + 0.5)
 
-
-Array = NDArray[np.float64]
 
 CONFIDENCE: Final = 0.9
 RELATIVE_LIMIT: Final = 0.10

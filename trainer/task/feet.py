@@ -12,6 +12,8 @@ from spot_model.robot.rotation import rotate_wxyz
 from trainer.config.task_config import TerrainConfig
 from trainer.task.plant_backend import PlantState
 
+Tensor = torch.Tensor
+
 
 class Ground:
     """Looks up ground heights: zero on flat ground, the nearest grid point on rough ground."""
@@ -63,9 +65,6 @@ def foot_motion(state: PlantState) -> FootMotion:
             state.linear_vel_of_body_in_world_m_s[:, None, :] + torch.linalg.cross(spin, arm) + relative
         ),
     )
-
-
-Tensor = torch.Tensor
 
 
 class FootTimers:

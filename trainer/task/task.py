@@ -15,12 +15,13 @@ from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT, bui
 from spot_model.robot import facts
 from trainer.config.task_config import TaskConfig
 from trainer.config.train_config import TrainConfig
-from trainer.simulate.options import check_device
-from trainer.task.draws import Draws, draw_initial_state, draw_simulations, training_effects
+from trainer.simulate.engine import check_device
+from trainer.task.draws import Draws, VelocityCommands, draw_initial_state, draw_simulations, training_effects
 from trainer.task.feet import FootMotion, FootTimers, Ground, foot_motion
 from trainer.task.plant_backend import PlantBackend, PlantState
 from trainer.task.rewards import Moment, reward_term
-from trainer.task.velocity_commands import VelocityCommands
+
+Tensor = torch.Tensor
 
 
 class EpisodeStats:
@@ -60,8 +61,6 @@ class EpisodeStats:
             **means,
         }
 
-
-Tensor = torch.Tensor
 
 PERIOD_S = 1.0 / facts.POLICY_RATE_HZ
 
