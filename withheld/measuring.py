@@ -21,8 +21,7 @@ from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.signals.distances import SequenceReference, wasserstein_sorted
-from trainer.signals.distances import features_of_observations
+from trainer.signals.distances import SequenceReference, features_of_observations, wasserstein_sorted
 from trainer.signals.policy_ticks import start_of
 from trainer.simulate.recorded_loop import RecordedLoop, Told
 from trainer.sysid.logs import sequence_of

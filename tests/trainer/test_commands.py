@@ -1,7 +1,6 @@
 import json
 from pathlib import Path
 
-import pytest
 import typer
 from typer.testing import CliRunner
 
@@ -56,8 +55,3 @@ def test_bench_prints_one_json_object() -> None:
     result = CliRunner().invoke(bench, ["--json", "--iterations", "1", *options])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["device"] == "cpu"
-
-
-@pytest.mark.parametrize("name", ["train", "export", "evaluate"])
-def test_every_command_has_help(name: str) -> None:
-    assert CliRunner().invoke(commands(), [name, "--help"]).exit_code == 0

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.simulate.engine import Engine, EngineError, Place, Tell, ignore
+from trainer.simulate.engine import Engine, EngineError, Place, Tell
 
 PLACES = [Place(), Place(workers=2), Place(is_apart=True)]
 
@@ -65,7 +65,3 @@ def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(EngineError, match=r"pip install \'spot-rl\[ray\]\'"):
         Engine(add, 0, Place(ray=True))
-
-
-def test_nobody_is_told_by_default() -> None:
-    assert ignore(0.5) is None  # type: ignore[func-returns-value]

@@ -21,13 +21,13 @@ def draws(seed: int = 0) -> Draws:
     return Draws(generator)
 
 
-def a_start(n: int = N) -> InitialState:
-    return draw_initial_state(RandomisationConfig(), TerrainConfig(), n, draws())
+def a_start() -> InitialState:
+    return draw_initial_state(RandomisationConfig(), TerrainConfig(), N, draws())
 
 
-def a_backend(model: str = "paper_identified", n: int = N) -> PlantBackend:
-    simulations = SimulationDraws(torch.linspace(0.4, 0.9, n), torch.linspace(-2.0, 2.0, n))
-    return PlantBackend(TaskConfig(), load_model(model).effects, simulations, n_threads=1)
+def a_backend(config: TaskConfig | None = None) -> PlantBackend:
+    simulations = SimulationDraws(torch.linspace(0.4, 0.9, N), torch.linspace(-2.0, 2.0, N))
+    return PlantBackend(config or TaskConfig(), load_model("paper_identified").effects, simulations, n_threads=1)
 
 
 def setpoints() -> torch.Tensor:
@@ -92,10 +92,7 @@ def test_it_agrees_with_a_single_mj_step_loop_from_the_same_states() -> None:
 
 
 def test_duty_is_counted_at_every_physics_step_without_changing_the_motion() -> None:
-    simulations = SimulationDraws(torch.linspace(0.4, 0.9, N), torch.linspace(-2.0, 2.0, N))
-    config = TaskConfig(rewards=RewardWeights(uneven_duty=-1.0))
-    counting = PlantBackend(config, load_model("paper_identified").effects, simulations, n_threads=1)
-    plain = a_backend()
+    counting, plain = a_backend(TaskConfig(rewards=RewardWeights(uneven_duty=-1.0))), a_backend()
     everyone, start = torch.ones(N, dtype=torch.bool), a_start()
     shares = set()
     for backend in (counting, plain):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import onnx
@@ -12,14 +14,16 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from spot_log import Run
+from spot_model.effects.base import CommandEffect
 from spot_model.io.model_file import paper_model
+from spot_model.plant.delay import ConstantDelay, Delay
+from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.contract import METADATA_KEY, PolicyContract, StoredPair
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import PaperActuator
-from spot_model.robot.mjcf import MjcfOptions
-from tests.trainer.sysid.simulated_log import SimulatedRobot, simulate_logs
-from trainer.simulate.recorded_loop import SensorNoise
+from spot_model.robot.mjcf import MjcfOptions, default_height_m
+from trainer.simulate.recorded_loop import RecordedLoop, SensorNoise, Told
 
 OTHER_PHYSICS = MjcfOptions(
     timestep_s=0.0015,
@@ -31,6 +35,7 @@ OTHER_PHYSICS = MjcfOptions(
 )
 """Step, integrator, cone and contact that the search's plant does not have."""
 
+DELAY = ConstantDelay(delay_s=facts.TRAINING_COMMAND_DELAY_S)
 USUAL_NOISE = SensorNoise(3e-4, 0.03, 0.4)
 MakeLogs = Callable[..., list[Run]]
 
@@ -88,9 +93,25 @@ def policy(policy_path: Path) -> Policy:
     return load_policy(policy_path)
 
 
+@dataclass(frozen=True, kw_only=True)
+class DrawnDelay(CommandEffect):
+    """Each command is as late as a distribution says."""
+
+    name: ClassVar[str] = "drawn_delay"
+
+    delay: Delay
+
+    def arrival_s(self, issued_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return issued_s + self.delay.sample(rng, len(issued_s))
+
+
 @pytest.fixture(scope="session")
 def make_logs(policy: Policy) -> MakeLogs:
-    """Logs of a robot with a given truth: ``make_logs(actuator, sequences={"a": 0.0}, n_ticks, n_repeats, ...)``."""
+    """Logs of a robot with a given truth: ``make_logs(actuator, sequences={"a": 0.0}, n_ticks, n_repeats, ...)``.
+
+    ``sequences`` has a forward speed by name; repeats differ by noise, delays and a slightly different start. ``delay``
+    is from a state's stamp to the receipt of the command that answers it.
+    """
 
     def make(
         truth: PaperActuator,
@@ -101,15 +122,27 @@ def make_logs(policy: Policy) -> MakeLogs:
         noise: SensorNoise = USUAL_NOISE,
         seed: int = 0,
         with_policy: Policy | None = None,
-        **robot: object,
+        delay: Delay = DELAY,
+        mjcf: MjcfOptions = OTHER_PHYSICS,
     ) -> list[Run]:
-        made = SimulatedRobot(paper_model(truth), noise, **{"mjcf": OTHER_PHYSICS, **robot})  # type: ignore[arg-type]
         rng = np.random.default_rng(seed)
-        runs = []
+        effects = [e for e in paper_model(truth).effects if not isinstance(e, CommandEffect)]
+        runs: list[Run] = []
         for name, v_x_m_s in sequences.items():
-            command = np.zeros((n_ticks, 3))
-            command[:, 0] = v_x_m_s
-            runs += simulate_logs(made, with_policy or policy, name, command, n_repeats, rng)
+            plant = Plant(effects, n_repeats, PlantOptions(mjcf=mjcf, n_threads=1))
+            pose = facts.DEFAULT_POSITION_RAD + 0.02 * rng.standard_normal((n_repeats, facts.N_JOINTS))
+            plant.reset(joint_position_rad=pose, position_of_body_in_world_m=(0.0, 0.0, default_height_m() + 0.01))
+            command = np.tile([v_x_m_s, 0.0, 0.0], (n_ticks, 1))
+            runs += RecordedLoop(
+                plant,
+                with_policy or policy,
+                [Told(name, i, command) for i in range(n_repeats)],
+                start_setpoint_rad=pose,
+                last_action=np.zeros((n_repeats, facts.N_JOINTS), dtype=np.float32),
+                channel=[DrawnDelay(delay=delay)],
+                rng=rng,
+                noise=noise,
+            ).runs()
         return runs
 
     return make
@@ -125,8 +158,3 @@ def strong_truth() -> PaperActuator:
 def logs(make_logs: MakeLogs, strong_truth: PaperActuator) -> list[Run]:
     """Two sequences of 3 s, three repeats each; nothing in a test may change them."""
     return make_logs(strong_truth, sequences={"a": 0.0, "b": 1.0}, n_ticks=150, n_repeats=3)
-
-
-@pytest.fixture(scope="session")
-def still_pose() -> np.ndarray:
-    return facts.DEFAULT_POSITION_RAD.copy()

@@ -73,33 +73,21 @@ ENTRY = {
 
 
 @pytest.mark.parametrize(
-    ("change", "text"),
+    ("data", "text"),
     [
-        ({"effect": "gravity"}, "effect 'gravity' is unknown; allowed: action_scale"),
-        ({"parameter": "size"}, "no parameter 'size'; allowed: level_nm"),
-        ({"low": -1}, "bounds -1 to 1; coulomb_friction.level_nm allows 0 to 5"),
-        ({"low": 1}, "low must be below high"),
-        ({"initial": 2}, "initial = 2; allowed: 0 to 1"),
-        ({"fraction_of": "speed"}, "fraction_of = 'speed'; allowed: another searched parameter"),
+        ({"parameters": [ENTRY | {"effect": "gravity"}]}, "effect 'gravity' is unknown; allowed: action_scale"),
+        ({"parameters": [ENTRY | {"parameter": "size"}]}, "no parameter 'size'; allowed: level_nm"),
+        ({"parameters": [ENTRY | {"low": -1}]}, "bounds -1 to 1; coulomb_friction.level_nm allows 0 to 5"),
+        ({"parameters": [ENTRY | {"low": 1}]}, "low must be below high"),
+        ({"parameters": [ENTRY | {"initial": 2}]}, "initial = 2; allowed: 0 to 1"),
+        ({"parameters": [ENTRY | {"fraction_of": "speed"}]}, "fraction_of = 'speed'; allowed: another searched param"),
+        ({"parameters": [ENTRY, ENTRY]}, "is listed twice"),
+        ({"search": {"generation": 3}}, r"config x:\n.*search\.generation"),
     ],
 )
-def test_a_bad_parameter_is_named(change: dict[str, object], text: str) -> None:
-    config = config_from_data({"parameters": [ENTRY | change]}, source="config x")
+def test_what_cannot_be_searched_is_named(data: dict[str, object], text: str) -> None:
     with pytest.raises(BadInputError, match=text):
-        config.space()
-
-
-def test_a_parameter_that_stands_there_twice_is_named() -> None:
-    with pytest.raises(BadInputError, match="is listed twice"):
-        config_from_data({"parameters": [ENTRY, ENTRY]}, source="x").space()
-
-
-def test_an_unknown_key_is_named() -> None:
-    with pytest.raises(BadInputError, match=r"config x:\n.*search\.generation"):
-        config_from_data({"search": {"generation": 3}}, source="config x")
-
-
-def test_a_file_that_is_not_there_is_named() -> None:
+        config_from_data(data, source="config x").space()
     with pytest.raises(BadInputError, match=r"config none\.yaml cannot be read"):
         load_config(Path("none.yaml"))
 

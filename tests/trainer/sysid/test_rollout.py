@@ -6,7 +6,6 @@ import pytest
 from spot_log import Run
 from spot_model.effects.commands import CommandDelay
 from spot_model.effects.friction import CoulombFriction
-from spot_model.plant.closed_loop import standing_height_m
 from spot_model.policy.policy import Policy
 from trainer.signals.policy_ticks import start_of
 from trainer.simulate.rollout import (
@@ -59,10 +58,6 @@ def test_the_first_tick_shows_the_start(policy: Policy, cases: list[RolloutCase]
     found = features(policy, cases, SPACE.initial[None])[0, 0, 0]
     assert found[:12] == pytest.approx(60.0 * cases[0].start.position_rad, rel=1e-5)
     assert found[12:24] == pytest.approx(1.5 * cases[0].start.velocity_rad_s, abs=1e-5)
-
-
-def test_the_lowest_foot_touches_the_ground(cases: list[RolloutCase]) -> None:
-    assert 0.3 < standing_height_m(cases[0].start) < 0.6
 
 
 def test_a_delay_is_brought_to_the_nearest_number_of_steps() -> None:

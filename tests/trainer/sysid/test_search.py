@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +19,10 @@ SEARCH = SearchConfig(generations=4, population=4, seed=3)
 
 @pytest.fixture(scope="module")
 def problem(logs: list[Run], policy_path: Path) -> Problem:
-    from dataclasses import replace
-
-    def first_second(run: Run) -> Run:
-        return replace(run, ticks=run.ticks.rows(slice(50)))
-
     return build_problem(
         SysidConfig().space(),
         policy_path.read_bytes(),
-        [first_second(run) for run in logs],
+        [replace(run, ticks=run.ticks.rows(slice(50))) for run in logs],
         RolloutOptions(),
         robots_per_sequence=1,
         weights={"b": 2.0},
@@ -71,31 +67,19 @@ def test_the_number_of_workers_changes_no_bit(problem: Problem, whole: SearchSta
     assert same(searched(problem, tmp_path / "search.jsonl", workers=2), whole)
 
 
-def test_another_seed_searches_elsewhere(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
-    config = SEARCH.model_copy(update={"seed": 4, "generations": 1})
-    assert not np.array_equal(searched(problem, tmp_path / "s.jsonl", config).units(), whole.units()[:4])
-
-
-def test_a_checkpoint_of_another_search_is_refused(problem: Problem, tmp_path: Path) -> None:
-    path = tmp_path / "search.jsonl"
-    one = SEARCH.model_copy(update={"generations": 1})
-    searched(problem, path, one)
+def test_a_checkpoint_holds_a_generation_a_line_and_belongs_to_one_search(
+    problem: Problem, whole: SearchState, tmp_path: Path
+) -> None:
+    path, other = tmp_path / "search.jsonl", SEARCH.model_copy(update={"seed": 4})
+    first = searched(problem, path, other.model_copy(update={"generations": 1}))
+    assert not np.array_equal(first.units(), whole.units()[:4])
     before = path.read_bytes()
+    lines = [json.loads(line) for line in before.decode().splitlines()]
+    assert lines[0]["schema"] == "spot-rl/sysid-search/2"
+    assert [line["generation"] for line in lines[1:]] == [0]
     with pytest.raises(BadInputError, match=r"belongs to another search \(search differ\)"):
-        searched(problem, path, one.model_copy(update={"seed": 9}))
+        searched(problem, path)
     assert path.read_bytes() == before
-
-
-def test_a_damaged_checkpoint_is_refused(problem: Problem, tmp_path: Path) -> None:
-    path = tmp_path / "search.jsonl"
     path.write_text("not json\n")
     with pytest.raises(BadInputError, match="is damaged"):
         searched(problem, path)
-
-
-def test_each_line_of_a_checkpoint_is_one_generation(problem: Problem, tmp_path: Path) -> None:
-    path = tmp_path / "search.jsonl"
-    searched(problem, path, SEARCH.model_copy(update={"generations": 2}))
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
-    assert lines[0]["schema"] == "spot-rl/sysid-search/2"
-    assert [line["generation"] for line in lines[1:]] == [0, 1]

@@ -24,39 +24,35 @@ def fitted(runs: list[Run]) -> tuple[TorqueSamples, TorqueFit]:
     return samples, fit_torque(MODEL, samples, [MODEL.space.initial], np.random.default_rng(0))
 
 
-def verdicts(runs: list[Run]) -> dict[str, ParameterVerdict]:
-    samples, fit = fitted(runs)
-    found = judge(MODEL, samples, fit, MODEL.space.initial, None)
-    return {v.name: v for v in found}
+def judged(samples: TorqueSamples, fit: TorqueFit) -> dict[str, ParameterVerdict]:
+    return {v.name: v for v in judge(MODEL, samples, fit, MODEL.space.initial, None)}
 
 
 @pytest.fixture(scope="module")
-def strong(logs: list[Run]) -> dict[str, ParameterVerdict]:
-    return verdicts(logs)
+def strong(logs: list[Run]) -> tuple[TorqueSamples, TorqueFit]:
+    return fitted(logs)
 
 
 CURVE = "torque_speed_curve[knees]."
 
 
-def test_planted_limits_are_found_in_logs_of_another_simulator(
-    strong: dict[str, ParameterVerdict], strong_truth: PaperActuator
+def test_planted_limits_and_friction_are_found_in_logs_of_another_simulator(
+    strong: tuple[TorqueSamples, TorqueFit], strong_truth: PaperActuator
 ) -> None:
+    verdicts = judged(*strong)
     for name in ("torque_max_nm", "torque_min_nm", "speed_min_rad_s", "intersect_min_rad_s"):
-        found = strong[CURVE + name]
+        found = verdicts[CURVE + name]
         assert found.identified, found.reason
         assert found.source == "measured torque"
         assert found.value == pytest.approx(getattr(strong_truth, name), rel=0.1)
         assert found.low <= getattr(strong_truth, name) <= found.high
-
-
-def test_planted_friction_is_found(strong: dict[str, ParameterVerdict], strong_truth: PaperActuator) -> None:
-    assert strong["coulomb_friction[hips].level_nm"].value == pytest.approx(strong_truth.hip_friction_nm, abs=0.04)
-    assert strong["coulomb_friction[knees].level_nm"].value == pytest.approx(strong_truth.knee_friction_nm, abs=0.04)
+    for joints, level_nm in (("hips", strong_truth.hip_friction_nm), ("knees", strong_truth.knee_friction_nm)):
+        assert verdicts[f"coulomb_friction[{joints}].level_nm"].value == pytest.approx(level_nm, abs=0.04)
 
 
 def test_limits_that_are_never_reached_are_named_and_not_reported(make_logs: MakeLogs) -> None:
     far = PaperActuator(0.1, 0.2, 400.0, -400.0, 150.0, -150.0, 100.0, -100.0)
-    found = verdicts(make_logs(far, sequences={"a": 0.0}, n_ticks=200, n_repeats=6))
+    found = judged(*fitted(make_logs(far, sequences={"a": 0.0}, n_ticks=200, n_repeats=6)))
     for name in NAMES[2:]:
         verdict = found[CURVE + name]
         assert not verdict.identified
@@ -65,30 +61,25 @@ def test_limits_that_are_never_reached_are_named_and_not_reported(make_logs: Mak
     assert found["coulomb_friction[knees].level_nm"].identified
 
 
-def test_what_few_samples_part_from_the_others_is_not_identified(logs: list[Run]) -> None:
-    samples, fit = fitted(logs)
-    name = CURVE + "torque_min_nm"
-    i = NAMES.index("torque_min_nm")
-    assert {v.name: v for v in judge(MODEL, samples, fit, MODEL.space.initial, None)}[name].identified
+def test_what_few_samples_part_from_the_others_is_not_identified(strong: tuple[TorqueSamples, TorqueFit]) -> None:
+    samples, fit = strong
+    assert fit.nuisance[0] == pytest.approx(OTHER_PHYSICS.timestep_s, abs=0.0006)  # the load is of the step before
     independent = fit.errors.independent_samples.copy()
-    independent[i] = 25.0
+    independent[NAMES.index("torque_min_nm")] = 25.0
     few = replace(fit, errors=replace(fit.errors, independent_samples=independent))
-    found = {v.name: v for v in judge(MODEL, samples, few, MODEL.space.initial, None)}[name]
+    assert judged(samples, fit)[CURVE + "torque_min_nm"].identified
+    found = judged(samples, few)[CURVE + "torque_min_nm"]
     assert not found.identified
     assert "effectively only 25 distinguish it from the others" in found.reason
 
 
 def test_inertia_between_motor_and_sensor_is_found_beside_the_parameters(make_logs: MakeLogs) -> None:
     armature = replace(OTHER_PHYSICS, armature_kg_m2=(0.04, 0.04, 0.07) * 4)
-    _, fit = fitted(make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=150, n_repeats=2, mjcf=armature))
+    _, fit = fitted(make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=200, n_repeats=3, mjcf=armature))
     found = dict(zip(NUISANCE_NAMES, fit.nuisance, strict=True))
-    assert found["hip inertia"] == pytest.approx(0.04, rel=0.1)
-    assert found["knee inertia"] == pytest.approx(0.07, rel=0.1)
-
-
-def test_the_load_belongs_to_the_physics_step_before_the_state(logs: list[Run]) -> None:
-    _, fit = fitted(logs)
-    assert fit.nuisance[0] == pytest.approx(OTHER_PHYSICS.timestep_s, abs=0.0006)
+    assert found["hip inertia"] == pytest.approx(0.04, rel=0.05)
+    assert found["knee inertia"] == pytest.approx(0.07, rel=0.05)
+    assert fit.values[:2] == pytest.approx([0.008, 0.18], abs=0.03)  # none of it leaks into friction
 
 
 def test_the_predicted_load_worked_out_by_hand() -> None:
@@ -125,14 +116,6 @@ def test_friction_has_a_direction_only_in_steady_motion() -> None:
     velocity = np.array([0.1, 1.0, -1.0, 1.0, 10.0])
     acceleration = np.array([0.0, 0.0, 0.0, 100.0, 1000.0])
     assert friction_direction(velocity, acceleration).tolist() == [0.0, 1.0, -1.0, 0.0, 0.0]
-
-
-def test_an_effect_with_a_memory_is_not_fitted_sample_by_sample() -> None:
-    from spot_model.effects.drivetrain import TorqueBandwidth
-    from spot_model.effects.torque_limits import TorqueLimit
-
-    assert TorqueLimit(limit_nm=40.0).is_memoryless
-    assert not TorqueBandwidth(time_constant_s=0.01).is_memoryless
 
 
 def test_narrow_means_a_tenth_of_the_value_or_a_small_friction() -> None:

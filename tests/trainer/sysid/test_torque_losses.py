@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from spot_model.robot import facts
-from spot_model.robot.facts import PAPER_IDENTIFIED
-from trainer.signals.recording import record
 from trainer.sysid.config import SysidConfig
-from trainer.sysid.torque_fit import fit_torque
 from trainer.sysid.torque_losses import SIMPSON, fit_losses, window_starts
-from trainer.sysid.torque_model import TorqueModel, TorqueSamples, torque_samples
-
-from .conftest import OTHER_PHYSICS, MakeLogs
+from trainer.sysid.torque_model import TorqueModel, TorqueSamples
 
 MODEL = TorqueModel(SysidConfig().space())
 PERIOD_S = facts.STATE_PERIOD_NS * 1e-9
@@ -98,9 +93,6 @@ def test_windows_do_not_span_runs_gaps_or_setpoints() -> None:
     assert len(window_starts(samples.rows(np.arange(4)))) == 0
     moved = replace(samples, setpoint_rad=samples.setpoint_rad + np.arange(len(samples))[:, None])
     assert len(window_starts(moved)) == 0
-
-
-def test_too_few_windows_are_none() -> None:
     assert fit_losses(MODEL, swinging(30), WIDE, 0.0015) is None
 
 
@@ -108,13 +100,3 @@ def test_the_weights_integrate_cubics_exactly() -> None:
     x = np.arange(5.0)
     for power in range(4):
         assert SIMPSON @ x**power == pytest.approx(4.0 ** (power + 1) / (power + 1) / 4.0)
-
-
-def test_inertia_does_not_leak_into_friction(make_logs: MakeLogs) -> None:
-    armature = replace(OTHER_PHYSICS, armature_kg_m2=(0.04, 0.04, 0.07) * 4)
-    runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=200, n_repeats=3, mjcf=armature)
-    fit = fit_torque(
-        MODEL, torque_samples([record(run) for run in runs]), [MODEL.space.initial], np.random.default_rng(0)
-    )
-    assert fit.values[:2] == pytest.approx([0.008, 0.18], abs=0.03)
-    assert fit.nuisance[3:5] == pytest.approx([0.04, 0.07], rel=0.05)
