@@ -31,7 +31,7 @@ check() {
     nvidia-smi -L
     python3 benchmarks/gpu_parity.py cuda:0 256 50 | tee "$OUT/parity.jsonl"
     for n in 4096 8192 16384; do
-        python3 -m proof.training.command --device "$DEVICE" --set "n_envs=$n" --json | tee -a "$OUT/bench.jsonl"
+        python3 -m proof.training --device "$DEVICE" --set "n_envs=$n" --json | tee -a "$OUT/bench.jsonl"
     done
 }
 
@@ -108,13 +108,13 @@ piece() {
 cpubench() {
     for options in n_envs=1024 n_envs=2048 n_envs=4096 "n_envs=2048 --set ppo.hidden=[256,128,64]"; do
         # shellcheck disable=SC2086
-        taskset -c "$1" python3 -m proof.training.command --device cpu --json --set $options | tee -a "$OUT/cpubench.jsonl"
+        taskset -c "$1" python3 -m proof.training --device cpu --json --set $options | tee -a "$OUT/cpubench.jsonl"
     done
 }
 
 scale() {
     python3 -m torch.distributed.run --standalone --nproc-per-node "$1" \
-        -m proof.training.command --device "$DEVICE" --set n_envs=16384 --json | tee -a "$OUT/scale.jsonl"
+        -m proof.training --device "$DEVICE" --set n_envs=16384 --json | tee -a "$OUT/scale.jsonl"
 }
 
 stage=$1

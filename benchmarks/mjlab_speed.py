@@ -4,7 +4,7 @@ Claim it supports: the training speed of this project beside mjlab's, on the sam
 Environment: one of its own (``pip install mjlab==1.6.0``; it pins other versions of MuJoCo and rsl-rl than this
 project); nothing of this project is imported. One JSON line a size; a size that the time no longer allows is left out.
 
-What is the same as in ``proof/training/speed.py``: rsl-rl's PPO, 24 steps an iteration, 5 epochs of 4 mini-batches,
+What is the same as in ``proof/training.py``: rsl-rl's PPO, 24 steps an iteration, 5 epochs of 4 mini-batches,
 network 512-256-128, 50 Hz of policy and 200 Hz of physics, 10 solver iterations, TF32, an untrained policy, two
 iterations to warm up, the same loop without logs. What is not: the robot (Unitree Go1), its contacts (elliptic cone,
 feet with rolling friction, legs that touch each other), observations that are normalised, and mjlab's task.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -23,6 +24,8 @@ FAKE_PRIORITY: Final = 35
 """Below the runtime's: a real robot computes elsewhere, so the fake must not wait for the busy processes either."""
 
 PREFIX: Final = "spot-rl-bench-"
+BUSY: Final = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    sum(range(1_000_000))"
+"""A program that computes until the process ends that started it."""
 
 KEYS: Final = (
     "tick_compute_p50_us",
@@ -93,7 +96,7 @@ def robot_beside(busy: int, scenario: str) -> Iterator[tuple[FakeAddress, list[i
     with exit_on_termination(), ExitStack() as stack:
         fake = stack.enter_context(FakeProcess(scenario=scenario, fifo_priority=FAKE_PRIORITY, cpus=fake_cpus))
         for _ in range(busy):
-            process = ChildProcess.start("proof.busy_process", str(os.getpid()))
+            process = ChildProcess.start([sys.executable, "-c", BUSY, str(os.getpid())])
             stack.callback(process.end, 0.0)
         yield fake.address, loop_cpus
 

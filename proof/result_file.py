@@ -30,6 +30,7 @@ class ResultFile:
             if json.loads(first) != head:
                 raise BadInputError(f"{path} begins with {first:.120}, not {json.dumps(head)}; give another --out")
             self.earlier: list[dict[str, Any]] = [dict(json.loads(line)) for line in lines]
+            """What was kept before, oldest first."""
         except (ValueError, TypeError) as error:
             raise BadInputError(f"{path} holds no results of this command ({error}); give another --out") from error
 

@@ -14,13 +14,13 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.runs import rig
+from proof.faulty import FaultyHal
+from proof.rig import rig
 from spot_model.console.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.process.signals import exit_on_termination
 from spot_runtime.session.summary import resident_mb
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 GROWTH_BOUND_MB: Final = 4.0
 SAMPLES: Final = 120

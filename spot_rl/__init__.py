@@ -11,60 +11,44 @@ import pkgutil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from compare.compare import Comparison
-    from diagnosis.document import Verdict
-    from spot_log.read.run import Run
-    from spot_log.tools.gaits import gaits
-    from spot_model.errors import SpotRlError
-    from spot_model.io.model_file import RobotModel
-    from spot_model.policy.policy import Policy
-    from spot_rl.environment import SpotEnv, make_env
-    from spot_rl.fake_spot import FakeSpot
-    from spot_rl.learning import evaluate, export, train
-    from spot_rl.logs import diagnose, identify, read_run
-    from spot_rl.simulation import compare, load_model, load_policy, simulate
-    from trainer.sysid.result import ResultData
-
-__all__ = [
-    "Comparison",
-    "FakeSpot",
-    "Policy",
-    "ResultData",
-    "RobotModel",
-    "Run",
-    "SpotEnv",
-    "SpotRlError",
-    "Verdict",
-    "compare",
-    "diagnose",
-    "evaluate",
-    "export",
-    "gaits",
-    "identify",
-    "load_model",
-    "load_policy",
-    "make_env",
-    "read_run",
-    "simulate",
-    "train",
-]
+    from compare.compare import Comparison as Comparison
+    from diagnosis.document import Verdict as Verdict
+    from spot_log.read.run import Run as Run
+    from spot_log.tools.gaits import gaits as gaits
+    from spot_model.errors import SpotRlError as SpotRlError
+    from spot_model.io.model_file import RobotModel as RobotModel
+    from spot_model.policy.policy import Policy as Policy
+    from spot_rl.analysis import compare as compare
+    from spot_rl.analysis import diagnose as diagnose
+    from spot_rl.analysis import simulate as simulate
+    from spot_rl.environment import SpotEnv as SpotEnv
+    from spot_rl.environment import make_env as make_env
+    from spot_rl.fake_spot import FakeSpot as FakeSpot
+    from spot_rl.inputs import load_model as load_model
+    from spot_rl.inputs import load_policy as load_policy
+    from spot_rl.inputs import read_run as read_run
+    from spot_rl.learning import evaluate as evaluate
+    from spot_rl.learning import export as export
+    from spot_rl.learning import identify as identify
+    from spot_rl.learning import train as train
+    from trainer.sysid.result import ResultData as ResultData
 
 _WHERE = {
-    "read_run": ("spot_rl.logs", "runtime"),
+    "read_run": ("spot_rl.inputs", "runtime"),
     "Run": ("spot_log.read.run", "runtime"),
     "gaits": ("spot_log.tools.gaits", "runtime"),
-    "load_policy": ("spot_rl.simulation", "runtime"),
+    "load_policy": ("spot_rl.inputs", "runtime"),
     "Policy": ("spot_model.policy.policy", "runtime"),
-    "load_model": ("spot_rl.simulation", "runtime"),
+    "load_model": ("spot_rl.inputs", "runtime"),
     "RobotModel": ("spot_model.io.model_file", "runtime"),
     "SpotRlError": ("spot_model.errors", "runtime"),
     "FakeSpot": ("spot_rl.fake_spot", "fake"),
-    "simulate": ("spot_rl.simulation", "diagnosis"),
-    "compare": ("spot_rl.simulation", "diagnosis"),
+    "simulate": ("spot_rl.analysis", "diagnosis"),
+    "compare": ("spot_rl.analysis", "diagnosis"),
     "Comparison": ("compare.compare", "diagnosis"),
-    "diagnose": ("spot_rl.logs", "diagnosis"),
+    "diagnose": ("spot_rl.analysis", "diagnosis"),
     "Verdict": ("diagnosis.document", "diagnosis"),
-    "identify": ("spot_rl.logs", "sysid"),
+    "identify": ("spot_rl.learning", "sysid"),
     "ResultData": ("trainer.sysid.result", "sysid"),
     "make_env": ("spot_rl.environment", "gym"),
     "SpotEnv": ("spot_rl.environment", "gym"),
@@ -73,6 +57,8 @@ _WHERE = {
     "evaluate": ("spot_rl.learning", "train"),
 }
 """Module of each name, and the extra that brings what it needs."""
+
+__all__ = sorted(_WHERE)  # noqa: PLE0605 - one list of names, not two
 
 
 def __getattr__(name: str) -> Any:

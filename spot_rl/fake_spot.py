@@ -10,21 +10,19 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from typing_extensions import Self
 
 from fake_robot.scenario.scenario import load_scenario, scenario_from_data
 from fake_robot.start.process import FakeProcess
+from spot_log.read.run import Run
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.model_file import RobotModel
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+from spot_model.policy.policy import Policy
 from spot_model.process.child_process import module_command, without_secrets
-from spot_rl.paths import AnyPath, to_path
-from spot_rl.simulation import model_of, policy_file
-
-if TYPE_CHECKING:
-    from spot_log.read.run import Run
-    from spot_model.io.model_file import RobotModel
-    from spot_model.policy.policy import Policy
+from spot_rl.inputs import AnyPath, model_of, policy_file, read_run, to_path
 
 
 class WalkError(SpotRlError):
@@ -147,8 +145,6 @@ class FakeSpot:
         if not made:
             said = told.stderr.strip().splitlines() or [f"exit code {told.returncode}"]
             raise WalkError(said[-1])
-        from spot_log.read.reader import read_run
-
         return read_run(made[-1])
 
     def _words(
@@ -168,8 +164,6 @@ class FakeSpot:
 
     def _held(self, velocity: Sequence[float], duration_s: float) -> str:
         """A sequence file that holds one velocity."""
-        from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
-
         try:
             v_x, v_y, yaw_rate = (float(v) for v in velocity)
             waypoint = Waypoint(time_s=0.0, v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw_rate)

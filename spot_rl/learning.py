@@ -1,20 +1,27 @@
-"""Training, export and evaluation of policies."""
+"""Training, export and evaluation of policies, and the fit of a simulator to logs.
+
+What brings torch, or needs the extra of one function alone, is imported there.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
+from multiprocessing import current_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spot_rl.paths import AnyPath, existing, to_path, whole
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, load_policy
+from spot_rl.inputs import AnyPath, existing, existing_all, model_of, policy_file, to_path, whole
+from trainer.config.train_config import TrainConfig, config_from_data, load_config
 
 if TYPE_CHECKING:
-    from spot_model.io.model_file import RobotModel
-    from spot_model.policy.policy import Policy
-    from trainer.config.train_config import TrainConfig
+    from trainer.sysid.config import SysidConfig
+    from trainer.sysid.result import ResultData
 
 
 def train(
@@ -96,21 +103,16 @@ def evaluate(
     Raises:
         SpotRlError: A file is missing or not valid.
     """
-    from spot_model.policy.policy import Policy
-    from spot_rl.simulation import load_policy, model_of
     from trainer.evaluate.setting import Setting
     from trainer.evaluate.trials import evaluate as run_trials
 
     n, seed = whole(n, "n", 1), whole(seed, "seed")
-    loaded = policy if isinstance(policy, Policy) else load_policy(policy)
+    loaded = policy if isinstance(policy, Policy) else load_policy(existing(policy, "policy"))
     return run_trials(Setting(policy=loaded, model=model_of(model)[0], seed=seed), n=n)
 
 
 def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, Any] | None) -> TrainConfig:
     """A training config from a file or plain data, with changes."""
-    from spot_model.errors import BadInputError
-    from trainer.config.train_config import config_from_data, load_config
-
     try:
         overrides = tuple(f"{key}={json.dumps(value)}" for key, value in (changes or {}).items())
     except TypeError as error:
@@ -118,3 +120,71 @@ def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, A
     if isinstance(config, Mapping):
         return config_from_data(dict(config), source="config", overrides=overrides)
     return load_config(existing(config, "config"), overrides)
+
+
+def identify(
+    logs: AnyPath | Iterable[AnyPath],
+    policy: AnyPath | Policy,
+    out: AnyPath,
+    *,
+    config: AnyPath | Mapping[str, Any] | None = None,
+    generations: int | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    device: str = "cpu",
+) -> ResultData:
+    """Fit physical parameters of the simulator to logs, by the paper's method and from measured torques.
+
+    A hundred generations take about seven minutes on two cores; one is enough for parameters that torques determine.
+
+    Args:
+        logs: Log files of one policy, or folders of them; each has at least five seconds under it.
+        policy: The policy that ran: an ONNX file, or a policy of :func:`load_policy`.
+        out: Folder for identified.yaml, result.json and report.html; nothing in it is overwritten.
+        config: Parameters and settings of the search: a YAML file, or its keys as a mapping ([all
+            keys](files.md#search-of-an-identification)), such as ``{"parameters": [{"effect": "coulomb_friction",
+            "joints": ["knees"], "parameter": "level_nm", "initial": 0.0, "low": 0.0, "high": 1.5}]}``. Default: the
+            paper's.
+        generations: Generations of the search, in place of the config's.
+        workers: Processes, which import the script that calls this: put its own lines under
+            ``if __name__ == "__main__":``, or give 1. The result does not depend on them.
+        resume: Continue an interrupted search in ``out``.
+        device: What simulates: "cpu", or "cuda" for an NVIDIA GPU (extra ``gpu``), which one process fills.
+
+    Returns:
+        The result: ``parameters`` (name, value, low, high, identified, reason), ``score``, ``measured``.
+
+    Raises:
+        SpotRlError: A file is missing or not valid, ``out`` holds a result, or no log can be used.
+    """
+    from trainer.simulate.engine import EngineName, place_of
+    from trainer.sysid.logs import read_logs
+    from trainer.sysid.run_identification import run_identification
+
+    # As multiprocessing itself asks: a worker that still imports the script must start no workers.
+    if getattr(current_process(), "_inheriting", False):
+        raise BadInputError(
+            "identify: its worker processes import your script, which ran again: put the script's own lines under "
+            'if __name__ == "__main__":, or give workers=1'
+        )
+    settings = _sysid_config(config, generations)
+    file = policy_file(policy)
+    log_set = read_logs(existing_all(logs, "logs"), load_policy(file))
+    place = place_of(workers, EngineName.LOCAL, None, device)
+    return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, place=place)
+
+
+def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int | None) -> SysidConfig:
+    from trainer.sysid.config import SysidConfig, config_from_data, load_config
+
+    if config is None:
+        settings = SysidConfig()
+    elif isinstance(config, Mapping):
+        settings = config_from_data(dict(config), source="config")
+    else:
+        settings = load_config(existing(config, "config"))
+    if generations is None:
+        return settings
+    if generations < 1:
+        raise BadInputError(f"generations = {generations}; allowed: 1 or more")
+    return settings.model_copy(update={"search": settings.search.model_copy(update={"generations": generations})})

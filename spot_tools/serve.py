@@ -1,4 +1,4 @@
-"""Serve one robot's operator: idle until asked."""
+"""Serve one robot's operator, and bring a robot to rest whose control process has died."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from spot_runtime.host.journal import Console, Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
+from spot_runtime.rescue.lease_note import note_folder
+from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
 from spot_runtime.session.run import recover_at_start
 from spot_tools.options import (
     CaFile,
@@ -95,3 +97,25 @@ def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> N
             supervisor.shut_down()
         finally:
             server.close()
+
+
+def make_safe(
+    robot: RobotAddress,
+    config: ConfigFile = None,
+    ca_file: CaFile = None,
+    credentials_file: CredentialsFile = None,
+    state_dir: Annotated[
+        Path | None, typer.Option(help="Folder of the note that the dead process left; default: the service's folder.")
+    ] = None,
+    within: Annotated[
+        float, typer.Option(min=0.0, max=600.0, help="Seconds after which it stops retrying.")
+    ] = WITHIN_S,
+    lock_step: LockStepAddress = None,
+) -> None:
+    """Sit a robot down and cut its power after its control process died, unless another client has it.
+
+    Does nothing if no process on this computer left a robot under control; never uses another client's lease.
+    """
+    settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=None)
+    folder = state_dir or note_folder(os.environ)
+    typer.echo(make_safe_by_note(robot, settings, folder, lock_step=lock_step or "", within_s=within))

@@ -20,7 +20,7 @@ from spot_model.console.options import AsJson
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.process.child_process import HEARD, ChildProcess
 from spot_protos import operator_pb2
-from spot_tools.client.client import OperatorClient
+from spot_tools.client import OperatorClient
 
 Listen = Literal["unix", "loopback", "tls"]
 LISTENS: Final[tuple[Listen, ...]] = ("unix", "loopback", "tls")

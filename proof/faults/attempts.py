@@ -9,9 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from proof.faults.rows import NS_PER_MS, Finding, Row, judge
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.runs import Drive, Rig
-from proof.rig.signals import raise_as_fault
+from proof.faulty import FaultyHal, raise_as_fault
+from proof.rig import Drive, Rig
 from spot_log import Run
 from spot_model.robot.state import RobotState, SlowState
 

@@ -16,7 +16,7 @@ from rich.table import Table
 from proof.faults import rows_link, rows_log, rows_measured, rows_phases, rows_policy, rows_process, rows_robot
 from proof.faults.rows import Result, Row, tidy, try_row
 from proof.faults.search import searched
-from proof.rig.runs import rig
+from proof.rig import rig
 from spot_model.console.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError

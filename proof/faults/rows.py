@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from proof.rig.runs import Drive, Rig
-from proof.rig.signals import ending_the_bench
+from proof.faulty import ending_the_bench
+from proof.rig import Drive, Rig
 from spot_log import Run
 from spot_model.robot import facts
 

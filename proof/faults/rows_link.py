@@ -8,10 +8,10 @@ import numpy as np
 
 from proof.faults.attempts import Check, all_of, inject, is_told, row
 from proof.faults.rows import NS_PER_MS, Finding
-from proof.rig.runs import Drive, Rig
+from proof.rig import Drive, Rig
 from spot_log import Run
 from spot_model.io.velocity_sequence import standing_sequence
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 LONG_TICKS: Final = 15_000
 STANDING: Final = ScriptedSource(standing_sequence(), duration_s=6.0)

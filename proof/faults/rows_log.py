@@ -14,9 +14,8 @@ import numpy as np
 
 from proof.faults.attempts import Check, row, time_damping
 from proof.faults.rows import NS_PER_MS, Finding, Row
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.runs import Drive, Rig
-from proof.rig.signals import raise_as_fault
+from proof.faulty import FaultyHal, raise_as_fault
+from proof.rig import Drive, Rig
 from spot_log import LogError
 from spot_log.write.run_writer import active_path
 

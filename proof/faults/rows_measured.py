@@ -13,15 +13,15 @@ import numpy as np
 from proof.faults.attempts import AT_ONCE_MS, SOFT, Act, Check, all_of, inject, is_told, row, spoil, spoil_slow
 from proof.faults.rows import Finding, Row
 from proof.faults.spoilt_signal import SpoiltSignal
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.robot import OVERTURNED_RAD
-from proof.rig.runs import Drive, Rig
+from proof.faulty import FaultyHal
+from proof.rig import Drive, Rig
+from proof.robot import OVERTURNED_RAD
 from spot_log import Run
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState, SlowState
 from spot_runtime.control.safety.body_height import body_height_m
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 BRISK: Final = VelocitySequence(name="brisk", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.8),))
 KNEE: Final = 2

@@ -8,9 +8,8 @@ from typing import Any, Final
 from proof.faults.attempts import SOFT, all_of, damped, inject, is_off, power_was_cut, raise_signals, row
 from proof.faults.rows import Finding, Row, settle
 from proof.faults.rows_robot import EXPIRED, FELL, PRESSED, QUIT, STOLEN
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.runs import Drive, Rig
-from proof.rig.signals import raise_as_fault
+from proof.faulty import FaultyHal, raise_as_fault
+from proof.rig import Drive, Rig
 from spot_runtime.config import RobotConfig
 from spot_runtime.control.modes import TAKE_HOLD_S
 

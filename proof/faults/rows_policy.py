@@ -11,13 +11,12 @@ import numpy as np
 
 from proof.faults.attempts import SOFT, Act, is_told, row
 from proof.faults.rows import Finding, Row, judge
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.faulty_policy import Actions
-from proof.rig.runs import Drive, Rig
+from proof.faulty import Actions, FaultyHal
+from proof.rig import Drive, Rig
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import load_policy, policy_from_bytes
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 FIVE_TICKS_MS: Final = 125.0
 FLUNG: Final = ("setpoint_overshoot", "tilt")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from proof.faults.rows import NS_PER_MS, Finding, Row
-from proof.rig.runs import Rig, read_log
+from proof.rig import Rig, read_log
 from spot_log import LogReadError, recover_leftovers
 from spot_model.process.child_process import HEARD, ChildProcess
 from spot_protos import fake_admin_pb2

@@ -10,11 +10,10 @@ import numpy as np
 
 from proof.faults.attempts import SOFT, Check, damped, inject, is_off, raise_signals, row
 from proof.faults.rows import NS_PER_MS, Finding, Row, judge
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.runs import Drive, Rig
-from proof.rig.signals import raise_as_fault
+from proof.faulty import FaultyHal, raise_as_fault
+from proof.rig import Drive, Rig
 from spot_runtime.hal.errors import HalError
-from spot_tools.run.gamepad import GamepadSource, PadReading
+from spot_tools.sources import GamepadSource, PadReading
 
 END_TIME_JUMP_MS: Final = 5.0
 CUT: Final = ("state_lost", "command_refused", "link_lost")

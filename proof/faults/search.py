@@ -16,10 +16,9 @@ import numpy as np
 from proof.faults.attempts import Act, inject, raise_signals
 from proof.faults.rows import Finding, keep_invariants, left_alone, settle, where_it_broke
 from proof.faults.spoilt_signal import SIGNALS, SLOW, WAYS, SpoiltSignal
-from proof.rig.faulty_hal import FaultyHal, When
-from proof.rig.robot import tilt_rad
-from proof.rig.runs import Rig, rig
-from proof.rig.signals import ending_the_bench
+from proof.faulty import FaultyHal, When, ending_the_bench
+from proof.rig import Rig, rig
+from proof.robot import tilt_rad
 from spot_model.process.signals import exit_on_termination
 
 Values = dict[str, float | str]

@@ -22,7 +22,7 @@ from spot_runtime.rescue.lease_note import LeaseNoteError
 from spot_runtime.rescue.make_safe import NotSafeError
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import StopReason
-from spot_tools.client.client import RefusedError, UnreachableError
+from spot_tools.client import RefusedError, UnreachableError
 from trainer.collect.collect import CollectionError
 
 from .words import plain, table

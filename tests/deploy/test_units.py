@@ -151,9 +151,8 @@ def test_every_option_and_variable_of_the_units_is_there() -> None:
     import inspect
 
     from spot_log.tools.retention import prune_logs
-    from spot_tools.doctor.command import doctor
-    from spot_tools.make_safe import make_safe
-    from spot_tools.serve import serve
+    from spot_tools.doctor import doctor
+    from spot_tools.serve import make_safe, serve
 
     commands = {"serve": serve, "doctor": doctor, "prune-logs": prune_logs, "make-safe": make_safe}
     variables = set(re.findall(r"^#?(SPOT_RL_\w+)=", (DEPLOY / "spot-rl.env.example").read_text(), re.MULTILINE))

@@ -5,15 +5,15 @@ from __future__ import annotations
 import io
 
 import pytest
-from spot_log.page.cells import escaped
-from spot_runtime.host.console import Console
 
+from spot_log.page.look import escaped
 from spot_model.console.command_line import error_line
 from spot_model.errors import BadInputError
 from spot_model.text import plain, plain_lines
 from spot_protos import operator_pb2
-from spot_tools.client.client import plain_message
-from spot_tools.doctor.check import Check, make, ok
+from spot_runtime.host.journal import Console
+from spot_tools.checks import Check, ok
+from spot_tools.client import plain_message
 
 ATTACKS = (
     "\x1b]0;owned\x07",
@@ -46,7 +46,7 @@ def test_every_way_out_uses_it(text: str) -> None:
     console = Console(stream)
     console.say(text)
     console.close()
-    told = make(Check("name", lambda: ok(text)))
+    told = Check("name", lambda: ok(text)).make()
     status = operator_pb2.Status(robot=text, run=operator_pb2.RunStatus(faults=[text], log_path=text))
     status.last.sentence = text
     plain_message(status)

@@ -275,7 +275,7 @@ def test_a_diagnosis_made_in_python_can_be_continued(tmp_path: Path, monkeypatch
         inputs.save(out)
         return SimpleNamespace(verdict="done"), {}
 
-    monkeypatch.setattr("diagnosis.session.run_session", at_once)
+    monkeypatch.setattr("spot_rl.analysis.run_session", at_once)
     model = spot_rl.load_model("paper_identified")
     assert spot_rl.diagnose(WALK, model, tmp_path / "gap", without="armature") == "done"
     inputs = load_inputs(tmp_path / "gap")

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from proof.rig.signals import ending_the_bench, raise_as_fault
+from proof.faulty import ending_the_bench, raise_as_fault
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.stops import StopReason
 

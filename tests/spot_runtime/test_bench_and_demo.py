@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -53,17 +54,18 @@ def test_the_demo_refuses_a_policy_that_cannot_walk_forward(tmp_path: Path, make
     assert not (tmp_path / "out").exists()
 
 
-def test_a_command_that_is_ended_clears_away_what_it_began(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [*COMMAND, "bench", "loop", "--policy", "policies/walk.onnx"],
-        env={**os.environ, "TMPDIR": str(tmp_path)},
-        stderr=subprocess.DEVNULL,
-    )
-    while not list(tmp_path.glob("spot-rl-bench-*")) and process.poll() is None:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(120.0) == 128 + signal.SIGTERM
-    assert list(tmp_path.iterdir()) == []
+def test_a_command_that_is_ended_clears_away_what_it_began() -> None:
+    with tempfile.TemporaryDirectory(prefix="e") as folder:  # the path of a socket in it must be short
+        process = subprocess.Popen(
+            [*COMMAND, "bench", "loop", "--policy", "policies/walk.onnx"],
+            env={**os.environ, "TMPDIR": folder},
+            stderr=subprocess.DEVNULL,
+        )
+        while not list(Path(folder).glob("spot-rl-bench-*")) and process.poll() is None:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(120.0) == 128 + signal.SIGTERM
+        assert list(Path(folder).iterdir()) == []
 
 
 def test_signals_that_end_a_block_do_what_they_did_once_it_is_over() -> None:

@@ -15,9 +15,7 @@ from hypothesis import strategies as st
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_runtime.config import OperatorConfig
 from spot_runtime.sources.base import Shaper
-from spot_tools.run.gamepad import GamepadSource, PadReading
-from spot_tools.run.keyboard import KeyboardSource
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import GamepadSource, KeyboardSource, PadReading, ScriptedSource
 
 MS = 1_000_000
 CONFIG = OperatorConfig()

@@ -13,11 +13,11 @@ from spot_log.tools.retention import LogFile, closed_logs, prune_logs, to_delete
 from spot_model.errors import BadInputError
 from spot_runtime.config import RunConfig
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
-from spot_tools.doctor import computer
-from spot_tools.doctor.check import Check, Finding, Result, Verdict, is_fit, make, ok
-from spot_tools.doctor.command import line_of
-from spot_tools.doctor.host import Host
-from spot_tools.doctor.link import judge_expiry, judge_latency
+from spot_tools import computer_checks as computer
+from spot_tools.checks import Check, Finding, Verdict, is_fit, ok
+from spot_tools.computer_checks import Host
+from spot_tools.doctor import line_of
+from spot_tools.robot_checks import judge_expiry, judge_latency
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -171,7 +171,7 @@ def test_a_folder_that_nobody_may_write_to(tmp_path: Path) -> None:
 def test_policy(tmp_path: Path) -> None:
     assert computer.policy_file(None).verdict is Verdict.SKIPPED
     (tmp_path / "bad.onnx").write_bytes(b"no model")
-    result = make(Check("policy", lambda: computer.policy_file(tmp_path / "bad.onnx")))
+    result = Check("policy", lambda: computer.policy_file(tmp_path / "bad.onnx")).make()
     assert result.verdict is Verdict.FAIL
     assert "bad.onnx" in result.found
     good = computer.policy_file(REPOSITORY / "policies" / "walk.onnx")
@@ -186,14 +186,14 @@ def test_a_check_that_breaks_is_a_failure_and_the_error_of_ours_gives_its_advice
     def refuse() -> Finding:
         raise BadInputError("the thing is wrong; mend it")
 
-    broken, refused = make(Check("a", break_down)), make(Check("b", refuse))
+    broken, refused = Check("a", break_down).make(), Check("b", refuse).make()
     assert (broken.verdict, broken.found) == (Verdict.FAIL, "the check broke: ZeroDivisionError: by zero")
     assert (refused.found, refused.advice) == ("the thing is wrong", "mend it")
-    fine = make(Check("c", lambda: ok("fine")))
+    fine = Check("c", lambda: ok("fine")).make()
     assert is_fit([fine])
     assert not is_fit([fine, refused])
     assert line_of(refused) == "fail     b: the thing is wrong; mend it"
-    assert line_of(Result("c", Verdict.OK, "fine", "")) == "ok       c: fine"
+    assert line_of(Finding(Verdict.OK, "fine", name="c")) == "ok       c: fine"
 
 
 def test_all_checks_of_a_computer_have_names_of_their_own() -> None:

@@ -45,8 +45,7 @@ from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.stops import Stop, StopReason
-from spot_tools.run.keyboard import QUIT, TerminalKeys
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import QUIT, ScriptedSource, TerminalKeys
 from tests.spot_runtime.conftest import HandMadeRobot
 
 HANDOVER = HandoverConfig(settle_s=0.3, ramp_in_s=0.1, ramp_out_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)

@@ -33,8 +33,8 @@ from spot_tools.hal_conformance import (
     brings_states_in_order,
     takes_commands_and_hands_back,
 )
-from spot_tools.run.command import run
-from spot_tools.run.replay import ReplayHal
+from spot_tools.replay import ReplayHal
+from spot_tools.run import run
 from tests.spot_runtime.conftest import HandMadeRobot
 
 MS = 1_000_000

@@ -29,8 +29,8 @@ from spot_runtime.control.safety.body_height import with_speed_limit
 from spot_runtime.control.safety.signals.answer import torque_nm
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
-from spot_tools.run.command import run as run_command
-from spot_tools.run.joint_script import JointScriptSource
+from spot_tools.run import run as run_command
+from spot_tools.sources import JointScriptSource
 from tests.spot_runtime.test_loop import drive, drive_until, modes_of
 
 SCRIPT = joint_script(Standing(name="sway", duration_s=4.0))

@@ -21,7 +21,7 @@ from spot_runtime.control.modes import TAKE_HOLD_S, Mode
 from spot_runtime.hal.base import JointControl
 from spot_runtime.sources.base import Wanted
 from spot_runtime.stops import Stop, StopReason
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 from tests.spot_runtime.conftest import STAND_LOAD_NM
 
 MS = 1_000_000

@@ -44,7 +44,7 @@ from spot_runtime.host.journal import Console
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import Wanted
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 ROOT = Path(__file__).parents[2]
 CONFIG = RunConfig.model_validate(

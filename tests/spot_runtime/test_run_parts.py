@@ -33,9 +33,8 @@ from spot_runtime.session.run import log_file_name
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.stops import StopReason
-from spot_tools.run.command import make_source
-from spot_tools.run.gamepad import PygamePad
-from spot_tools.run.summary_text import summary_text
+from spot_tools.run import make_source, summary_text
+from spot_tools.sources import PygamePad
 
 ROOT = Path(__file__).parents[2]
 MS = 1_000_000

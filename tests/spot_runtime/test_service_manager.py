@@ -22,7 +22,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.host.journal import Console, Journal, entry_of, goes_to_journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.session.run import RunRequest, run
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 
 class Listener:

@@ -15,7 +15,7 @@ from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.warm_up import ARRIVALS, AWAKE_NS, JUDGED, LEAD_NS, Arrivals, WarmReceiver
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 from tests.spot_runtime.conftest import START_NS, HandMadeRobot, make_state, policy_bytes
 
 MS = 1_000_000

@@ -17,7 +17,7 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 import pygame
 
 from spot_runtime.config import OperatorConfig
-from spot_tools.run.gamepad import GamepadSource, PygamePad
+from spot_tools.sources import GamepadSource, PygamePad
 
 GAMEPAD, AXES, BUTTONS = 1, 6, 16
 FORWARD, SIDE, TURN = 1, 0, 3

@@ -4,7 +4,7 @@ from pathlib import Path
 import typer
 from typer.testing import CliRunner
 
-from proof.training.command import train
+from proof.training import train
 from spot_model.errors import BadInputError
 from trainer.__main__ import commands
 

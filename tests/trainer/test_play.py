@@ -10,7 +10,7 @@ import pytest
 from spot_model.errors import BadInputError
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy
-from spot_tools.run.gamepad import PadReading
+from spot_tools.sources import PadReading
 from trainer.play.command import play
 from trainer.play.film import columns, gait_diagram
 from trainer.play.steering import PUSH, STAND, KeySteering, parse_velocity, stick_steering

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from proof.training.speed import bench_train
+from proof.training import bench_train
 from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from tests.trainer.conftest import TINY

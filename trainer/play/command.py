@@ -46,7 +46,7 @@ def play(
     from spot_model.plant.plant import Plant, PlantOptions
     from spot_model.policy.policy import load_policy
     from spot_model.robot.facts import Array
-    from spot_tools.run.gamepad import PygamePad
+    from spot_tools.sources import PygamePad
     from trainer.play.film import check_film, top_speed_ramp, write_film
     from trainer.play.steering import HELP, KeySteering, parse_velocity, stick_steering
     from trainer.play.walk import Walk

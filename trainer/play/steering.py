@@ -13,7 +13,7 @@ from spot_model.policy.contract import PolicyContract
 from spot_model.robot.facts import Array
 from spot_runtime.config import OperatorConfig
 from spot_runtime.sources.base import Shaper
-from spot_tools.run.gamepad import GamepadSource, Pad
+from spot_tools.sources import GamepadSource, Pad
 from trainer.play.walk import VelocityAt
 
 STEPS: Final = {

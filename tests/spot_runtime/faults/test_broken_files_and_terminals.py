@@ -21,7 +21,7 @@ from spot_model.policy.policy import load_policy
 from spot_runtime.config import load_config
 from spot_runtime.hal.connection.credentials import find_credentials, read_certificates
 from spot_runtime.host.instance_lock import InstanceLock, LockError
-from spot_tools.client.client import client_from
+from spot_tools.client import client_from
 
 REPOSITORY = Path(__file__).parents[3]
 WALK = REPOSITORY / "policies" / "walk.onnx"
@@ -111,7 +111,7 @@ def test_odd_names_on_the_command_line(words: tuple[str, ...], code: int, said: 
 
 
 def test_a_terminal_that_knows_only_ascii() -> None:
-    code = "from spot_tools.run.command import _say_last; _say_last('tick 5 µs → fine')"
+    code = "from spot_tools.run import _say_last; _say_last('tick 5 µs → fine')"
     surroundings = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run([sys.executable, "-c", code], env=surroundings, capture_output=True, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -119,7 +119,7 @@ def test_a_terminal_that_knows_only_ascii() -> None:
 
 
 def test_a_terminal_that_nobody_reads() -> None:
-    code = "from spot_tools.run.command import _say_last; _say_last('x' * 100000); raise SystemExit(10)"
+    code = "from spot_tools.run import _say_last; _say_last('x' * 100000); raise SystemExit(10)"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
     assert process.stdout is not None
     process.stdout.close()

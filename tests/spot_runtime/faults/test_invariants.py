@@ -15,7 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from proof.faults.attempts import all_of, inject
 from proof.faults.rows import judge, keep_invariants, left_alone
-from proof.rig.runs import Rig, rig
+from proof.rig import Rig, rig
 from spot_log.write.sink import MemorySink
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy, policy_from_bytes
@@ -26,7 +26,7 @@ from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
 from spot_runtime.hal.base import JointControl
 from spot_runtime.stops import Stop, StopReason
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 REPOSITORY = Path(__file__).parents[3]
 MS = 1_000_000

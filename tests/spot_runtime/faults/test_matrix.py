@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from proof.faults import command
 from proof.faults.attempts import row
 from proof.faults.rows import Finding, Row, left_alone, tidy, try_row
-from proof.rig.runs import CALM, Rig, rig
+from proof.rig import CALM, Rig, rig
 from spot_model.errors import BadInputError
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"

@@ -10,7 +10,7 @@ import numpy as np
 
 from fake_robot.faults.registry import make_fault
 from proof.faults.search import INJECTIONS, Case, Fault, draw, judge_case, vary
-from proof.rig.runs import rig
+from proof.rig import rig
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 

@@ -10,8 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.runs import Rig, rig
+from proof.faulty import FaultyHal
+from proof.rig import Rig, rig
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_log.read.mcap_scan import scan_mcap
@@ -19,7 +19,7 @@ from spot_log.write.flight_recorder import flight_record_path
 from spot_model.policy.contract import PolicyError
 from spot_model.process.child_process import without_secrets
 from spot_runtime.admission import check_allowed
-from spot_tools.run.summary_text import summary_text
+from spot_tools.run import summary_text
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
@@ -114,7 +114,7 @@ def test_only_policies_on_the_list_run(fake: Rig, tmp_path: Path) -> None:
     check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64, policy.sha256))
     with pytest.raises(PolicyError, match=f"digest {policy.sha256}.*service.policy_sha256"):
         check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64,))
-    from spot_tools.run.command import run
+    from spot_tools.run import run
 
     config = tmp_path / "run.yaml"
     config.write_text(f"service: {{policy_sha256: ['{'0' * 64}']}}\n", encoding="utf-8")

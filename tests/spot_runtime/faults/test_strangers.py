@@ -19,7 +19,7 @@ from spot_model.robot.state import RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 from tests.spot_runtime.conftest import START_NS, HandMadeRobot, make_slow
 
 POLICY = policy_from_bytes((Path(__file__).parents[2] / "fuzz" / "seeds" / "policy.onnx").read_bytes(), source="seed")

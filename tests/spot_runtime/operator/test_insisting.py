@@ -10,8 +10,8 @@ import grpc
 import pytest
 
 from spot_protos import operator_pb2
-from spot_tools.client import client as module
-from spot_tools.client.client import VERDICTS, OperatorClient, RefusedError, UnreachableError
+from spot_tools import client as module
+from spot_tools.client import VERDICTS, OperatorClient, RefusedError, UnreachableError
 
 TRANSIENT = [code for code in grpc.StatusCode if code not in (*VERDICTS, grpc.StatusCode.OK)]
 

@@ -32,8 +32,8 @@ from spot_runtime.operator.server import service as rules
 from spot_runtime.operator.server.policy_folder import PolicyFolder
 from spot_runtime.operator.server.service_state import KEPT, EventHistory, State
 from spot_runtime.stops import StopReason
-from spot_tools.client import ctl
-from spot_tools.client.watch import _body
+from spot_tools import ctl
+from spot_tools.watch import _body
 
 from .conftest import POLICIES, wait_until
 
@@ -390,7 +390,7 @@ def test_a_provider_that_is_not_there_is_refused_not_replaced(provider: str) -> 
 
 def test_an_operators_command_starts_without_heavy_libraries() -> None:
     heavy = ("numpy", "pydantic", "rich", "bosdyn.client", "onnxruntime")
-    words = f"import spot_tools.client.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
+    words = f"import spot_tools.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
     told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
 

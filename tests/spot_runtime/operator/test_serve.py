@@ -21,7 +21,7 @@ import pytest
 from fake_robot.start.process import FakeAddress
 from spot_log import read_run
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc, operator_pb2
-from spot_tools.client.client import OperatorClient, RefusedError
+from spot_tools.client import OperatorClient, RefusedError
 
 from .conftest import POLICIES, wait_until
 

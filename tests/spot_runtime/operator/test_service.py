@@ -23,7 +23,7 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.door import guard
 from spot_runtime.operator.server.server import SERVICE_NAME, OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
-from spot_tools.client.client import OperatorClient, RefusedError, UnreachableError
+from spot_tools.client import OperatorClient, RefusedError, UnreachableError
 
 from .conftest import POLICIES, wait_until
 

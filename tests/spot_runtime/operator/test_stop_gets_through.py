@@ -13,7 +13,7 @@ from proof.attacks.attackers import ATTACKS, PATH
 from proof.attacks.target import serve
 from proof.attacks.trial import Listen, try_attack
 from spot_protos import operator_pb2
-from spot_tools.client.client import OperatorClient, RefusedError
+from spot_tools.client import OperatorClient, RefusedError
 
 CASES = [
     *((attack, "unix") for attack in ATTACKS),

@@ -18,7 +18,7 @@ from rich.text import Text
 from spot_model.errors import SpotRlError
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 from spot_protos import operator_pb2
-from spot_tools.client.client import OperatorClient
+from spot_tools.client import OperatorClient
 
 EVENTS: Final = 8
 PERIOD_S: Final = 0.25

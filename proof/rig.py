@@ -14,9 +14,8 @@ from typing import Any, Final
 import grpc
 
 from fake_robot.start.process import FakeProcess
-from proof.rig.faulty_hal import FaultyHal, When
-from proof.rig.faulty_policy import FaultyPolicy
-from proof.rig.robot import FakeRobot
+from proof.faulty import FaultyHal, FaultyPolicy, When
+from proof.robot import FakeRobot
 from spot_log import LogReadError, Run, read_run
 from spot_log.format.records import RunHeader
 from spot_log.write.flight_recorder import flight_record_path
@@ -35,7 +34,7 @@ from spot_runtime.host.journal import Console
 from spot_runtime.session.run import RunRequest, SinkFactory, run
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import CommandSource
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
 CALM: Final[Mapping[str, Mapping[str, Any]]] = {
     "real_time": {"fifo_priority": 0, "lock_memory": False, "freeze_garbage_collection": False},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -12,11 +13,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from spot_tools.doctor.check import Result, Verdict, is_fit, make
-from spot_tools.doctor.computer import checks_of_computer
-from spot_tools.doctor.host import Host
-from spot_tools.doctor.robot import RobotDoctor
+from spot_model.console.options import AsJson
+from spot_tools.checks import Finding, Verdict, is_fit
+from spot_tools.computer_checks import Host, checks_of_computer
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config
+from spot_tools.robot_checks import RobotDoctor
 
 _COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.SKIPPED: "dim"}
 
@@ -28,42 +29,39 @@ def doctor(
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,
     log_dir: Annotated[Path | None, typer.Option(help="Folder of the logs.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check what a run needs, on this computer and on the robot, without moving, powering or claiming it.
 
     Exit code 1 if a check failed.
     """
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
-    results = [make(check) for check in checks_of_computer(Host(), settings, policy)]
+    findings = [check.make() for check in checks_of_computer(Host(), settings, policy)]
     for address in robot or []:
-        patient = RobotDoctor(address, settings)
-        try:
-            results += [make(check) for check in patient.checks()]
-        finally:
-            patient.close()
+        with closing(RobotDoctor(address, settings)) as patient:
+            findings += [check.make() for check in patient.checks()]
     if as_json:
-        data = {"fit": is_fit(results), "checks": [result.to_data() for result in results]}
+        data = {"fit": is_fit(findings), "checks": [finding.to_data() for finding in findings]}
         typer.echo(json.dumps(data, indent=2, ensure_ascii=False))
     elif sys.stdout.isatty():
-        Console().print(table_of(results))
+        Console().print(table_of(findings))
     else:
-        for result in results:
-            typer.echo(line_of(result))
-    if not is_fit(results):
+        for finding in findings:
+            typer.echo(line_of(finding))
+    if not is_fit(findings):
         raise typer.Exit(1)
 
 
-def line_of(result: Result) -> str:
-    """A result on one line, for pipes and journals."""
-    advice = f"; {result.advice}" if result.advice else ""
-    return f"{result.verdict.value:<8} {result.name}: {result.found}{advice}"
+def line_of(finding: Finding) -> str:
+    """A finding on one line, for pipes and journals."""
+    advice = f"; {finding.advice}" if finding.advice else ""
+    return f"{finding.verdict.value:<8} {finding.name}: {finding.found}{advice}"
 
 
-def table_of(results: list[Result]) -> Table:
-    """All results as a table for a terminal."""
+def table_of(findings: list[Finding]) -> Table:
+    """All findings as a table for a terminal."""
     table = Table("check", "", "found", "what to do", show_lines=False)
-    for result in results:
-        colour = _COLOUR[result.verdict]
-        table.add_row(result.name, Text(result.verdict.value, style=colour), Text(result.found), Text(result.advice))
+    for finding in findings:
+        verdict = Text(finding.verdict.value, style=_COLOUR[finding.verdict])
+        table.add_row(finding.name, verdict, Text(finding.found), Text(finding.advice))
     return table

@@ -1,20 +1,38 @@
-"""The vendor's adapter with something that happens at an instant of robot time, and states spoilt on their way."""
+"""What a fault does to a run: to the vendor's adapter, to the policy's actions, and signals to the process.
+
+A signal of somebody who wants a bench to end is told from those that its faults raise: a run answers both alike.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Literal
+import contextlib
+import os
+import signal
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from typing import Any, Final, Literal
 
-from proof.rig.robot import FakeRobot
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import Self
+
+from proof.robot import FakeRobot
 from spot_log.write.sink import LogSink
+from spot_model.policy.policy import Policy
 from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.pace import Pace
 
+Actions = NDArray[np.float32]
 When = Literal["up", "control", "down"]
 """Standing up, joint control, or sitting down."""
+
+ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_raised: Counter[int] = Counter()
 
 
 class FaultyHal(BosdynHal):
@@ -120,3 +138,62 @@ class FaultyHal(BosdynHal):
         if self._when != "control":
             self._let_happen()
         super()._pause(duration_s)
+
+
+@dataclass
+class Change:
+    """What is done to a network's output."""
+
+    act: Callable[[Actions], Actions] | None = None
+    """Takes and returns shape (n, 12); None: nothing is done."""
+
+
+@dataclass(frozen=True)
+class FaultyPolicy(Policy):
+    """A policy whose output may be changed while it runs."""
+
+    change: Change = field(default_factory=Change)
+
+    @classmethod
+    def of(cls, policy: Policy) -> Self:
+        """Make the same policy, unchanged so far."""
+        return cls(**{part.name: getattr(policy, part.name) for part in fields(policy)})
+
+    def act(self, observation: NDArray[Any]) -> Actions:
+        """Act like the real one, changed; shapes (48,) to (12,), or (n, 48) to (n, 12)."""
+        if self.change.act is None:
+            return super().act(observation)
+        actions = self.change.act(super().act(np.atleast_2d(observation)))
+        return actions[0] if np.ndim(observation) == 1 else actions
+
+
+def raise_as_fault(number: signal.Signals) -> None:
+    """Send this process a signal that belongs to what is tried."""
+    _raised[number] += 1
+    signal.raise_signal(number)
+
+
+@contextmanager
+def ending_the_bench() -> Iterator[None]:
+    """After the block, end the bench if a signal came in it that no fault has raised; only in the main thread.
+
+    The run in the block answers the signal first, and brings its robot to rest.
+
+    Raises:
+        KeyboardInterrupt: It was SIGINT.
+        SystemExit: It was SIGTERM or SIGHUP; the exit code is 128 and its number.
+    """
+    _raised.clear()
+    heard, told = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    before, came = signal.set_wakeup_fd(told, warn_on_full_buffer=False), b""
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        with contextlib.suppress(BlockingIOError):
+            came = os.read(heard, 65536)
+        os.close(heard)
+        os.close(told)
+    for number in ENDING:
+        if came.count(number) > _raised[number]:
+            raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)

@@ -8,14 +8,17 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from google.protobuf.json_format import MessageToDict
 
 from spot_protos import operator_pb2
 from spot_runtime.session.labels import parse_labels
-from spot_tools.client.client import ARM_TIMEOUT_S, OperatorClient, client_from
+from spot_tools.client import ARM_TIMEOUT_S, OperatorClient, RefusedError, client_from
+
+if TYPE_CHECKING:
+    from spot_runtime.sources.base import CommandSource
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 STEER_PERIOD_S = 0.04
@@ -44,7 +47,7 @@ def ctl(
 @app.command()
 def status(context: typer.Context, as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
     """Show state, mode, figures, and how the last run ended."""
-    from spot_tools.client.watch import charge_words
+    from spot_tools.watch import charge_words
 
     with _client(context) as client:
         answer = client.call("GetStatus", operator_pb2.GetStatusRequest())
@@ -157,8 +160,7 @@ def drive(
     """Steer by keyboard or gamepad until you press x."""
     from spot_runtime.config import OperatorConfig
     from spot_runtime.host.journal import Console
-    from spot_tools.client.drive import drive_by
-    from spot_tools.run.manual import manual_source
+    from spot_tools.sources import manual_source
 
     console = Console()
     with _client(context) as client:
@@ -225,7 +227,7 @@ def watch(
     ] = False,
 ) -> None:
     """Show everything on one screen: mode, rates, ages, temperatures, battery, the last events. Ctrl-C leaves it."""
-    from spot_tools.client.watch import watch_screen
+    from spot_tools.watch import watch_screen
 
     with _client(context) as client:
         watch_screen(client, is_attending=is_attending)
@@ -248,3 +250,37 @@ def _wait_until_active(client: OperatorClient) -> None:
             return
         client.call("Attend", operator_pb2.AttendRequest())
         time.sleep(0.1)
+
+
+def drive_by(client: OperatorClient, source: CommandSource, operator: str) -> None:
+    """Send what the source says until it is finished; then stop the robot in place and let it sit.
+
+    A velocity beyond the policy's range is cut to it. While the policy is not in full control nothing is sent but
+    that somebody attends.
+    """
+    began_ns = time.monotonic_ns()
+    try:
+        while True:
+            now_ns = time.monotonic_ns()
+            wanted = source.sample((now_ns - began_ns) / 1e9, now_ns)
+            if wanted.is_finished:
+                client.call("Stop", operator_pb2.StopRequest())
+                return
+            _steer(client, wanted.command.tolist(), operator)
+            time.sleep(STEER_PERIOD_S)
+    finally:
+        source.close()
+
+
+def _steer(client: OperatorClient, velocity: list[float], operator: str) -> None:
+    run = client.call("GetStatus", operator_pb2.GetStatusRequest()).run
+    if run.mode != "active":
+        client.call("Attend", operator_pb2.AttendRequest())
+        return
+    low, high = run.velocity_command_low, run.velocity_command_high
+    v_x, v_y, yaw = (min(max(v, lo), hi) for v, lo, hi in zip(velocity, low, high, strict=True))
+    request = operator_pb2.SetVelocityRequest(v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw, operator=operator)
+    try:
+        client.call("SetVelocity", request, 2.0)
+    except RefusedError:
+        client.call("Attend", operator_pb2.AttendRequest())  # the mode has just changed

@@ -1,24 +1,31 @@
-"""One drawn robot, and a run of each policy on it, judged by what the simulated body really did."""
+"""``spot-rl bench ordinary``: how often an ordinary run is stopped though the simulated body does not fall."""
 
 from __future__ import annotations
 
+import json
+import tempfile
+import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+import typer
 import yaml
 
-from proof.ordinary.draw import Push, Reality, Sensors, Walk, draw_quiet, draw_reality, draw_walk
-from proof.rig.faulty_hal import FaultyHal
-from proof.rig.robot import tilt_rad
-from proof.rig.runs import Rig, rig
-from proof.rig.signals import ending_the_bench
+from proof.drawn_robot import Push, Reality, Sensors, Walk, draw_quiet, draw_reality, draw_walk
+from proof.faulty import FaultyHal, ending_the_bench
+from proof.result_file import ResultFile
+from proof.rig import Rig, rig
+from proof.robot import tilt_rad
 from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink
+from spot_model.console.options import AsJson
+from spot_model.console.progress import Progress
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.process.signals import exit_on_termination
 from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
@@ -26,8 +33,11 @@ from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.stops import StopReason
-from spot_tools.run.scripted import ScriptedSource
+from spot_tools.sources import ScriptedSource
 
+EXIT_FAILED: Final = 1
+POLICIES: Final = [Path(f"policies/{name}.onnx") for name in ("walk", "baseline", "fast", "bound")]
+_WRONG: Final = ("false stop", "fell unseen", "not begun")
 TIPPED_RAD: Final = 0.7
 SUNK_M: Final = 0.27
 """A body that tilts further, or is lower, at the instant of a stop, was falling by itself."""
@@ -203,3 +213,57 @@ def _is_down(truth: Any) -> bool:
 
 def _stepped(values: Any, step: float) -> Any:
     return np.round(values / step) * step
+
+
+def ordinary(
+    out: Annotated[Path, typer.Option(help="File of the outcomes, a line each; an existing one is continued.")],
+    as_json: AsJson = False,
+    runs: Annotated[int, typer.Option(min=1, help="Runs of each policy, each on another robot.")] = 100,
+    policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; repeatable.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
+    quiet_minutes: Annotated[
+        float, typer.Option(min=0.2, max=60.0, help="Length of every fifth robot's runs, in which nothing happens.")
+    ] = 10.0,
+    minutes: Annotated[
+        float, typer.Option(min=0.1, show_default=False, help="Start no robot after this many minutes.")
+    ] = 1e6,
+) -> None:
+    """Walk randomly drawn robots (ground, pushes, payload, sensors, delays), or let them be; count false stops."""
+    policies = policy or POLICIES
+    for path in policies:
+        load_policy(path)
+    file = ResultFile(out, {"seed": seed})
+    outcomes = [Outcome(**outcome) for outcome in file.earlier]
+    done = {(outcome.number, outcome.policy): outcome for outcome in outcomes}
+    left = [n for n in range(runs) if any((n, path.stem) not in done for path in policies)]
+    total, began_s = runs * len(policies), time.monotonic()
+    with Progress("runs", total, done=len(done)) as progress:
+        for number in left:
+            if time.monotonic() - began_s > 60.0 * minutes:
+                break
+            missing = [path for path in policies if (number, path.stem) not in done]
+            with tempfile.TemporaryDirectory(prefix="spot-rl-ordinary-") as folder:
+                for outcome in tried(number, seed, missing, Path(folder), 60.0 * quiet_minutes):
+                    done[number, outcome.policy] = outcome
+                    file.add(asdict(outcome))
+                    is_told = outcome.verdict in _WRONG
+                    text = f"{number} {outcome.policy} {outcome.command}: {outcome.verdict} {outcome.sentence}"
+                    progress.update(len(done), text, is_told=is_told)
+    _tell(done, policies, seed, as_json)
+    raise typer.Exit(EXIT_FAILED if any(outcome.verdict in _WRONG for outcome in done.values()) else 0)
+
+
+def _tell(done: dict[tuple[int, str], Outcome], policies: list[Path], seed: int, as_json: bool) -> None:
+    counts = {
+        path.stem: Counter(outcome.verdict for outcome in done.values() if outcome.policy == path.stem)
+        for path in policies
+    }
+    if as_json:
+        wrong = [asdict(outcome) for outcome in done.values() if outcome.verdict in _WRONG]
+        typer.echo(json.dumps({"seed": seed, "runs": counts, "wrong": wrong}, ensure_ascii=False))
+        return
+    for name, count in counts.items():
+        typer.echo(f"{name:<10} " + ", ".join(f"{n} {verdict}" for verdict, n in sorted(count.items())))
+    for outcome in done.values():
+        if outcome.verdict in _WRONG:
+            typer.echo(f"{outcome.number} {outcome.policy}: {outcome.verdict}: {outcome.outcome}: {outcome.sentence}")

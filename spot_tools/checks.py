@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from spot_model.errors import SpotRlError
@@ -30,6 +30,12 @@ class Finding:
     found: str
     advice: str = ""
     """What to do; empty where nothing is to be done."""
+    name: str = ""
+    """Of the check, once it is made."""
+
+    def to_data(self) -> dict[str, str]:
+        """Plain data for JSON."""
+        return {"name": self.name, "verdict": self.verdict.value, "found": self.found, "advice": self.advice}
 
 
 @dataclass(frozen=True)
@@ -39,19 +45,16 @@ class Check:
     name: str
     look: Callable[[], Finding]
 
-
-@dataclass(frozen=True)
-class Result:
-    """A check that was made."""
-
-    name: str
-    verdict: Verdict
-    found: str
-    advice: str
-
-    def to_data(self) -> dict[str, str]:
-        """Plain data for JSON."""
-        return {**asdict(self), "verdict": self.verdict.value}
+    def make(self) -> Finding:
+        """Make it. A defect of the check itself is a failure too, never an end of the whole."""
+        try:
+            finding = self.look()
+        except SpotRlError as error:
+            found, _, advice = str(error).partition("; ")
+            finding = fail(found, advice)
+        except Exception as error:  # noqa: BLE001 - the other checks are still worth making
+            finding = fail(f"the check broke: {type(error).__name__}: {error}", "report it with this line")
+        return replace(finding, found=plain(finding.found), advice=plain(finding.advice), name=self.name)
 
 
 def ok(found: str) -> Finding:
@@ -74,18 +77,6 @@ def skipped(why: str) -> Finding:
     return Finding(Verdict.SKIPPED, why)
 
 
-def make(check: Check) -> Result:
-    """Make a check. A defect of the check itself is a failure too, never an end of the whole."""
-    try:
-        finding = check.look()
-    except SpotRlError as error:
-        found, _, advice = str(error).partition("; ")
-        finding = fail(found, advice)
-    except Exception as error:  # noqa: BLE001 - the other checks are still worth making
-        finding = fail(f"the check broke: {type(error).__name__}: {error}", "report it with this line")
-    return Result(check.name, finding.verdict, plain(finding.found), plain(finding.advice))
-
-
-def is_fit(results: Iterable[Result]) -> bool:
+def is_fit(findings: Iterable[Finding]) -> bool:
     """Whether no check failed."""
-    return all(result.verdict is not Verdict.FAIL for result in results)
+    return all(finding.verdict is not Verdict.FAIL for finding in findings)

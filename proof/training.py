@@ -1,26 +1,60 @@
-"""How fast training is, and where the time goes."""
+"""``spot-rl bench train``: how fast training is, and where the time goes. What brings torch is imported late."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import json
+import os
 import platform
 import resource
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import torch
+import typer
 
-from spot_model.plant.gpu.captured import Captured
+from spot_model.console.options import AsJson, Overrides, TorchDevice
 from spot_model.robot import facts
-from trainer.config.train_config import TrainConfig
-from trainer.ppo.runner import PpoRunner
-from trainer.ppo.train import make_runner
+from trainer.config.train_config import TrainConfig, config_from_data, load_config
+
+if TYPE_CHECKING:
+    from trainer.ppo.runner import PpoRunner
 
 WARM_UP_ITERATIONS = 2
 """On a GPU, the first loads kernels and the second records graphs."""
+
+
+def train(
+    config: Annotated[Path | None, typer.Option("--config", help="Config file; default: the paper's task.")] = None,
+    set_: Overrides = None,
+    device: TorchDevice = "cpu",
+    iterations: Annotated[int, typer.Option("--iterations", help="How many to time.", min=1)] = 5,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the speed of training: physics, task, learning."""
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read by torch, when it is imported
+    from trainer.ppo.train import is_first_process, local_device
+    from trainer.simulate.engine import check_device
+
+    overrides = tuple(set_ or ())
+    default = {"name": "bench", "iterations": 1}
+    checked = (
+        config_from_data(default, source="bench", overrides=overrides)
+        if config is None
+        else load_config(config, overrides)
+    )
+    device = local_device(device)
+    check_device(device)
+    result = bench_train(checked, device, iterations=iterations)
+    if not is_first_process():
+        return
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    for key, value in result.items():
+        typer.echo(f"{key:>22} {value}")
 
 
 def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dict[str, Any]:
@@ -38,6 +72,10 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         robot's step while collecting, µs, which other work on the computer hardly changes), ``physics_steps_per_s``,
         the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
     """
+    import torch
+
+    from trainer.ppo.train import make_runner
+
     config = config.model_copy(update={"iterations": iterations + WARM_UP_ITERATIONS, "save_every": 10**9})
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
         runner = make_runner(config, Path(folder), device)
@@ -81,6 +119,10 @@ def _iterate(runner: PpoRunner, device: str) -> tuple[float, float, float]:
 
 def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
     """Seconds of one policy period of physics alone, from where training stands."""
+    import torch
+
+    from spot_model.plant.gpu.captured import Captured
+
     env = runner.env
     pose = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
     setpoints = [pose.repeat(size, 1) for size in env.sizes]
@@ -100,6 +142,8 @@ def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
 
 def _now(device: str) -> float:
     if device != "cpu":
+        import torch
+
         torch.cuda.synchronize(device)
     return time.perf_counter()
 
@@ -107,6 +151,8 @@ def _now(device: str) -> float:
 def _peak_memory_mb(device: str) -> float:
     if device == "cpu":
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    import torch
+
     free, total = torch.cuda.mem_get_info(device)
     return (total - free) / 2**20
 
@@ -119,3 +165,7 @@ def _processor() -> str:
         lines = []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return f"{len(names)} × {names[0]}" if names else platform.machine()
+
+
+if __name__ == "__main__":
+    typer.run(train)

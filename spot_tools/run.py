@@ -30,12 +30,10 @@ from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels
 from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start
 from spot_runtime.session.run import run as run_once
+from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import CommandSource
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
-from spot_tools.run.joint_script import JointScriptSource
-from spot_tools.run.manual import manual_source
-from spot_tools.run.scripted import ScriptedSource
-from spot_tools.run.summary_text import summary_text
+from spot_tools.sources import JointScriptSource, ScriptedSource, manual_source
 
 
 @exit_on_termination()
@@ -156,3 +154,27 @@ def make_source(
     if clipped != wanted:
         console.say(f"sequence {wanted.name}: commands are cut to the policy's range, {low} to {high}")
     return ScriptedSource(clipped, duration_s=duration_s)
+
+
+def summary_text(end: RunSummary) -> str:
+    """The end of a run, in a few lines for a person."""
+    lines = [f"outcome            {end.outcome}: {end.sentence}"]
+    if end.ticks:
+        lines += [
+            f"control            {end.control_robot_s:.1f} s of robot time in {end.control_wall_s:.1f} s",
+            f"policy ticks       {end.ticks} at {end.rate_hz:.3f} Hz of robot time, {end.skipped_ticks} skipped",
+            _pair("tick compute", end.tick_compute_p50_us, end.tick_compute_p99_us, "µs"),
+            _pair("state to command", end.state_to_command_p50_ms, end.state_to_command_p99_ms, "ms"),
+            _pair("state age, receipt", end.state_age_p50_ms, end.state_age_p99_ms, "ms"),
+            _pair("state age, robot", end.acquisition_age_p50_ms, end.acquisition_age_p99_ms, "ms"),
+        ]
+    lost = end.log_dropped + end.log_unwritten
+    lines.append(f"log                {end.log_path or 'none is left'} ({lost} messages lost)")
+    if end.log_problem:
+        lines.append(f"log's problem      {end.log_problem}")
+    return "\n".join(lines)
+
+
+def _pair(name: str, p50: float, p99: float, unit: str) -> str:
+    digits = 0 if unit == "µs" else 2
+    return f"{name:<18} p50 {p50:.{digits}f} {unit}, p99 {p99:.{digits}f} {unit}"

@@ -1,1 +1,0 @@
-"""Ordinary runs on robots, ground and links that are drawn anew each time: nothing may stop them."""

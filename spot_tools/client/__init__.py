@@ -1,1 +1,0 @@
-"""The operator's side of the service: `spot-rl ctl`, manual driving, the watch screen."""
