@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from spot_log import read_run
@@ -67,8 +66,3 @@ def test_report_writes_a_page(invoke, synthetic_log, tmp_path):
     done = invoke("report", synthetic_log, "--out", tmp_path / "run.html")
     assert done.exit_code == 0
     assert (tmp_path / "run.html").stat().st_size > 50_000
-
-
-def test_the_commands_are_these():
-    group = typer.main.get_command(app)
-    assert {"info", "export", "recover", "report"} <= set(group.commands)

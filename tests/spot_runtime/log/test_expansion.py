@@ -11,7 +11,6 @@ from mcap.opcode import Opcode
 
 from spot_log import read_run
 from spot_log.errors import LogReadError
-from spot_log.format.records import WireState
 from spot_log.read.mcap_scan import FREE_BYTES, MAX_EXPANSION, Budget, scan_mcap
 from spot_log.write.mcap_file import MAGIC
 
@@ -87,55 +86,3 @@ def test_a_state_with_a_flood_of_packets_is_refused(tmp_path, synthetic_run) -> 
     writer.close({}, "completed")
     with pytest.raises(LogReadError, match=r"IMU packets; allowed: at most 256"):
         read_run(tmp_path / "flood.mcap")
-
-
-# The folder of a log that is being written ----------------------------------------------------------------------------
-
-
-def feed(sink, synthetic_run, count: int, start: int = 0) -> None:
-    wire = synthetic_run().message(0).SerializeToString()
-    for i in range(count):
-        sink.put(WireState(wire, start + i))
-
-
-def unwritten_when_settled(sink) -> int:
-    import time
-
-    last, since_s = -1, time.monotonic()
-    for _ in range(2000):
-        now = sink.health().unwritten["state"]
-        if now != last:
-            last, since_s = now, time.monotonic()
-        if last > 0 and time.monotonic() - since_s > 2.0:
-            return last
-        time.sleep(0.02)
-    return last
-
-
-def test_a_log_whose_folder_moves_is_whole_in_its_new_place(tmp_path, synthetic_run) -> None:
-    from spot_log.write.logger_process import LoggerProcess
-
-    (tmp_path / "old").mkdir()
-    sink = LoggerProcess.start(tmp_path / "old" / "run.mcap", synthetic_run().header)
-    feed(sink, synthetic_run, 100)
-    (tmp_path / "old").rename(tmp_path / "new")
-    feed(sink, synthetic_run, 100, 100)
-    sink.close("completed")
-    health = sink.health()
-    assert health.problem.endswith(f"the log is in {tmp_path / 'new'}")
-    assert not any([*health.unwritten.values(), *health.dropped.values()])
-    assert len(read_run(tmp_path / "new" / "run.mcap").states) == 200
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["run.mcap"]
-
-
-def test_what_is_written_to_a_deleted_log_is_counted_once(tmp_path, synthetic_run) -> None:
-    from spot_log.write.logger_process import LoggerProcess
-    from spot_log.write.run_writer import active_path
-
-    sink = LoggerProcess.start(tmp_path / "run.mcap", synthetic_run().header)
-    active_path(sink.path).unlink()
-    feed(sink, synthetic_run, 500)
-    assert unwritten_when_settled(sink) == 500  # and not 500 more with every flush
-    assert "was deleted" in sink.health().problem
-    sink.close("completed")
-    assert not sink.path.exists()

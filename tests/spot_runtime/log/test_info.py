@@ -109,9 +109,7 @@ def test_a_fall_by_lost_contact(run):
 def test_a_robot_that_sits_before_its_first_command_has_not_fallen(run):
     contact = run.states.foot_contact.copy()
     contact[:300] = False
-    late = replace(
-        run.commands, **{name: getattr(run.commands, name)[60:] for name in run.commands.__dataclass_fields__}
-    )
+    late = run.commands.rows(slice(60, None))
     sitting = replace(run, states=replace(run.states, foot_contact=contact), commands=late)
     assert measures.falls(sitting) == ()
     assert len(measures.falls(replace(sitting, commands=run.commands))) == 1
@@ -129,10 +127,7 @@ def test_steps_by_hand():
 def test_lost_messages_show_as_gaps(synthetic_run, tmp_path, run):
     keep = np.ones(667, dtype=bool)
     keep[[50, 51, 200]] = False
-    states = replace(
-        run.states,
-        **{name: getattr(run.states, name)[keep] for name in run.states.__dataclass_fields__ if name != "imu"},
-    )
+    states = run.states.rows(keep)
     thinned = replace(run, states=states, footer=None)
     assert measures.steps(states.robot_stamp_ns).gaps == 2
     assert measures.dropped(thinned) == {"state": 3}
@@ -142,14 +137,9 @@ def test_command_delay_counts_each_key_once_and_only_known_ones(run):
     time_s, delay_s = measures.command_delay_s(run)
     assert len(delay_s) == len(time_s) == 100
     # Without the first 10 commands in the log their echoes tell nothing.
-    fewer = replace(
-        run.commands, **{name: getattr(run.commands, name)[10:] for name in run.commands.__dataclass_fields__}
-    )
-    assert len(measures.command_delay_s(replace(run, commands=fewer))[1]) == 90
-    none = replace(
-        run.commands, **{name: getattr(run.commands, name)[:0] for name in run.commands.__dataclass_fields__}
-    )
-    assert len(measures.command_delay_s(replace(run, commands=none))[1]) == 0
+    for first, known in ((10, 90), (100, 0)):
+        fewer = run.commands.rows(slice(first, None))
+        assert len(measures.command_delay_s(replace(run, commands=fewer))[1]) == known
 
 
 def test_an_empty_log_has_a_summary(synthetic_run, tmp_path):

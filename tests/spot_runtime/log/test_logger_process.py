@@ -289,8 +289,9 @@ def test_a_folder_that_is_moved_takes_the_log_along(synthetic_run, tmp_path):
     health = sink.health()
     assert health.path == str(elsewhere / "run.mcap")
     assert health.problem == f"the log's folder was moved while it was being written; the log is in {elsewhere}"
-    assert not any(health.unwritten.values())
+    assert not any([*health.unwritten.values(), *health.dropped.values()])
     assert read_run(elsewhere / "run.mcap").outcome == "completed"
+    assert [path.name for path in elsewhere.iterdir()] == ["run.mcap"]
 
 
 def test_what_takes_the_place_of_a_log_does_not_become_the_log(synthetic_run, tmp_path, sink):
@@ -309,11 +310,16 @@ def test_what_takes_the_place_of_a_log_does_not_become_the_log(synthetic_run, tm
     assert (active.is_symlink(), target.read_text()) == (True, "theirs")
 
 
-def test_a_log_without_a_name_is_lost_as_a_whole(synthetic_run, sink):
-    fed = synthetic_run(duration_s=0.3).feed(sink)
+def test_a_log_without_a_name_is_lost_as_a_whole_and_counted_once(synthetic_run, sink):
+    made_up = synthetic_run(duration_s=0.3)
+    fed = made_up.feed(sink)
     wait_until(lambda: active_path(sink.path).stat().st_size > 10_000, "it is written")
     active_path(sink.path).unlink()
+    fed = {topic: 2 * n for topic, n in fed.items()}
+    made_up.feed(sink)
+    wait_until(lambda: sink.health().unwritten["state"] > 0, "a flush has failed")
     sink.close("completed")
+    assert not sink.path.exists()
     health = sink.health()
     assert health.path == ""
     assert "its file was deleted, or its disk unmounted" in health.problem
