@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -11,7 +10,7 @@ from diagnosis.channels import CHANNEL_TITLES
 from diagnosis.document import CalibratedNumber, Consequences, Difference, GapCell, Verdict
 from diagnosis.report import figures, words
 from diagnosis.report.effect_file import formula_text
-from diagnosis.report.robot_picture import picture
+from diagnosis.report.figures import picture
 from diagnosis.report.traces import trace_figures
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.look import Html, beside, boxed, facts, folded, framed, headed, listed, table
@@ -81,11 +80,6 @@ def page(result: Diagnosis) -> str:
     return framed("Diagnosis", body, STYLE)
 
 
-def _rows(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table; nothing without rows."""
-    return table(head, rows) if rows else ""
-
-
 def _warnings(v: Verdict) -> str:
     told = listed(map(words.sentence, v.warnings))
     return f"<section class='warning'><h2>Read this first</h2>{told}</section>" if v.warnings else ""
@@ -136,7 +130,7 @@ def _together(v: Verdict) -> str:
         return ""
     key = legend(zip(figures.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
     told = listed(words.sentence(words.gap_told(g)) for g in c.gaps)
-    changes = _rows(("", "nominal", "corrected", "robot", ""), _changes(c))
+    changes = table(("", "nominal", "corrected", "robot", ""), _changes(c))
     title, about = "What the corrected model does", words.measured_on(v, c)
     return boxed(title, about, f"{key}{figures.gap_bars(c)}{told}{changes}")
 
@@ -174,7 +168,7 @@ def _difference(d: Difference) -> str:
         ]
         last = "robot; of gaps, floor" if gaps else "robot"
         does = f"<div>{table(('', 'without', 'with', last, ''), [*gaps, *_changes(c)])}</div>"
-    sizes = _rows(("size", "", "", "90 % interval"), rows)
+    sizes = table(("size", "", "", "90 % interval"), rows)
     return f"{title}{beside(f'<div>{sizes}{_group(d)}</div>', does)}"
 
 
@@ -227,7 +221,7 @@ def _numbers(numbers: list[CalibratedNumber]) -> str:
         for n in numbers
     ]
     css = ["out" if n.stands_out else "" for n in numbers]
-    return table(("number", "where", "nominal", "robot (90 %)", ""), rows, row_classes=css) if rows else ""
+    return table(("number", "where", "nominal", "robot (90 %)", ""), rows, row_classes=css)
 
 
 def _remains(v: Verdict) -> str:
@@ -235,7 +229,7 @@ def _remains(v: Verdict) -> str:
         (g.gap, f"{words.number(g.left)} {g.unit}", words.number(g.floor), "—" if g.ratio is None else f"{g.ratio:.1f}")
         for g in v.remainder
     ]
-    content = _rows(("gap", "left", "floor", "times its floor"), rows) + _unknown(v)
+    content = table(("gap", "left", "floor", "times its floor"), rows) + _unknown(v)
     return boxed("What remains", "What the corrected model leaves of each gap.", content)
 
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 import foxglove
 import numpy as np
 
-from spot_log.format.topics import ALL_TOPICS, HEADER, SCENE, STATE
+from spot_log.format.codec import ALL_TOPICS, HEADER, SCENE, STATE
 from spot_log.write.live_tap import HEAD, MAX_DATAGRAM_BYTES
 from spot_log.write.logger_child import shed_inherited_settings
 from spot_model.robot import facts

@@ -16,7 +16,10 @@ class Html(str):
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]], *, row_classes: Sequence[str] = ()) -> Html:
-    """A table."""
+    """A table; empty without rows."""
+    rows = list(rows)
+    if not rows:
+        return Html("")
     names = "".join(f"<th>{escaped(name)}</th>" for name in head)
     lines = [f"<tr>{names}</tr>"] if head else []
     for i, row in enumerate(rows):

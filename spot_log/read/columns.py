@@ -14,14 +14,13 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from spot_log.errors import LogReadError
 from spot_log.format.tables import Column, Table, width_of
 
 Messages = Sequence[Any]
 TableT = TypeVar("TableT", bound=Table)
-_TEXT: Final = "log record {name}: row {row} has {found} values, expected {width}"
 
 
 def gather(kind: type[TableT], messages: Messages, widths: Mapping[str, int], **given: Any) -> TableT:
@@ -35,53 +34,20 @@ def gather(kind: type[TableT], messages: Messages, widths: Mapping[str, int], **
 
 
 def _gathered(messages: Messages, name: str, declared: Column, widths: Mapping[str, int]) -> NDArray[Any]:
-    width = width_of(declared, widths)
-    if width is None:
-        return np.array([getattr(message, name) for message in messages], dtype=declared.dtype)
-    if declared.dtype.kind == "b":
-        return flags(messages, name, width)
-    return matrix(messages, name, width, declared.dtype)
-
-
-def matrix(messages: Messages, name: str, width: int, dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """One array a message; an empty one becomes a row of NaN.
-
-    Returns:
-        Shape (n, width).
-
-    Raises:
-        LogReadError: An array is neither empty nor ``width`` long.
-    """
+    """One column; an empty array becomes a row of NaN, and booleans of which no message has any have no columns."""
+    width, dtype = width_of(declared, widths), declared.dtype
     rows = [getattr(message, name) for message in messages]
+    if width is None:
+        return np.array(rows, dtype=dtype)
+    is_flags = dtype.kind == "b"
+    if is_flags and not any(map(len, rows)):
+        return np.zeros((len(rows), 0), dtype=dtype)
     if all(len(row) == width for row in rows):
-        flat = list(chain.from_iterable(rows))
-        return np.array(flat, dtype=dtype).reshape(len(messages), width)
-    return _ragged(rows, name, width, dtype)
-
-
-def _ragged(rows: Messages, name: str, width: int, dtype: DTypeLike) -> NDArray[Any]:
-    result = np.full((len(rows), width), np.nan, dtype=dtype)
+        return np.array(list(chain.from_iterable(rows)), dtype=dtype).reshape(len(rows), width)
     for row, values in enumerate(rows):
-        if len(values) == width:
-            result[row] = values
-        elif len(values):
-            raise LogReadError(_TEXT.format(name=name, row=row, found=len(values), width=width))
-    return result
-
-
-def flags(messages: Messages, name: str, width: int) -> NDArray[np.bool_]:
-    """One array of booleans a message. Returns shape (n, width), or (n, 0) where every message's is empty.
-
-    Raises:
-        LogReadError: Some messages have another number of them.
-    """
-    rows = [list(getattr(message, name)) for message in messages]
-    if not any(rows):
-        return np.zeros((len(rows), 0), dtype=np.bool_)
-    for row, values in enumerate(rows):
-        if len(values) != width:
-            raise LogReadError(_TEXT.format(name=name, row=row, found=len(values), width=width))
-    return np.array(rows, dtype=np.bool_)
+        if len(values) != width and (is_flags or len(values)):
+            raise LogReadError(f"log record {name}: row {row} has {len(values)} values, expected {width}")
+    return np.array([list(values) or [np.nan] * width for values in rows], dtype=dtype)
 
 
 def widest(messages: Messages, name: str) -> int:

@@ -21,7 +21,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Schema
 
-from spot_log.format.topics import ALL_TOPICS
+from spot_log.format.codec import ALL_TOPICS
 from spot_log.write.mcap_file import MAGIC
 
 RECORD_HEAD: Final = struct.Struct("<BQ")

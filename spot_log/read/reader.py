@@ -12,8 +12,8 @@ from google.protobuf.message import DecodeError, Message
 
 from spot_log.errors import LogReadError, MissingHeaderError, NotAnMcapError, SchemaVersionError
 from spot_log.format import codec
+from spot_log.format.codec import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.format.records import SCHEMA_NAME, RunHeader
-from spot_log.format.topics import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.read.columns import UnusualError, gather, widest, wire_columns
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
 from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable

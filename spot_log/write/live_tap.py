@@ -13,7 +13,7 @@ import struct
 from collections.abc import Mapping
 from typing import Final
 
-from spot_log.format.topics import COMMAND, STATE
+from spot_log.format.codec import COMMAND, STATE
 from spot_log.format.viewer import VIEWER_PERIOD_NS
 
 SOCKET_VARIABLE: Final = "SPOT_RL_LIVE_SOCKET"

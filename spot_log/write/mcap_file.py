@@ -12,7 +12,7 @@ import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -36,54 +36,9 @@ from mcap.records import (
 )
 
 from spot_log.errors import LogExistsError
-from spot_log.format.topics import Topic
+from spot_log.format.codec import Topic
 
 MAGIC: Final = b"\x89MCAP0\r\n"
-
-
-def tail(
-    size: int,
-    schemas: Sequence[Schema],
-    channels: Sequence[Channel],
-    chunks: Sequence[ChunkIndex],
-    attachments: Sequence[AttachmentIndex],
-    counts: Mapping[int, int],
-    times_ns: tuple[int, int],
-) -> bytes:
-    """Everything behind the data: end of data, summary, offsets, footer."""
-    statistics = Statistics(
-        attachment_count=len(attachments),
-        channel_count=len(channels),
-        channel_message_counts=dict(counts),
-        chunk_count=len(chunks),
-        message_count=sum(counts.values()),
-        message_end_time=times_ns[1],
-        message_start_time=times_ns[0],
-        metadata_count=0,
-        schema_count=len(schemas),
-    )
-    groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
-        (Opcode.SCHEMA, schemas),
-        (Opcode.CHANNEL, channels),
-        (Opcode.STATISTICS, [statistics]),
-        (Opcode.CHUNK_INDEX, chunks),
-        (Opcode.ATTACHMENT_INDEX, attachments),
-    )
-    data_end = encode(DataEnd(0))
-    summary_start = size + len(data_end)
-    body = b""
-    offsets: list[SummaryOffset] = []
-    for opcode, records in groups:
-        encoded = encode(*records)
-        if encoded:
-            offsets.append(SummaryOffset(opcode, summary_start + len(body), len(encoded)))
-        body += encoded
-    offset_start = summary_start + len(body)
-    body += encode(*offsets)
-    # The checksum covers the summary and the footer up to the checksum itself.
-    footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
-    footer = Footer(summary_start, offset_start, zlib.crc32(footer_head, zlib.crc32(body)))
-    return data_end + body + encode(footer) + MAGIC
 
 
 def encode(*records: McapRecord) -> bytes:
@@ -307,16 +262,41 @@ class McapFile:
         self.close()
 
     def _tail(self) -> bytes:
+        """Everything behind the data: end of data, summary, offsets, footer."""
         used = sorted(self._counts)
-        return tail(
-            self._size,
-            [self._schemas[i] for i in used],
-            [self._channels[i] for i in used],
-            self._chunk_indices,
-            self._attachment_indices,
-            dict(self._counts),
-            (self._start_ns, self._end_ns),
+        statistics = Statistics(
+            attachment_count=len(self._attachment_indices),
+            channel_count=len(used),
+            channel_message_counts=dict(self._counts),
+            chunk_count=len(self._chunk_indices),
+            message_count=self._counts.total(),
+            message_end_time=self._end_ns,
+            message_start_time=self._start_ns,
+            metadata_count=0,
+            schema_count=len(used),
         )
+        groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
+            (Opcode.SCHEMA, [self._schemas[i] for i in used]),
+            (Opcode.CHANNEL, [self._channels[i] for i in used]),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunk_indices),
+            (Opcode.ATTACHMENT_INDEX, self._attachment_indices),
+        )
+        data_end = encode(DataEnd(0))
+        summary_start = self._size + len(data_end)
+        body = b""
+        offsets: list[SummaryOffset] = []
+        for opcode, records in groups:
+            encoded = encode(*records)
+            if encoded:
+                offsets.append(SummaryOffset(opcode, summary_start + len(body), len(encoded)))
+            body += encoded
+        offset_start = summary_start + len(body)
+        body += encode(*offsets)
+        # The checksum covers the summary and the footer up to the checksum itself.
+        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
+        footer = Footer(summary_start, offset_start, zlib.crc32(footer_head, zlib.crc32(body)))
+        return data_end + body + encode(footer) + MAGIC
 
     def _append(self, data: bytes) -> None:
         view = memoryview(data)

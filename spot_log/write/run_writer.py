@@ -13,8 +13,7 @@ from google.protobuf.message import Message
 
 from spot_log.errors import DiskSpaceError, LogError, LogExistsError
 from spot_log.format import codec, viewer
-from spot_log.format.records import RunHeader
-from spot_log.format.topics import (
+from spot_log.format.codec import (
     ALL_TOPICS,
     COMMAND,
     EVENT,
@@ -31,6 +30,7 @@ from spot_log.format.topics import (
     TRANSFORMS,
     Topic,
 )
+from spot_log.format.records import RunHeader
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
 from spot_model.robot.facts import JOINT_NAMES
 from spot_protos import log_pb2

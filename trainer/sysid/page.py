@@ -87,7 +87,7 @@ def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
 
 def _values(parameters: Sequence[ParameterVerdict]) -> str:
     rows = [(_plain(p.name), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}", p.source) for p in parameters]
-    return table(("parameter", "value", "90 % interval", "from"), rows) if rows else ""
+    return table(("parameter", "value", "90 % interval", "from"), rows)
 
 
 def _reasons(parameters: Sequence[ParameterVerdict]) -> str:

@@ -79,8 +79,7 @@ def _unasked(titles: Sequence[str]) -> str:
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Html:
     """A table of cells that are HTML already; empty without rows."""
-    cells = [[Html(cell) for cell in row] for row in rows]
-    return table(heads, cells) if cells else Html("")
+    return table(heads, ([Html(cell) for cell in row] for row in rows))
 
 
 def _leak(leak: Mapping[str, Any]) -> Sequence[str]:

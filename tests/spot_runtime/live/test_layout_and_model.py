@@ -14,7 +14,7 @@ import pytest
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from spot_log.format.topics import ALL_TOPICS
+from spot_log.format.codec import ALL_TOPICS
 from spot_log.format.viewer import joint_transforms, spot_scene
 from spot_model.robot import facts
 

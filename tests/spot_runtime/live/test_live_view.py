@@ -17,8 +17,8 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf import descriptor_pool
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
+from spot_log.format.codec import ALL_TOPICS, SCENE, STATE, TICK
 from spot_log.format.records import EventRecord, RunHeader, Severity
-from spot_log.format.topics import ALL_TOPICS, SCENE, STATE, TICK
 from spot_log.live.process import FOLDER_PREFIX, SOCKET_NAME, LiveProcess, LiveViewError
 from spot_log.write.live_tap import SOCKET_VARIABLE, LiveTap
 from spot_log.write.logger_process import LoggerProcess

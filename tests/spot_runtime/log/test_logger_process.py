@@ -244,7 +244,7 @@ def test_a_write_that_fails_half_way_is_taken_back(synthetic_run, tmp_path, monk
     made_up = synthetic_run()
     path = made_up.write(tmp_path / "whole.mcap")
     whole = path.read_bytes()
-    from spot_log.format.topics import ALL_TOPICS, STATE
+    from spot_log.format.codec import ALL_TOPICS, STATE
     from spot_log.write.mcap_file import McapFile
 
     file = McapFile(tmp_path / "half.mcap", ALL_TOPICS)

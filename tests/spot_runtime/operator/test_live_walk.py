@@ -17,7 +17,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed
 
-from spot_log.format.topics import ALL_TOPICS
+from spot_log.format.codec import ALL_TOPICS
 from spot_log.live.process import LiveProcess
 from spot_model.robot.facts import JOINT_NAMES
 from spot_protos import operator_pb2
