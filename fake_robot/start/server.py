@@ -13,14 +13,14 @@ from typing import Self
 
 import grpc
 
+from fake_robot.faults.registry import FaultInjector
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.parts import ServicesConfig
-from fake_robot.services.admin.admin import AdminService
-from fake_robot.services.admin.injection import FaultInjector
-from fake_robot.services.admin.stepping import Stepping, StepSocket
+from fake_robot.services.admin import AdminService
 from fake_robot.services.auth import Credentials
 from fake_robot.services.calls import UnaryCalls
 from fake_robot.services.gate import GatekeeperInterceptor
+from fake_robot.services.stepping import Stepping, StepSocket
 from fake_robot.services.wiring import add_services
 from fake_robot.services.world import World
 from fake_robot.start.certificates import ServerCertificates

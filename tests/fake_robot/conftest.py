@@ -156,11 +156,11 @@ class StubRobot:
     def set(self, **changes: Any) -> None:
         self.state = replace(self.state, **changes)
 
-    def start(self) -> None:
-        self.calls.append("start")
-
-    def stop(self) -> None:
-        self.calls.append("stop")
+    def __getattr__(self, name: str) -> Callable[[], None]:
+        """Some calls are counted and do nothing else."""
+        if name not in {"start", "stop", "stop_motion", "freeze", "selfright", "safe_power_off"}:
+            raise AttributeError(name)
+        return lambda: self.calls.append(name)
 
     def snapshot(self) -> Snapshot:
         return replace(self.state, robot_stamp_ns=self.clock.now_ns())
@@ -196,18 +196,6 @@ class StubRobot:
     def sit(self) -> None:
         self.calls.append("sit")
         self.set(mode=Mode.SITTING_DOWN)
-
-    def stop_motion(self) -> None:
-        self.calls.append("stop_motion")
-
-    def freeze(self) -> None:
-        self.calls.append("freeze")
-
-    def selfright(self) -> None:
-        self.calls.append("selfright")
-
-    def safe_power_off(self) -> None:
-        self.calls.append("safe_power_off")
 
     def enter_joint_control(self) -> None:
         self.calls.append("enter_joint_control")

@@ -171,7 +171,8 @@ def test_a_robot_that_hides_its_power_is_sent_stops_alone(start: Start, certific
     assert not any(key.endswith("JointControlStream") for key, _ in planted.asked)
 
 
-def test_power_that_nobody_asked_for_is_taken_away_and_told(start: Start) -> None:
+def test_power_that_nobody_asked_for_is_taken_away_and_told(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fake_robot.conformance.power.CONTROLLED_OFF_S", 1.0)
     server, planted = start(BRISK)
     planted.plant(ERRORS["power_for_anybody"])
     results = list(run_checks(server, Needs.MOTION, ("power_without_lease", "feet_stand_in_motion")))

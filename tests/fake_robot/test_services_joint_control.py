@@ -46,9 +46,9 @@ class StandingRobot:
             self.commands.clear_behavior_fault(fault.behavior_fault_id)
         self.robot.ensure_client("power").power_command(power_pb2.PowerCommandRequest.REQUEST_ON)
         if self.status().motor_power != "on":
-            self.pass_s(3.0)
+            self.pass_s(0.6)
         self.commands.robot_command(RobotCommandBuilder.synchro_stand_command())
-        self.pass_s(4.0)
+        self.pass_s(1.5)
         joints = self.robot.ensure_client("robot-state").get_robot_state().kinematic_state.joint_states
         self.pose = [joint.position.value for joint in joints]
 
@@ -91,8 +91,12 @@ class StandingRobot:
 
 @pytest.fixture(scope="module")
 def spot(fake_spot_state_folder: Path) -> Iterator[FakeSpot]:
-    # Nothing keeps the lease alive here, and a busy computer is slow.
-    scenario = {"services": {"lease_timeout_s": 3600.0}}
+    scenario = {
+        "services": {"lease_timeout_s": 3600.0},  # nothing keeps the lease alive here, and a busy computer is slow
+        "power": {"power_on_s": 0.4},
+        "motion": {"stand_s": 0.8},
+        "joint_control": {"activation_wait_s": 1.0},
+    }
     with running_fake_spot(scenario=scenario, lock_step=True, state_folder=fake_spot_state_folder) as spot:
         yield spot
 
@@ -122,7 +126,7 @@ def test_both_orders_and_a_clean_end(standing: StandingRobot, is_stream_first: b
     standing.commands.robot_command(RobotCommandBuilder.synchro_stand_command())
     standing.end_stream()
     assert standing.verdict() == ("STATUS_OK", "")
-    standing.pass_s(3.0)
+    standing.pass_s(1.5)
     assert standing.status().mode == "standing"
 
 
@@ -166,7 +170,7 @@ def test_a_stream_that_nobody_activates_is_inactive(standing: StandingRobot) -> 
     for _ in range(20):
         standing.send(standing.request(end_in_s=5.0))
         standing.pass_s(0.02, after_key=standing.key)
-    for _ in range(60):  # the scenario's wait is 5 s
+    for _ in range(12):  # the scenario's wait is 1 s
         standing.pass_s(0.1)
     status, message = standing.verdict()
     assert status == "STATUS_INACTIVE"

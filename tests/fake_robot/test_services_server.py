@@ -18,14 +18,13 @@ from typing import Any
 import grpc
 import pytest
 from bosdyn.api import (
-    auth_service_pb2_grpc,
     data_buffer_pb2,
     power_pb2,
     robot_command_pb2,
     robot_id_pb2,
     robot_id_service_pb2_grpc,
 )
-from bosdyn.client.auth import InvalidLoginError, InvalidTokenError, TemporarilyLockedOutError
+from bosdyn.client.auth import InvalidLoginError, InvalidTokenError
 from bosdyn.client.exceptions import InvalidRequestError, RpcError, UnauthenticatedError
 from bosdyn.client.lease import ResourceAlreadyClaimedError
 from cryptography import x509
@@ -204,16 +203,6 @@ def test_streams_need_a_token_too(stub: Any) -> None:
     assert not stub.robot.streams
 
 
-def test_guessing_locks_the_user_out(serve_stub: Callable[..., Any]) -> None:
-    stub = serve_stub(max_failed_logins=2, lockout_s=60.0)
-    robot = stub.sdk_robot(is_authenticated=False)
-    for _ in range(2):
-        with pytest.raises(InvalidLoginError):
-            robot.authenticate("user", "guess")
-    with pytest.raises(TemporarilyLockedOutError):
-        robot.authenticate("user", "correct horse")
-
-
 @pytest.mark.filterwarnings("ignore:read_binary is deprecated:DeprecationWarning")  # of the SDK
 def test_a_stranger_who_does_not_trust_the_certificate_is_not_served(stub: Any) -> None:
     from bosdyn.client.sdk import create_standard_sdk
@@ -248,19 +237,6 @@ def test_too_large_a_request_is_refused(stub: Any) -> None:
     with pytest.raises(RpcError) as refused:
         client.add_text_messages([data_buffer_pb2.TextMessage(message="x" * 5_000_000)])
     assert refused.value.error.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
-
-
-def test_garbage_is_refused_and_the_server_lives(stub: Any) -> None:
-    with raw_channel(stub) as channel:
-        call = channel.unary_unary("/bosdyn.api.AuthService/GetAuthToken")
-        with pytest.raises(grpc.RpcError):
-            call(b"\xff\xff\xff")
-        unknown = channel.unary_unary("/bosdyn.api.RobotIdService/GetShoeSize")
-        with pytest.raises(grpc.RpcError) as refused:
-            unknown(b"")
-        assert refused.value.code() in {grpc.StatusCode.UNIMPLEMENTED, grpc.StatusCode.UNAUTHENTICATED}
-        assert auth_service_pb2_grpc.AuthServiceStub(channel)
-    assert stub.sdk_robot().get_id()
 
 
 # --------------------------------------------------------------------------------------------- faults of the wire

@@ -63,12 +63,12 @@ def admin_service() -> Any:
     """The service over a robot in lock-step, in this process."""
     global _admin  # noqa: PLW0603
     if _admin is None:
+        from fake_robot.faults.registry import FaultInjector
         from fake_robot.robot.robot import Robot
         from fake_robot.scenario.scenario import Scenario
-        from fake_robot.services.admin.admin import AdminService
-        from fake_robot.services.admin.injection import FaultInjector
-        from fake_robot.services.admin.stepping import Stepping
+        from fake_robot.services.admin import AdminService
         from fake_robot.services.auth import Credentials
+        from fake_robot.services.stepping import Stepping
         from fake_robot.services.world import World
 
         robot = Robot(Scenario().with_changes(time_mode="lock_step"))

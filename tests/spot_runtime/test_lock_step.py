@@ -9,8 +9,8 @@ from typing import Any
 import grpc
 import pytest
 
-from fake_robot.services.admin.stepping import StepSocket
 from fake_robot.services.calls import RefusedCallError
+from fake_robot.services.stepping import StepSocket
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.lock_step import COMMAND_ATTEMPTS, LockStep

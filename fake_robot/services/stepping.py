@@ -13,7 +13,7 @@ import grpc
 from bosdyn.api import robot_command_pb2
 from google.protobuf.message import DecodeError
 
-from fake_robot.services.admin.injection import FaultInjector
+from fake_robot.faults.registry import FaultInjector
 from fake_robot.services.calls import RefusedCallError
 from fake_robot.services.world import World
 from spot_model.robot.facts import NS_PER_S

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
-from fake_robot.services.admin.injection import FaultInjector
-from fake_robot.services.admin.stepping import Stepping
+from fake_robot.faults.registry import FaultInjector
 from fake_robot.services.calls import Service
+from fake_robot.services.stepping import Stepping
 from fake_robot.services.world import World
 from spot_protos import fake_admin_pb2
 

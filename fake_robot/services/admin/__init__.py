@@ -1,1 +1,0 @@
-"""Our own admin service: scenario, faults, lock-step."""
