@@ -25,7 +25,7 @@ from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.collect.collect_run import USER_SEQUENCE
 from trainer.simulate.engine import Place
-from trainer.simulate.recorded_loop import RecordedLoop, Told
+from trainer.simulate.recorded_loop import Course, RecordedLoop
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
 from trainer.sysid.search import Problem, build_problem, candidates_engine, evaluate
@@ -146,7 +146,7 @@ def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig, 
     for name in ("forward", "six_directions", "random", str(USER_SEQUENCE)):
         sequence = load_sequence(name)
         sequence = sequence.clipped(np.array(contract.velocity_command_low), np.array(contract.velocity_command_high))
-        told = [Told(sequence.name, repeat, sequence.sampled(contract.rate_hz)) for repeat in range(REPEATS)]
+        told = [Course(sequence.name, repeat, sequence.sampled(contract.rate_hz)) for repeat in range(REPEATS)]
         plant = Plant(effects, REPEATS, PlantOptions(n_threads=1))
         pose = facts.DEFAULT_POSITION_RAD + 0.01 * rng.standard_normal((REPEATS, facts.N_JOINTS))
         plant.reset(joint_position_rad=pose, position_of_body_in_world_m=(0.0, 0.0, default_height_m() + 0.01))

@@ -25,7 +25,7 @@ from spot_model.robot.mjcf import MjcfOptions
 from trainer.signals.policy_ticks import Script
 from trainer.simulate import recorded_loop
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell, available_threads
-from trainer.simulate.recorded_loop import RecordedLoop, Told
+from trainer.simulate.recorded_loop import Course, RecordedLoop
 
 SUBSTEPS: Final = 2
 """Physics steps between two states."""
@@ -77,7 +77,7 @@ def simulate(
     loop = RecordedLoop(
         plant,
         policy,
-        [Told(script.sequence, script.repeat, script.velocity_command) for script in scripts],
+        [Course(script.sequence, script.repeat, script.velocity_command) for script in scripts],
         start_setpoint_rad=np.asarray(policy.setpoint_rad(last_action)),
         last_action=last_action,
         channel=channel,

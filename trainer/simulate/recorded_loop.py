@@ -44,8 +44,8 @@ class SensorNoise:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What one simulated robot is told, and the name of its run."""
+class Course:
+    """The commands of one simulated robot, and the name of its run."""
 
     sequence: str
     repeat: int
@@ -55,12 +55,12 @@ class Told:
 
 @dataclass
 class RecordedLoop:
-    """Runs one closed loop of ``len(told)`` robots and gives their logs.
+    """Runs one closed loop of ``len(courses)`` robots and gives their logs.
 
     Args:
         plant: Robots in their initial state, without command and software effects.
         policy: What controls.
-        told: One a robot.
+        courses: One a robot.
         start_setpoint_rad: In effect until the first command arrives, shape (n, 12), canonical order.
         last_action: The network's output before the first tick, shape (n, 12), policy order.
         channel: Effects on the commands' way.
@@ -73,7 +73,7 @@ class RecordedLoop:
 
     plant: Plant
     policy: Policy
-    told: Sequence[Told]
+    courses: Sequence[Course]
     start_setpoint_rad: Array
     last_action: NDArray[np.float32]
     channel: Sequence[CommandEffect]
@@ -95,8 +95,8 @@ class RecordedLoop:
 
     def runs(self, tell: Callable[[float], None] = lambda _: None) -> list[Run]:
         """Simulate; ``tell`` is called with the share that was done before each tick."""
-        n_ticks = max(len(t.velocity_command) for t in self.told)
-        commands = np.stack([padded(t.velocity_command, n_ticks) for t in self.told])
+        n_ticks = max(len(t.velocity_command) for t in self.courses)
+        commands = np.stack([padded(t.velocity_command, n_ticks) for t in self.courses])
         steps = round(facts.STATE_PERIOD_NS * 1e-9 / self.plant.timestep_s)
         loop = ClosedLoop(self.plant, self.policy, path=self, sense=self._sense, see=lambda _, o: _as_seen(o))
         schedule = schedule_by_messages(n_ticks, steps, self.tick_period_s)
@@ -107,7 +107,7 @@ class RecordedLoop:
             tell(tick.index / n_ticks)
         states = {name: stacked(rows) for name, rows in self._states.items()}
         ticks = {name: stacked(rows) for name, rows in self._ticks.items()}
-        return [self._run(i, states, ticks) for i in range(len(self.told))]
+        return [self._run(i, states, ticks) for i in range(len(self.courses))]
 
     # The loop's command path ------------------------------------------------------------------------------------------
 
@@ -162,18 +162,18 @@ class RecordedLoop:
         _append(self._ticks, kept)
 
     def _run(self, i: int, states: dict[str, Any], ticks: dict[str, Any]) -> Run:
-        told, gains = self.told[i], self.policy.gains()
-        m = len(told.velocity_command)
+        course, gains = self.courses[i], self.policy.gains()
+        m = len(course.velocity_command)
         stamp = ticks["stamp"][:m]
         kept = states["robot_stamp_ns"] < stamp[-1] + round(1e9 * self.tick_period_s)
         own = {k: np.ascontiguousarray((v if v.ndim == 1 else v[:, i])[kept]) for k, v in states.items()}
         key = np.arange(1, m + 1)
-        name = f"simulated-{told.sequence}-{told.repeat}"
+        name = f"simulated-{course.sequence}-{course.repeat}"
         header = RunHeader(
             run_id=name,
             started_host_stamp_ns=START_NS,
-            command_sequence=told.sequence,
-            repeat=told.repeat,
+            command_sequence=course.sequence,
+            repeat=course.repeat,
             policy_sha256=self.policy.sha256,
             policy_name=self.policy.contract.name,
         )

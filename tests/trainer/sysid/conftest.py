@@ -23,7 +23,7 @@ from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import PaperActuator
 from spot_model.robot.mjcf import MjcfOptions, default_height_m
-from trainer.simulate.recorded_loop import RecordedLoop, SensorNoise, Told
+from trainer.simulate.recorded_loop import Course, RecordedLoop, SensorNoise
 
 OTHER_PHYSICS = MjcfOptions(
     timestep_s=0.0015,
@@ -136,7 +136,7 @@ def make_logs(policy: Policy) -> MakeLogs:
             runs += RecordedLoop(
                 plant,
                 with_policy or policy,
-                [Told(name, i, command) for i in range(n_repeats)],
+                [Course(name, i, command) for i in range(n_repeats)],
                 start_setpoint_rad=pose,
                 last_action=np.zeros((n_repeats, facts.N_JOINTS), dtype=np.float32),
                 channel=[DrawnDelay(delay=delay)],
