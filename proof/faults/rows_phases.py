@@ -114,32 +114,16 @@ ROWS = (
     row("NaN in the ramp", 25.0, NAN, "state_not_finite", way=SOFT, **IN_RAMP),
     row("stale as joint control begins", 80.0, GAP, "state_stale", way=SOFT, **AS_IT_BEGINS),
     row("e-stop as joint control begins", 100.0, PRESSED, "estopped", way=SOFT, **AS_IT_BEGINS),
-    row("stale and lease stolen at once", 100.0, all_of(GAP, STOLEN), "state_stale", "lease_lost", way=SOFT),
-    row("NaN and e-stop at once", 100.0, all_of(NAN, PRESSED), "state_not_finite", "estopped", way=SOFT),
-    row("battery low, then no states", 300.0, all_of(LOW, GAP), "battery_low", "state_stale", way=SOFT),
-    row(
-        "clock back and behaviour fault at once",
-        100.0,
-        all_of(BACK, FELL),
-        "behavior_fault",
-        "state_rejected",
-        way=SOFT,
-    ),
     row("commands lost and stale in the ramp", 100.0, all_of(DROPS, GAP), *DAMPED, way=SOFT, **IN_RAMP),
-    row(
-        "frozen, commands lost and lease stolen",
-        100.0,
-        all_of(FROZEN, DROPS, STOLEN),
-        "lease_lost",
-        "state_frozen",
-        way=SOFT,
-    ),
-    row(
-        "NaN, behaviour fault and low battery",
-        100.0,
-        all_of(NAN, FELL, LOW),
-        "state_not_finite",
-        "behavior_fault",
-        way=SOFT,
+    *(
+        row(name, bound_ms, all_of(*acts), *outcomes, way=SOFT)
+        for name, bound_ms, acts, outcomes in (
+            ("stale and lease stolen at once", 100.0, (GAP, STOLEN), ("state_stale", "lease_lost")),
+            ("NaN and e-stop at once", 100.0, (NAN, PRESSED), ("state_not_finite", "estopped")),
+            ("battery low, then no states", 300.0, (LOW, GAP), ("battery_low", "state_stale")),
+            ("clock back and behaviour fault at once", 100.0, (BACK, FELL), ("behavior_fault", "state_rejected")),
+            ("frozen, commands lost and lease stolen", 100.0, (FROZEN, DROPS, STOLEN), ("lease_lost", "state_frozen")),
+            ("NaN, behaviour fault and low battery", 100.0, (NAN, FELL, LOW), ("state_not_finite", "behavior_fault")),
+        )
     ),
 )

@@ -26,7 +26,7 @@ STOP_BOUND_MS: Final = 55.0
 """The end time of a command, and the link's few milliseconds."""
 STEP_NS: Final = 1_500_000
 PATIENCE_S: Final = 180.0
-STUCK_S: Final = 20.0
+STUCK_S: Final = 8.0
 """Native libraries that get no memory may wait for ever; the service's watchdog kills such a process after 2 s."""
 
 

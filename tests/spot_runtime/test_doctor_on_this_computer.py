@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import tomllib
@@ -23,81 +25,124 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 class HandMadeHost(Host):
-    """A computer whose every answer the test gives."""
+    """A computer whose every answer the test gives; the rest is as on a computer that is fit."""
 
-    def __init__(self, root: Path = Path("/nowhere"), **answers: object) -> None:
+    def __init__(self, root: Path = Path("/nowhere"), **answers: Any) -> None:
         super().__init__(root)
-        self._answers = answers
+        self._answers = {"python": (3, 10, 12), "machine": "aarch64", "packages": [], "installed": {}, **answers}
 
-    def python_version(self) -> tuple[int, int, int]:
-        return self._answers.get("python", (3, 10, 12))  # type: ignore[return-value]
+    def python_version(self) -> Any:
+        return self._answers["python"]
 
-    def machine(self) -> str:
-        return str(self._answers.get("machine", "aarch64"))
+    def machine(self) -> Any:
+        return self._answers["machine"]
 
-    def requirements(self, package: str) -> list[str]:
-        return self._answers.get("requirements", [])  # type: ignore[return-value]
+    def requirements(self, package: str) -> Any:
+        return self._answers["packages"]
 
-    def installed_version(self, package: str) -> str | None:
-        return self._answers.get("installed", {}).get(package)  # type: ignore[attr-defined,no-any-return]
+    def installed_version(self, package: str) -> Any:
+        return self._answers["installed"].get(package)
 
-    def fifo_refusal(self, priority: int) -> str:
-        return str(self._answers.get("fifo", ""))
+    def fifo_refusal(self, priority: int) -> Any:
+        return self._answers.get("fifo", "")
 
-    def memory_lock_refusal(self) -> str:
-        return str(self._answers.get("lock", ""))
+    def memory_lock_refusal(self) -> Any:
+        return self._answers.get("lock", "")
 
-    def free_bytes(self, folder: Path) -> int | None:
-        return self._answers.get("free")  # type: ignore[return-value]
+    def free_bytes(self, folder: Path) -> Any:
+        return self._answers.get("free")
 
     def note_folder(self) -> Path:
-        return Path(str(self._answers.get("notes", "/nowhere")))
+        return Path("/nowhere")
 
     def usable_cpus(self) -> set[int]:
         return {0, 1, 2, 3}
 
 
-def files(root: Path, **contents: str) -> Path:
-    for name, content in contents.items():
-        path = root / name.replace("__", "/")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content + "\n")
-    return root
-
-
-@pytest.mark.parametrize(
-    ("version", "machine", "verdict"),
-    [
-        ((3, 9, 2), "aarch64", Verdict.FAIL),
-        ((3, 10, 12), "aarch64", Verdict.OK),
-        ((3, 12, 3), "x86_64", Verdict.OK),
-        ((3, 13, 0), "aarch64", Verdict.WARN),
-        ((3, 12, 3), "armv7l", Verdict.WARN),
-    ],
-)
-def test_python(version: tuple[int, int, int], machine: str, verdict: Verdict) -> None:
-    assert computer.python(HandMadeHost(python=version, machine=machine)).verdict is verdict
-
-
-REQUIREMENTS = [
+PINS = [
     "typer==0.29.1",
     'numpy==2.2.6; python_version < "3.11" and extra == "runtime"',
     'numpy==2.4.6; python_version >= "3.11" and extra == "runtime"',
     'torch==2.13.0; extra == "train"',
 ]
+GOVERNOR = "sys/devices/system/cpu/cpu{}/cpufreq/scaling_governor"
+ISOLATED = {"sys/devices/system/cpu/isolated": "2-3"}
+UNBOUNDED = {"proc/sys/kernel/sched_rt_runtime_us": "-1"}
+REFUSED = "Operation not permitted"
 
 
-def test_packages() -> None:
-    def look(**installed: str) -> Finding:
-        return computer.packages(HandMadeHost(requirements=REQUIREMENTS, installed=installed))
+def host(files: dict[str, str] | None = None, **answers: Any) -> Callable[[Path], HandMadeHost]:
+    """A computer with these files."""
 
-    assert look(typer="0.29.1", numpy="2.2.6").verdict is Verdict.OK
-    assert look(typer="0.29.1", numpy="2.4.6").verdict is Verdict.OK
-    missing = look(typer="0.29.1")
-    assert (missing.verdict, missing.found) == (Verdict.FAIL, "missing: numpy")
-    other = look(typer="0.29.1", numpy="2.0.0")
-    assert (other.verdict, other.found) == (Verdict.WARN, "other versions: numpy 2.0.0 (made for 2.2.6 or 2.4.6)")
-    assert computer.packages(HandMadeHost()).verdict is Verdict.FAIL
+    def make(root: Path) -> HandMadeHost:
+        for name, content in (files or {}).items():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            (root / name).write_text(content + "\n")
+        return HandMadeHost(root, **answers)
+
+    return make
+
+
+def packages(**installed: str) -> Callable[[Path], HandMadeHost]:
+    return host(packages=PINS, installed=installed)
+
+
+def governors(*names: str) -> Callable[[Path], HandMadeHost]:
+    return host({GOVERNOR.format(i): name for i, name in enumerate(names)})
+
+
+CASES: list[tuple[str, tuple[Any, ...], Callable[[Path], HandMadeHost], str, str]] = [
+    ("python", (), host(python=(3, 9, 2)), "fail", "Python 3.9.2 on aarch64; install Python 3.10"),
+    ("python", (), host(), "ok", "Python 3.10.12 on aarch64"),
+    ("python", (), host(python=(3, 12, 3), machine="x86_64"), "ok", ""),
+    ("python", (), host(python=(3, 13, 0)), "warn", "3.10 to 3.12"),
+    ("python", (), host(machine="armv7l"), "warn", "x86_64 and aarch64 only"),
+    ("packages", (), packages(typer="0.29.1", numpy="2.2.6"), "ok", "2 packages"),
+    ("packages", (), packages(typer="0.29.1", numpy="2.4.6"), "ok", ""),
+    ("packages", (), packages(typer="0.29.1"), "fail", "missing: numpy"),
+    ("packages", (), packages(typer="0.29.1", numpy="2.0.0"), "warn", "numpy 2.0.0 (made for 2.2.6 or 2.4.6)"),
+    ("packages", (), host(), "fail", "not installed"),
+    ("cpu_governor", (), host(), "skipped", "no frequency governors"),
+    ("cpu_governor", (), governors("performance", "schedutil"), "warn", "schedutil on some of 2 CPUs"),
+    ("cpu_governor", (), governors("performance", "performance"), "ok", "all 2 CPUs"),
+    ("cpu_isolation", ((),), host(ISOLATED), "skipped", ""),
+    ("cpu_isolation", ((2, 3),), host(ISOLATED), "ok", ""),
+    ("cpu_isolation", ((1, 2),), host(ISOLATED), "warn", "add isolcpus=1 to the kernel's command line"),
+    ("cpu_isolation", ((2, 7),), host(ISOLATED), "fail", "CPUs [7] may not be used; usable: [0, 1, 2, 3]"),
+    ("fifo", (40,), host(), "ok", ""),
+    ("fifo", (0,), host(), "warn", "is 0"),
+    (
+        "fifo",
+        (40,),
+        host(fifo=REFUSED),
+        "warn",
+        f"SCHED_FIFO 40 is refused: {REFUSED}; run as the service (LimitRTPRIO=40",
+    ),
+    ("fifo", (40,), host(UNBOUNDED), "warn", "bounds no real-time process"),
+    ("memory_lock", (True,), host(), "ok", ""),
+    ("memory_lock", (True,), host(lock=REFUSED), "warn", REFUSED),
+    ("memory_lock", (False,), host(lock=REFUSED), "skipped", ""),
+    ("disk", (Path("/not/yet/there"),), host(free=500_000_000), "fail", "0.5 GB free"),
+    ("disk", (Path("/not/yet/there"),), host(free=5_000_000_000), "warn", "5.0 GB free"),
+    ("disk", (Path("/not/yet/there"),), host(free=50_000_000_000), "ok", "50.0 GB free under /not/yet/there"),
+    ("disk", (Path("/not/yet/there"),), host(), "fail", "/ is not writable"),
+]
+
+
+@pytest.mark.parametrize(("check", "given", "make", "verdict", "words"), CASES)
+def test_a_computer(
+    check: str, given: tuple[Any, ...], make: Callable[[Path], HandMadeHost], verdict: str, words: str, tmp_path: Path
+) -> None:
+    names = {"is_wanted": given[0]} if check == "memory_lock" else {}
+    finding = getattr(computer, check)(make(tmp_path), *(() if names else given), **names)
+    assert finding.verdict.value == verdict
+    assert words in f"{finding.found}; {finding.advice}"
+
+
+def test_every_check_of_a_computer_has_a_case() -> None:
+    checks = [check.name for check in computer.checks_of_computer(HandMadeHost(), RunConfig(), None)]
+    apart = ["policy", "left behind"]
+    assert len(set(checks)) == len(checks) == len({case[0] for case in CASES}) + len(apart)
 
 
 def test_the_pins_are_those_of_the_project() -> None:
@@ -106,45 +151,12 @@ def test_the_pins_are_those_of_the_project() -> None:
     assert set(computer.runtime_pins(Host().requirements("spot-rl"))) == stated
 
 
-def test_governor(tmp_path: Path) -> None:
-    assert computer.cpu_governor(HandMadeHost(tmp_path)).verdict is Verdict.SKIPPED
-    where = "sys__devices__system__cpu__cpu{}__cpufreq__scaling_governor"
-    host = HandMadeHost(files(tmp_path, **{where.format(0): "performance", where.format(1): "schedutil"}))
-    finding = computer.cpu_governor(host)
-    assert (finding.verdict, finding.found) == (Verdict.WARN, "schedutil on some of 2 CPUs")
-    files(tmp_path, **{where.format(1): "performance"})
-    assert computer.cpu_governor(host).verdict is Verdict.OK
-
-
-def test_isolation(tmp_path: Path) -> None:
-    host = HandMadeHost(files(tmp_path, sys__devices__system__cpu__isolated="2-3"))
-    assert computer.cpu_isolation(host, ()).verdict is Verdict.SKIPPED
-    assert computer.cpu_isolation(host, (2, 3)).verdict is Verdict.OK
-    finding = computer.cpu_isolation(host, (1, 2))
-    assert (finding.verdict, finding.advice) == (Verdict.WARN, "add isolcpus=1 to the kernel's command line")
-    finding = computer.cpu_isolation(host, (2, 7))
-    assert (finding.verdict, finding.found) == (Verdict.FAIL, "CPUs [7] may not be used; usable: [0, 1, 2, 3]")
-
-
 def test_the_kernels_list_of_cpus() -> None:
     assert computer.cpu_list("") == set()
     assert computer.cpu_list("2-4,7") == {2, 3, 4, 7}
 
 
-def test_real_time_rights(tmp_path: Path) -> None:
-    assert computer.fifo(HandMadeHost(), 40).verdict is Verdict.OK
-    assert computer.fifo(HandMadeHost(), 0).verdict is Verdict.WARN
-    finding = computer.fifo(HandMadeHost(fifo="Operation not permitted"), 40)
-    assert finding.found == "SCHED_FIFO 40 is refused: Operation not permitted"
-    assert "LimitRTPRIO=40" in finding.advice
-    unbounded = HandMadeHost(files(tmp_path, proc__sys__kernel__sched_rt_runtime_us="-1"))
-    assert computer.fifo(unbounded, 40).verdict is Verdict.WARN
-    assert computer.memory_lock(HandMadeHost(), is_wanted=True).verdict is Verdict.OK
-    assert computer.memory_lock(HandMadeHost(lock="refused"), is_wanted=True).verdict is Verdict.WARN
-    assert computer.memory_lock(HandMadeHost(lock="refused"), is_wanted=False).verdict is Verdict.SKIPPED
-
-
-def test_asking_for_rights_leaves_them_as_they_were() -> None:
+def test_asking_leaves_a_computer_as_it_was(tmp_path: Path) -> None:
     before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     Host().fifo_refusal(1)
     Host().memory_lock_refusal()
@@ -152,18 +164,6 @@ def test_asking_for_rights_leaves_them_as_they_were() -> None:
     locked = re.search(r"VmLck:\s+(\d+)", Path("/proc/self/status").read_text())
     assert locked is not None
     assert locked.group(1) == "0"
-
-
-@pytest.mark.parametrize(("gb", "verdict"), [(0.5, Verdict.FAIL), (5.0, Verdict.WARN), (50.0, Verdict.OK)])
-def test_disk(gb: float, verdict: Verdict, tmp_path: Path) -> None:
-    finding = computer.disk(HandMadeHost(free=int(gb * 1e9)), tmp_path / "not" / "yet" / "there")
-    assert finding.verdict is verdict
-    assert f"{gb:.1f} GB free" in finding.found
-
-
-def test_a_folder_that_nobody_may_write_to(tmp_path: Path) -> None:
-    finding = computer.disk(HandMadeHost(), tmp_path / "logs")
-    assert (finding.verdict, finding.found) == (Verdict.FAIL, f"{tmp_path} is not writable")
     assert Host().free_bytes(tmp_path / "none") is None
     assert (Host().free_bytes(tmp_path) or 0) > 0
 
@@ -194,11 +194,6 @@ def test_a_check_that_breaks_is_a_failure_and_the_error_of_ours_gives_its_advice
     assert not is_fit([fine, refused])
     assert line_of(refused) == "fail     b: the thing is wrong; mend it"
     assert line_of(Finding(Verdict.OK, "fine", name="c")) == "ok       c: fine"
-
-
-def test_all_checks_of_a_computer_have_names_of_their_own() -> None:
-    names = [check.name for check in computer.checks_of_computer(HandMadeHost(), RunConfig(), None)]
-    assert len(set(names)) == len(names) == 9
 
 
 def test_latency_and_expiry() -> None:
