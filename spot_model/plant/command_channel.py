@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from typing import Any, Final
 
 import numpy as np
+from array_api_compat import device
 from numpy.typing import NDArray
 
-from spot_model.effects.base import CommandEffect
+from spot_model.effects.base import CommandEffect, Draws
+from spot_model.effects.commands import CommandJitter
+from spot_model.errors import BadInputError
 from spot_model.robot import facts
+from spot_model.robot.arrays import copy_of, namespace_of
 from spot_model.robot.facts import Array
+from spot_model.robot.rotation import AnyArray
+
+JITTER_MEANS: Final = 12.0
+"""Room on a GPU for delays of so many means; one command in 160,000 is later, and takes effect when its buffer ends."""
+SHORTEST_PERIOD_S: Final = 0.005
+"""Between two commands, by which the number of buffers is chosen."""
 
 
 @dataclass(frozen=True)
@@ -61,93 +71,177 @@ _NAMES = tuple(f.name for f in fields(ServoCommand))
 
 
 @dataclass
-class _Pending:
-    """A command on its way."""
+class SentCommand:
+    """A command on its way; on a GPU each part is a buffer."""
 
-    command: ServoCommand
-    arrival_s: Array
-    """When it takes effect in each simulation; infinity where it already has, or was lost."""
+    number: Any
+    arrival_s: AnyArray
+    """When it takes effect in each simulation, shape (n,); infinity where it was lost or dropped."""
+    command: Any
+    """A :class:`ServoCommand` or position set-points, shape (n, 12)."""
+
+    def take(self, other: SentCommand) -> None:
+        """On a GPU, hold another command from now on."""
+        self.number[...] = other.number
+        self.arrival_s[...] = other.arrival_s
+        self.command[...] = other.command
+
+
+class CommandQueue:
+    """Commands on their way to the servos of many simulations, the oldest first; none overtakes an earlier one.
+
+    On the cores it grows with what is on its way. On a GPU, where no value may be looked at, it is a fixed number of
+    buffers, enough for the longest delay, and a new command moves all others on by one.
+
+    Args:
+        effects: On the commands' way.
+        setpoint_rad: Any position set-points, shape (n, 12); says where and how numbers are kept.
+        rng: What the effects draw from.
+    """
+
+    def __init__(self, effects: Sequence[CommandEffect], setpoint_rad: AnyArray, rng: Draws) -> None:
+        xp, where = namespace_of(setpoint_rad), device(setpoint_rad)
+        n = setpoint_rad.shape[0]
+        self._rng = rng
+        self._issued_s = xp.zeros(n, dtype=xp.float64, device=where)
+        self._latest_s = xp.full(n, -math.inf, dtype=xp.float64, device=where)
+        self.grows = type(setpoint_rad) is np.ndarray
+        self._effects = list(effects) if self.grows else [effect.arrays_like(setpoint_rad) for effect in effects]
+        n_buffers = 0 if self.grows else 1 + math.ceil(longest_delay_s(effects, n) / SHORTEST_PERIOD_S)
+        self.sent = [
+            SentCommand(
+                xp.zeros(1, dtype=xp.int64, device=where),
+                xp.full(n, math.inf, dtype=xp.float64, device=where),
+                copy_of(setpoint_rad),
+            )
+            for _ in range(n_buffers)
+        ]
+
+    def issue(self, number: int, command: Any, now_s: Any) -> None:
+        """Send a command at ``now_s``, a number or, on a GPU, of shape (1,). It is kept, not copied, on the cores."""
+        xp = namespace_of(self._latest_s)
+        arrival = xp.astype(arrival_of(self._issued_s + now_s, self._effects, self._rng), xp.float64)
+        arrival = xp.maximum(arrival, self._latest_s)
+        self._latest_s = moved_on(self._latest_s, xp.where(xp.isfinite(arrival), arrival, self._latest_s))
+        new = SentCommand(number, arrival, command)
+        if self.grows:
+            self.sent.append(new)
+            return
+        for older, newer in pairwise(self.sent):
+            older.take(newer)
+        self.sent[-1].take(new)
+
+    def drop(self, rows: AnyArray) -> None:
+        """Drop what is on its way in the simulations of ``rows``, shape (n,)."""
+        where = namespace_of(self._latest_s).where
+        self._latest_s = moved_on(self._latest_s, where(rows, -math.inf, self._latest_s))
+        for sent in self.sent:
+            sent.arrival_s = moved_on(sent.arrival_s, where(rows, math.inf, sent.arrival_s))
+
+    def buffers(self) -> list[Any]:
+        """On a GPU, all that moves."""
+        return [self._latest_s, *(part for sent in self.sent for part in (sent.arrival_s, sent.command))]
+
+    def snapshot(self) -> dict[str, Any]:
+        """On the cores, what is on its way, as plain arrays and numbers."""
+        pending = [{"command": _plain(sent.command), "arrival_s": sent.arrival_s.copy()} for sent in self.sent]
+        return {"latest_s": self._latest_s.copy(), "pending": pending}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """On the cores, continue from a snapshot of a queue of the same size and effects."""
+        self._latest_s = np.array(snapshot["latest_s"])
+        n = len(self._latest_s)
+        self.sent = [
+            SentCommand(0, np.array(entry["arrival_s"]), ServoCommand(**entry["command"]).copied_for(n))
+            for entry in snapshot["pending"]
+        ]
 
 
 class CommandChannel:
-    """Carries whole commands to the servos of ``n_sims`` simulations, each with its own delay.
+    """Carries commands to the servos of many simulations, each with its own delay.
 
     A command takes effect at the first physics step that starts at or after its arrival, and never before one that
-    was issued earlier. Without effects it takes effect at once.
+    was issued earlier. Without effects it takes effect at once. On a GPU only position set-points are late: gains and
+    feed-forward hold at once, as they never change.
+
+    Args:
+        effects: On the commands' way.
+        start: In effect until the first command arrives; its set-points have shape (n_sims, 12).
+        timestep_s: Length of a physics step.
+        rng: What the effects draw from.
     """
 
-    def __init__(
-        self,
-        effects: Sequence[CommandEffect],
-        n_sims: int,
-        timestep_s: float,
-        start: ServoCommand,
-        rng: np.random.Generator,
-    ) -> None:
-        self._effects = tuple(effects)
-        self._rng = rng
-        self._n_sims = n_sims
+    def __init__(self, effects: Sequence[CommandEffect], start: ServoCommand, timestep_s: float, rng: Draws) -> None:
+        self._is_late = bool(effects)
+        self._queue = CommandQueue(effects, start.position_rad, rng)
         # Times are sums of steps, so a step may start a rounding error before the arrival that it meets.
         self._tolerance_s = 1e-6 * timestep_s
-        self._pending: deque[_Pending] = deque()
-        self._latest_s = np.full(n_sims, -math.inf)
-        self.active = start
+        self._newest = start
+        self._held = start if self._queue.grows else copy_of(start.position_rad)
+        """What every simulation has received; newer commands that only some have are still in the queue."""
 
-    def issue(self, command: ServoCommand, now_s: float) -> None:
-        """Send a command at ``now_s``. It is kept, not copied: the sender must not write into its arrays."""
-        if not self._effects:
-            self.active = command
+    def issue(self, command: ServoCommand, now_s: Any) -> None:
+        """Send a command at ``now_s``. The sender must not write into its arrays any more."""
+        self._newest = command
+        late = self._carried(command)
+        if not self._is_late:
+            self._held = moved_on(self._held, late)
             return
-        arrival = np.full(self._n_sims, now_s)
-        for effect in self._effects:
-            arrival = np.broadcast_to(effect.arrival_s(arrival, self._rng), (self._n_sims,))
-        arrival = np.maximum(arrival, self._latest_s)
-        self._latest_s = np.where(np.isfinite(arrival), arrival, self._latest_s)
-        self._pending.append(_Pending(command, arrival))
+        if not self._queue.grows:
+            # The oldest buffer is needed anew; by now its command has arrived, or is lost.
+            oldest = self._queue.sent[0]
+            arrived = namespace_of(self._held).isfinite(oldest.arrival_s)
+            self._held = moved_on(self._held, _merged(arrived, oldest.command, self._held))
+        self._queue.issue(0, late, now_s)
 
-    def at(self, now_s: float) -> ServoCommand:
+    def at(self, now_s: Any) -> ServoCommand:
         """The command in effect in the physics step that starts at ``now_s``."""
-        if self._pending:
-            self._receive(now_s + self._tolerance_s)
-        return self.active
+        active, sent = self._held, self._queue.sent
+        if self._is_late and sent:
+            until_s = now_s + self._tolerance_s
+            for entry in sent:
+                active = _merged(entry.arrival_s <= until_s, entry.command, active)
+            while self._queue.grows and sent and _is_over(sent[0], until_s):
+                self._held = _merged(sent[0].arrival_s <= until_s, sent[0].command, self._held)
+                del sent[0]
+        return active if isinstance(active, ServoCommand) else replace(self._newest, position_rad=active)
 
-    def reset(self, rows: NDArray[np.bool_], command: ServoCommand) -> None:
+    def reset(self, rows: AnyArray, command: ServoCommand) -> None:
         """In the simulations of ``rows`` (shape (n_sims,)), drop what is on its way and put ``command`` in effect."""
-        self.active = command.where(rows, self.active)
-        self._latest_s = np.where(rows, -math.inf, self._latest_s)
-        for entry in self._pending:
-            entry.arrival_s = np.where(rows, math.inf, entry.arrival_s)
+        self._held = moved_on(self._held, _merged(rows, self._carried(command), self._held))
+        self._queue.drop(rows)
+
+    def buffers(self) -> list[Any]:
+        """On a GPU, all that moves."""
+        return [self._held, *(self._queue.buffers() if self._is_late else ())]
 
     def snapshot(self) -> dict[str, Any]:
-        """The command in effect and those on their way, as plain arrays and numbers."""
-        return {
-            "active": _plain(self.active),
-            "latest_s": self._latest_s.copy(),
-            "pending": [{"command": _plain(p.command), "arrival_s": p.arrival_s.copy()} for p in self._pending],
-        }
+        """On the cores, the command in effect and those on their way, as plain arrays and numbers."""
+        return {"held": _plain(self._held), **self._queue.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue from a snapshot of a channel of the same size and effects."""
-        self.active = ServoCommand(**snapshot["active"]).copied_for(self._n_sims)
-        self._latest_s = np.array(snapshot["latest_s"])
-        self._pending = deque(
-            _Pending(ServoCommand(**entry["command"]).copied_for(self._n_sims), np.array(entry["arrival_s"]))
-            for entry in snapshot["pending"]
-        )
+        """On the cores, continue from a snapshot of a channel of the same size and effects."""
+        self._held = ServoCommand(**snapshot["held"]).copied_for(len(snapshot["latest_s"]))
+        self._queue.restore(snapshot)
 
-    def _receive(self, until_s: float) -> None:
-        for entry in self._pending:
-            due = entry.arrival_s <= until_s
-            if due.all():
-                self.active = entry.command
-            elif due.any():
-                self.active = entry.command.where(due, self.active)
-            else:
-                # Order is kept in every simulation, so what follows may still be due elsewhere.
-                continue
-            entry.arrival_s = np.where(due, math.inf, entry.arrival_s)
-        while self._pending and not np.isfinite(self._pending[0].arrival_s).any():
-            self._pending.popleft()
+    def _carried(self, command: ServoCommand) -> Any:
+        return command if self._queue.grows else command.position_rad
+
+
+def arrival_of(issued_s: AnyArray, effects: Sequence[CommandEffect], rng: Draws) -> AnyArray:
+    """When commands take effect that are issued at these times, shape (n,), s; infinity for one that is lost."""
+    arrival = issued_s
+    for effect in effects:
+        arrival = namespace_of(issued_s).broadcast_to(effect.arrival_s(arrival, rng), issued_s.shape)
+    return arrival
+
+
+def moved_on(old: Any, new: Any) -> Any:
+    """``new`` on the cores; on a GPU ``old``, which takes its values, so that recorded work finds them again."""
+    if not hasattr(old, "clone"):
+        return new
+    old[...] = new
+    return old
 
 
 def _plain(command: ServoCommand) -> dict[str, Any]:
@@ -160,3 +254,46 @@ def _merge(mask: NDArray[np.bool_], first: Array | float, second: Array | float)
     if first is second or same:
         return first
     return np.where(mask, first, second)
+
+
+def _merged(rows: AnyArray, new: Any, old: Any) -> Any:
+    """``new`` in the simulations of ``rows``, shape (n,), ``old`` elsewhere: whole commands or set-points."""
+    if type(rows) is np.ndarray:
+        if rows.all():
+            return new
+        if not rows.any():
+            return old
+    if isinstance(new, ServoCommand):
+        return new.where(rows, old)
+    return namespace_of(new).where(rows[:, None], new, old)
+
+
+def _is_over(sent: SentCommand, until_s: float) -> bool:
+    """Whether a command has arrived in every simulation in which it is not lost."""
+    return bool(((sent.arrival_s <= until_s) | np.isinf(sent.arrival_s)).all())
+
+
+def longest_delay_s(effects: Sequence[CommandEffect], n: int) -> float:
+    """The longest time that commands of n simulations are under way, lost ones aside.
+
+    Raises:
+        BadInputError: An effect other than ``command_jitter`` draws its delays, so that no room is enough.
+    """
+    longest = 0.0
+    for effect in effects:
+        if isinstance(effect, CommandJitter):
+            longest += JITTER_MEANS * float(np.max(np.asarray(effect.mean_s)))
+        else:
+            delays_s = [
+                np.asarray(effect.arrival_s(np.full(n, at_s), np.random.default_rng(k))) - at_s
+                for k, at_s in enumerate((0.0, 1.0, 1.37))
+            ]
+            finite_s = [np.where(np.isfinite(delay_s), delay_s, np.nan) for delay_s in delays_s]
+            spread_s = np.nanmax(finite_s, axis=0) - np.nanmin(finite_s, axis=0)
+            if np.nanmax(spread_s, initial=0.0) > 1e-9:
+                raise BadInputError(
+                    f"effect {effect.name}: its delay changes from command to command; on a GPU only command_jitter's "
+                    "may: use --device cpu, or leave it out"
+                )
+            longest += float(np.nanmax(finite_s, initial=0.0))
+    return longest

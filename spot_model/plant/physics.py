@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -12,9 +11,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from spot_model.effects.base import CommandEffect
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.model_fields import PlantFields
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
@@ -199,18 +196,6 @@ def make_physics(model: mujoco.MjModel, n_sims: int, options: PlantOptions) -> P
             "or use --device cpu"
         ) from error
     return WarpPhysics(model, n_sims, options.device, has_sensors=options.mjcf.link_torque_sensors)
-
-
-def on_gpu(commands: Sequence[CommandEffect], start: ServoCommand, rest: Any, options: PlantOptions) -> Any:
-    """Source of random numbers, time, shape (1,), and command channel of simulations on a GPU."""
-    import torch
-
-    from spot_model.plant.gpu.captured import TorchDraws
-    from spot_model.plant.gpu.torch_channel import TorchChannel
-
-    rng = TorchDraws(options.seed, rest.device)
-    now_s = torch.zeros(1, dtype=torch.float64, device=rest.device)
-    return rng, now_s, TorchChannel(commands, start, options.mjcf.timestep_s, rng)
 
 
 def _threads(n_threads: int, n_sims: int) -> int:

@@ -25,7 +25,7 @@ from spot_model.effects.base import (
 )
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
 from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
-from spot_model.plant.physics import PlantDivergedError, PlantOptions, make_physics, on_gpu
+from spot_model.plant.physics import PlantDivergedError, PlantOptions, make_physics
 from spot_model.plant.plant_state import PlantState
 from spot_model.plant.sensing import Sensing
 from spot_model.plant.torque import TorqueChain
@@ -84,15 +84,16 @@ class Plant(PlantState):
         self._torques = TorqueChain([e for e in acting if isinstance(e, TorqueEffect)], rest)
         commands = [e for e in acting if isinstance(e, CommandEffect)]
         start = ServoCommand(position_rad=rest)
-        self._rng: Any
-        self._channel: Any
-        if self._is_on_host:
-            self._now_s: Any = 0.0
-            self._n_steps = 0
-            self._rng = np.random.default_rng(options.seed)
-            self._channel = CommandChannel(commands, n_sims, self.timestep_s, start, self._rng)
-        else:
-            self._rng, self._now_s, self._channel = on_gpu(commands, start, rest, options)
+        self._rng: Any = np.random.default_rng(options.seed)
+        self._now_s: Any = 0.0
+        self._n_steps = 0
+        if not self._is_on_host:
+            from spot_model.plant.gpu.captured import TorchDraws
+
+            xp = namespace_of(rest)
+            self._rng = TorchDraws(options.seed, rest.device)
+            self._now_s = xp.zeros(1, dtype=xp.float64, device=rest.device)
+        self._channel = CommandChannel(commands, start, self.timestep_s, self._rng)
         sensors = [e for e in acting if isinstance(e, SensorEffect)]
         estimators = [e for e in acting if isinstance(e, EstimateEffect)]
         self._has_sensing = bool(sensors or estimators)

@@ -31,7 +31,7 @@ class Schedule(CommandEffect):
 
 
 def channel(n_sims: int, *effects: CommandEffect) -> CommandChannel:
-    return CommandChannel(effects, n_sims, DT, at(n_sims, -1.0), np.random.default_rng(0))
+    return CommandChannel(effects, at(n_sims, -1.0), DT, np.random.default_rng(0))
 
 
 def at(n_sims: int, value: float, **more: Any) -> ServoCommand:

@@ -15,7 +15,7 @@ from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.closed_loop import ClosedLoop, Tick, schedule_by_messages
-from spot_model.plant.command_path import receipt_path
+from spot_model.plant.command_path import ReceiptPath
 from spot_model.plant.plant import Plant
 from spot_model.policy.joint_script import JointScript
 from spot_model.policy.observation import Sensed
@@ -91,7 +91,7 @@ class RecordedLoop:
         self._draws = self.plant.draws(self.rng)
         self._software = [effect.arrays_like(position) for effect in self.software]
         self._look = self.plant.recorded(self._look_now, self._draws)
-        self._path = receipt_path(self.plant, self.policy.gains(), start, self.channel, self._draws, START_NS)
+        self._path = ReceiptPath(self.plant, self.policy.gains(), start, self.channel, self._draws, START_NS)
 
     def runs(self, tell: Callable[[float], None] = lambda _: None) -> list[Run]:
         """Simulate; ``tell`` is called with the share that was done before each tick."""
