@@ -12,18 +12,19 @@ import numpy as np
 from spot_model.io.model_file import RobotModel
 from withheld.plan import FaultRequest, RecordingPlan, Truth
 from withheld.realities.calibrating.catalogue import CATALOGUE
-from withheld.realities.fault_kind import Ask, Built, FaultKind, at
+from withheld.realities.fault_kind import Ask, FaultKind, Parameters, at
 from withheld.realities.reality import make
 from withheld.simulator.parameters import Settings
-from withheld.simulator.robot import Law
+from withheld.simulator.robot import Law, Robot
 from withheld.simulator.simulation import RealityDivergedError
 
 QUICK = Settings(settle_s=0.3, ramp_s=0.25, tail_s=0.05)
 
 
-def _odd(ask: Ask) -> Built:
+def _odd(robot: Robot, ask: Ask) -> Parameters:
     pull = at(ask.joints, 8.0 * ask.size)
-    return Built(lambda robot: robot.rotors.append(Law(lambda torque, m: torque - pull * m.rotor_rad**2)))
+    robot.rotors.append(Law(lambda torque, m: torque - pull * m.rotor_rad**2))
+    return {}
 
 
 KINDS: dict[str, FaultKind] = {

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,19 +19,13 @@ LEG_PLACES: Final[tuple[Place, ...]] = ("leg", "all")
 BODY: Final[tuple[Place, ...]] = ("body",)
 
 
-@dataclass(frozen=True)
-class Built:
-    """One fault with its numbers drawn."""
-
-    install: Callable[[Robot], None]
-    """Puts it into a robot that has its small errors already."""
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    """``effect.parameter`` and the value that a perfect diagnosis would state."""
+Parameters = dict[str, float]
+"""``effect.parameter`` and the value that a perfect diagnosis would state."""
 
 
 @dataclass(frozen=True)
 class Ask:
-    """What a fault is drawn from."""
+    """What was asked for, and the generator that draws the rest."""
 
     rng: np.random.Generator
     size: float
@@ -40,7 +34,8 @@ class Ask:
     """Where it acts, shape (12,)."""
 
 
-Draw = Callable[[Ask], Built]
+Install = Callable[[Robot, Ask], Parameters]
+"""Draws a fault's numbers, and puts it into a robot that has its small errors already."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,7 @@ class FaultKind:
     names: tuple[str, ...]
     """Library effects that are a right answer; empty: the library has no such effect."""
     places: tuple[Place, ...]
-    draw: Draw
+    install: Install
     joints: tuple[str, ...] = JOINT_NAMES
     """Where it can be."""
 

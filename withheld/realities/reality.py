@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Final
@@ -17,7 +18,7 @@ from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth
-from withheld.realities.fault_kind import Ask, Built, FaultKind, flags_of
+from withheld.realities.fault_kind import Ask, FaultKind, Flags, Parameters, flags_of
 from withheld.simulator.draws import add_ordinary_errors, add_surroundings, draw_scale, draw_settings, stream
 from withheld.simulator.link import mean_delay_s
 from withheld.simulator.log import LogSetting, write_log
@@ -47,7 +48,8 @@ class ComposedReality:
 
     seed: int
     truth: Truth
-    built: tuple[Built, ...]
+    installs: tuple[Callable[[Robot], Parameters], ...]
+    """Put each fault into a robot; all that it draws follows from the seed."""
     settings: Settings = field(default_factory=Settings)
 
     @property
@@ -60,8 +62,8 @@ class ComposedReality:
         robot = Robot()
         add_surroundings(robot, stream(self.seed, "surroundings"))
         add_ordinary_errors(robot, stream(self.seed, "ordinary errors"), self.truth.error_scale)
-        for built in self.built:
-            built.install(robot)
+        for install in self.installs:
+            install(robot)
         return robot
 
     def record(self, plan: RecordingPlan, folder: Path) -> None:
@@ -166,20 +168,21 @@ def make(
     Raises:
         ValueError: A kind is unknown, or cannot act at the place.
     """
-    faults, built = [], []
+    faults: list[Fault] = []
+    installs: list[Callable[[Robot], Parameters]] = []
     for number, request in enumerate(requests):
         if request.kind not in catalogue:
             raise ValueError(f"fault {request.kind!r} is unknown; allowed: {', '.join(sorted(catalogue))}")
         kind = catalogue[request.kind]
         again = sum(r.kind == request.kind for r in requests[:number])
         joints = kind.choose_joints(request.place, stream(seed, "place", kind.name, again))
-        made = kind.draw(Ask(stream(seed, "fault", kind.name, again), request.size, flags_of(joints)))
-        built.append(made)
+        install = partial(_install, kind, seed, again, request.size, flags_of(joints))
+        installs.append(install)
         faults.append(
             Fault(
                 names=kind.names,
                 joints=joints,
-                parameters=dict(made.parameters),
+                parameters=install(Robot()),
                 family=kind.family,
                 size=request.size,
                 kind=kind.name,
@@ -187,4 +190,9 @@ def make(
         )
     scale = draw_scale(stream(seed, "error scale")) if error_scale is None else error_scale
     truth = Truth(faults=tuple(faults), error_scale=scale)
-    return ComposedReality(seed, truth, tuple(built), settings or draw_settings(stream(seed, "settings")))
+    return ComposedReality(seed, truth, tuple(installs), settings or draw_settings(stream(seed, "settings")))
+
+
+def _install(kind: FaultKind, seed: int, again: int, size: float, joints: Flags, robot: Robot) -> Parameters:
+    """Put a fault into a robot; ``again`` counts the faults of the same kind before it."""
+    return kind.install(robot, Ask(stream(seed, "fault", kind.name, again), size, joints))

@@ -9,7 +9,7 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS
 from withheld.realities.calibrating import body as calibrating_body
-from withheld.realities.fault_kind import Ask, Draw, flags_of
+from withheld.realities.fault_kind import Ask, Install, flags_of
 from withheld.realities.judging import body, outside
 from withheld.simulator.body import build_model
 from withheld.simulator.parameters import Settings
@@ -19,14 +19,11 @@ KNEES = tuple(j for j in facts.JOINT_NAMES if j.endswith("kn"))
 
 
 def model_with(
-    draw: Draw | None, size: float = 1.0, joints: tuple[str, ...] = ()
+    install: Install | None, size: float = 1.0, joints: tuple[str, ...] = ()
 ) -> tuple[mujoco.MjModel, dict[str, float]]:
     robot = Robot()
-    parameters: dict[str, float] = {}
-    if draw is not None:
-        built = draw(Ask(np.random.default_rng(3), size, flags_of(joints)))
-        built.install(robot)
-        parameters = dict(built.parameters)
+    ask = Ask(np.random.default_rng(3), size, flags_of(joints))
+    parameters = {} if install is None else install(robot, ask)
     return build_model(robot, Settings()), parameters
 
 

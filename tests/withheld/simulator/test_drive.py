@@ -83,7 +83,7 @@ def test_stiction_is_over_the_coulomb_level_and_fades_with_speed() -> None:
 
 def test_a_gear_that_loses_takes_from_both_directions_of_power() -> None:
     robot = Robot()
-    friction.gear_loss(ask()).install(robot)
+    friction.gear_loss(robot, ask())
     (part,) = robot.rotors
     zeros = np.zeros((1, N_JOINTS))
     driving = part.act(zeros, motion(speed=5.0, gear=10.0))[0, 0]
@@ -94,7 +94,7 @@ def test_a_gear_that_loses_takes_from_both_directions_of_power() -> None:
 
 def test_grease_thins() -> None:
     robot = Robot()
-    friction.viscous(ask()).install(robot)
+    friction.viscous(robot, ask())
     (part,) = robot.rotors
     slow, quick = (-part.act(np.zeros((1, N_JOINTS)), motion(speed=v))[0, 0] for v in (1.0, 10.0))
     assert 5.0 * slow < quick < 10.0 * slow
@@ -112,7 +112,7 @@ def test_a_second_order_loop_lags_by_its_time() -> None:
 
 def test_a_soft_limit_is_never_passed_and_leaves_small_torques_alone() -> None:
     robot = Robot()
-    limits.soft_limit(ask()).install(robot)
+    limits.soft_limit(robot, ask())
     drives = held(robot, 2.0)
     assert np.abs(drives.motor_nm[0, 0]) < 14.001
     assert np.abs(drives.motor_nm[0, 0]) > 13.0
@@ -121,7 +121,7 @@ def test_a_soft_limit_is_never_passed_and_leaves_small_torques_alone() -> None:
 
 def test_play_leaves_the_link_without_torque_and_then_hits() -> None:
     robot = Robot()
-    drive_faults.play(ask()).install(robot)
+    drive_faults.play(robot, ask())
     drives = held(robot, 0.0, 0.05)
     assert drives.motion.gear_nm[0, 0] == 0.0
     assert held(robot, 0.2).motion.gear_nm[0, 0] == pytest.approx(12.0 - 60.0 * 0.00525, abs=0.1)

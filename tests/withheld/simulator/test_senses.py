@@ -108,8 +108,7 @@ def test_a_battery_sags_by_its_resistance_and_empties() -> None:
 
 def test_a_bus_limiter_brings_the_power_down_to_its_bound_and_spares_small_powers() -> None:
     robot = Robot()
-    stated = supply_faults.bus_limit(Ask(np.random.default_rng(0), 1.0, flags_of(())))
-    stated.install(robot)
+    stated = supply_faults.bus_limit(robot, Ask(np.random.default_rng(0), 1.0, flags_of(())))
     (part,) = robot.motors
     full = np.ones((1, N_JOINTS))
     for asked, speed in ((30.0, 5.0), (2.0, 2.0)):
@@ -119,14 +118,14 @@ def test_a_bus_limiter_brings_the_power_down_to_its_bound_and_spares_small_power
             given = part.act(asked * full, motion)
         drawn = float(np.sum(given * speed + 0.03 * given**2))
         if asked > 10.0:
-            assert drawn == pytest.approx(stated.parameters["power_limit.power_w"], rel=0.03)
+            assert drawn == pytest.approx(stated["power_limit.power_w"], rel=0.03)
         else:
             assert np.all(given == asked)
 
 
 def test_hot_motors_lose_torque_while_they_heat_and_cold_ones_do_not() -> None:
     robot = Robot()
-    limits.hot_motors(Ask(np.random.default_rng(0), 1.0, flags_of(("fl_hy",)))).install(robot)
+    limits.hot_motors(robot, Ask(np.random.default_rng(0), 1.0, flags_of(("fl_hy",))))
     motors = Motors(robot.thermal, robot.drive, 1)
     shares = []
     for _ in range(3000):

@@ -8,7 +8,7 @@ import numpy as np
 from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.mjcf_options import MjcfOptions
-from withheld.realities.fault_kind import Ask, Built
+from withheld.realities.fault_kind import Ask, Parameters
 from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot, leg_mask
 
@@ -21,7 +21,7 @@ MORE_DAMPING = 0.3
 LINK_OF = {"hx": "hip", "hy": "uleg", "kn": "lleg"}
 
 
-def payload(ask: Ask) -> Built:
+def payload(robot: Robot, ask: Ask) -> Parameters:
     """A box on the back, as a body of its own with its own inertia."""
     mass = ask.size * PAYLOAD_KG
     low, high = (-0.15, -0.03, 0.09), (0.15, 0.03, 0.18)
@@ -32,16 +32,14 @@ def payload(ask: Ask) -> Built:
     def edit(spec: mujoco.MjSpec) -> None:
         add_mass(spec, "body", "payload", mass, place, inertia)
 
-    return Built(
-        lambda robot: robot.spec_edits.append(edit) if mass > 0.0 else None,
-        {
-            "payload_mass.mass_kg": mass,
-            **{f"payload_mass.{axis}_m": float(v) for axis, v in zip("xyz", place, strict=True)},
-        },
-    )
+    robot.spec_edits.append(edit)
+    return {
+        "payload_mass.mass_kg": mass,
+        **{f"payload_mass.{axis}_m": float(v) for axis, v in zip("xyz", place, strict=True)},
+    }
 
 
-def boots(ask: Ask) -> Built:
+def boots(robot: Robot, ask: Ask) -> Parameters:
     """Weights strapped to leg links a little outside of their centres."""
     share = ask.size * LEG_SHARE
     out = float(ask.rng.uniform(0.9, 1.2))
@@ -57,7 +55,8 @@ def boots(ask: Ask) -> Built:
             spread = 0.5 * share * np.array(links[kind].inertia_kg_m2[:3])
             add_mass(spec, link, f"{link}_boot", mass, place, spread)
 
-    return Built(lambda robot: robot.spec_edits.append(edit) if share > 0.0 else None, {"leg_mass.scale": 1.0 + share})
+    robot.spec_edits.append(edit)
+    return {"leg_mass.scale": 1.0 + share}
 
 
 def add_mass(
@@ -69,26 +68,23 @@ def add_mass(
     )
 
 
-def slippery(ask: Ask) -> Built:
+def slippery(robot: Robot, ask: Ask) -> Parameters:
     """Less friction under some feet, or all."""
     scale = 1.0 - ask.size * GRIP_LOSS
 
-    def install(robot: Robot) -> None:
-        robot.foot_friction = np.where(leg_mask(ask.joints), robot.foot_friction * scale, robot.foot_friction)
-
-    return Built(install, {"ground_friction.scale": scale})
+    robot.foot_friction = np.where(leg_mask(ask.joints), robot.foot_friction * scale, robot.foot_friction)
+    return {"ground_friction.scale": scale}
 
 
-def soft(ask: Ask) -> Built:
+def soft(robot: Robot, ask: Ask) -> Parameters:
     """A mat: contacts that give way further, later, and with more loss."""
     softer, damped = 1.0 + ask.size * SOFTER, 1.0 + ask.size * MORE_DAMPING
 
-    def install(robot: Robot) -> None:
-        legs = leg_mask(ask.joints)
-        robot.foot_softness = np.where(legs, robot.foot_softness * softer, robot.foot_softness)
-        robot.foot_damping = np.where(legs, robot.foot_damping * damped, robot.foot_damping)
+    legs = leg_mask(ask.joints)
+    robot.foot_softness = np.where(legs, robot.foot_softness * softer, robot.foot_softness)
+    robot.foot_damping = np.where(legs, robot.foot_damping * damped, robot.foot_damping)
 
     # MuJoCo's time constant of a contact is 2 over the damping of its direct form.
     usual_s = 2.0 / Settings().contact_damping_per_s
     more = usual_s * softer / damped - MjcfOptions().contact_solref[0]
-    return Built(install, {"ground_compliance.time_constant_s": more} if more > 0.0 else {})
+    return {"ground_compliance.time_constant_s": more} if more > 0.0 else {}

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
-from withheld.realities.fault_kind import Ask, Built, at, sign
+from withheld.realities.fault_kind import Ask, Parameters, at, sign
 from withheld.simulator.robot import Motion, Robot
 
 FLUX_LOSS = 0.2
@@ -18,59 +18,53 @@ SERVO_GAIN = 0.2
 SERVO_DAMPING = 0.3
 
 
-def torque_gain(ask: Ask) -> Built:
+def torque_gain(robot: Robot, ask: Ask) -> Parameters:
     """Magnets that lost flux: less torque an ampere, and less back-EMF a rad/s."""
     change = -ask.size * FLUX_LOSS if ask.rng.random() < 0.75 else ask.size * FLUX_GAIN
     factor = np.where(ask.joints, 1.0 + change, 1.0)
 
-    def install(robot: Robot) -> None:
-        d = robot.drive
-        d.torque_constant = d.torque_constant * factor
-        d.no_load_high_rad_s = d.no_load_high_rad_s / factor
-        d.no_load_low_rad_s = d.no_load_low_rad_s / factor
-
-    return Built(install, {"torque_gain.gain": 1.0 + change})
+    d = robot.drive
+    d.torque_constant = d.torque_constant * factor
+    d.no_load_high_rad_s = d.no_load_high_rad_s / factor
+    d.no_load_low_rad_s = d.no_load_low_rad_s / factor
+    return {"torque_gain.gain": 1.0 + change}
 
 
-def slow_loop(ask: Ask) -> Built:
+def slow_loop(robot: Robot, ask: Ask) -> Parameters:
     """A current loop of second order."""
     time_s, damping = ask.size * LAG_S, float(ask.rng.uniform(0.75, 0.95))
     part = SecondOrder(np.where(ask.joints, time_s, 0.0), damping)
-    return Built(lambda robot: robot.motors.append(part), {"torque_bandwidth.time_constant_s": time_s})
+    robot.motors.append(part)
+    return {"torque_bandwidth.time_constant_s": time_s}
 
 
-def play(ask: Ask) -> Built:
+def play(robot: Robot, ask: Ask) -> Parameters:
     """Teeth that no longer meet: the rotor runs free between them, and hits the other side."""
     gap = ask.size * PLAY_RAD
 
-    def install(robot: Robot) -> None:
-        robot.drive.play_rad = robot.drive.play_rad + at(ask.joints, gap)
-        robot.drive.is_elastic = robot.drive.is_elastic | (ask.joints & (ask.size > 0.0))
-
-    return Built(install, {"backlash.gap_rad": gap})
+    robot.drive.play_rad = robot.drive.play_rad + at(ask.joints, gap)
+    robot.drive.is_elastic = robot.drive.is_elastic | (ask.joints & (ask.size > 0.0))
+    return {"backlash.gap_rad": gap}
 
 
-def servo_gains(ask: Ask) -> Built:
+def servo_gains(robot: Robot, ask: Ask) -> Parameters:
     """A robot that takes both gains for less, or more, than it was told: a torque scale before any limit."""
     change = sign(ask.rng) * ask.size * SERVO_GAIN
     factor = np.where(ask.joints, 1.0 + change, 1.0)
 
-    def install(robot: Robot) -> None:
-        robot.drive.kp_scale = robot.drive.kp_scale * factor
-        robot.drive.kd_scale = robot.drive.kd_scale * factor
-
-    return Built(install, {"torque_gain.gain": 1.0 + change})
+    robot.drive.kp_scale = robot.drive.kp_scale * factor
+    robot.drive.kd_scale = robot.drive.kd_scale * factor
+    return {"torque_gain.gain": 1.0 + change}
 
 
-def servo_damping(ask: Ask) -> Built:
+def servo_damping(robot: Robot, ask: Ask) -> Parameters:
     """A robot that damps more than it was told: at one set of gains nothing but viscous friction."""
     factor = np.where(ask.joints, 1.0 + ask.size * SERVO_DAMPING, 1.0)
 
-    def install(robot: Robot) -> None:
-        robot.drive.kd_scale = robot.drive.kd_scale * factor
+    robot.drive.kd_scale = robot.drive.kd_scale * factor
 
     more = ask.size * SERVO_DAMPING * facts.POLICY_KD_NM_S_PER_RAD
-    return Built(install, {"viscous_friction.damping_nm_s_per_rad": more})
+    return {"viscous_friction.damping_nm_s_per_rad": more}
 
 
 class SecondOrder:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spot_model.robot.facts import Array, per_joint
-from withheld.realities.fault_kind import Ask, Built
+from withheld.realities.fault_kind import Ask, Parameters
 from withheld.simulator.robot import Robot
 
 LARGEST_NM: Array = per_joint(42.0, 42.0, 95.0)
@@ -16,36 +16,29 @@ WINDING_J_PER_K = 9.0
 DERATE_OVER_K = 45.0
 
 
-def soft_limit(ask: Ask) -> Built:
+def soft_limit(robot: Robot, ask: Ask) -> Parameters:
     """A current limit with a soft knee, from just under the rated torque down to what a walk needs."""
     limit = LARGEST_NM + ask.size * (SMALLEST_NM - LARGEST_NM)
 
-    def install(robot: Robot) -> None:
-        if ask.size == 0.0:
-            return
-        d = robot.drive
-        d.current_high_nm = np.where(ask.joints, np.minimum(d.current_high_nm, limit), d.current_high_nm)
-        d.current_low_nm = np.where(ask.joints, np.maximum(d.current_low_nm, -limit), d.current_low_nm)
-        d.limit_softness = np.where(ask.joints, SOFTNESS, d.limit_softness)
+    d = robot.drive
+    d.current_high_nm = np.where(ask.joints, np.minimum(d.current_high_nm, limit), d.current_high_nm)
+    d.current_low_nm = np.where(ask.joints, np.maximum(d.current_low_nm, -limit), d.current_low_nm)
+    d.limit_softness = np.where(ask.joints, SOFTNESS, d.limit_softness)
 
     chosen = limit[ask.joints]
     one = ask.size > 0.0 and float(np.ptp(chosen)) == 0.0
-    return Built(install, {"torque_limit.limit_nm": float(chosen[0])} if one else {})
+    return {"torque_limit.limit_nm": float(chosen[0])} if one else {}
 
 
-def hot_motors(ask: Ask) -> Built:
+def hot_motors(robot: Robot, ask: Ask) -> Parameters:
     """A winding that loses its heat badly: it starts near where the drive derates, and a gait takes it beyond."""
     start = HOT_C + float(ask.rng.uniform(-2.0, 0.0))
 
-    def install(robot: Robot) -> None:
-        if ask.size == 0.0:
-            return
-        t = robot.thermal
-        t.start_c = np.where(ask.joints, start, t.start_c)
-        # A larger fault is a smaller mass of copper that takes the heat.
-        t.winding_j_per_k = np.where(ask.joints, WINDING_J_PER_K / ask.size, t.winding_j_per_k)
-        t.winding_to_housing_k_per_w = np.where(ask.joints, 4.0, t.winding_to_housing_k_per_w)
-        t.derate_from_c = np.where(ask.joints, HOT_C, t.derate_from_c)
-        t.derate_over_k = np.where(ask.joints, DERATE_OVER_K, t.derate_over_k)
-
-    return Built(install)
+    t = robot.thermal
+    t.start_c = np.where(ask.joints, start, t.start_c)
+    # A larger fault is a smaller mass of copper that takes the heat.
+    t.winding_j_per_k = np.where(ask.joints, WINDING_J_PER_K / ask.size, t.winding_j_per_k)
+    t.winding_to_housing_k_per_w = np.where(ask.joints, 4.0, t.winding_to_housing_k_per_w)
+    t.derate_from_c = np.where(ask.joints, HOT_C, t.derate_from_c)
+    t.derate_over_k = np.where(ask.joints, DERATE_OVER_K, t.derate_over_k)
+    return {}

@@ -8,8 +8,8 @@ import numpy as np
 
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
-from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at, sign
-from withheld.simulator.robot import Law, Motion
+from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, FaultKind, Parameters, at, sign
+from withheld.simulator.robot import Law, Motion, Robot
 
 SECTOR_LOSS: Final = 0.7
 SECTOR_RAD: Final = 0.12
@@ -25,7 +25,7 @@ WIND_M_S: Final = 14.0
 DRAG_N_S2_PER_M2: Final = 0.35
 
 
-def dead_sector(ask: Ask) -> Built:
+def dead_sector(robot: Robot, ask: Ask) -> Parameters:
     """A demagnetised pole: the motor is weak within a sector of its angle."""
     loss = at(ask.joints, ask.size * SECTOR_LOSS)
     centre = facts.DEFAULT_POSITION_RAD + ask.rng.uniform(-0.1, 0.1, 12)
@@ -33,17 +33,19 @@ def dead_sector(ask: Ask) -> Built:
     def law(torque_nm: Array, m: Motion) -> Array:
         return torque_nm * (1.0 - loss * np.exp(-(((m.rotor_rad - centre) / SECTOR_RAD) ** 2)))
 
-    return Built(lambda robot: robot.motors.append(Law(law)))
+    robot.motors.append(Law(law))
+    return {}
 
 
-def curved_amplifier(ask: Ask) -> Built:
+def curved_amplifier(robot: Robot, ask: Ask) -> Parameters:
     """A stage whose output is a power of what it is asked for: small torques come out larger, large ones smaller."""
     power = 1.0 - at(ask.joints, ask.size * CURVED)
 
     def law(torque_nm: Array, _: Motion) -> Array:
         return np.sign(torque_nm) * CURVED_AT_NM * (np.abs(torque_nm) / CURVED_AT_NM) ** power
 
-    return Built(lambda robot: robot.motors.append(Law(law)))
+    robot.motors.append(Law(law))
+    return {}
 
 
 class Grabs:
@@ -67,10 +69,11 @@ class Grabs:
         return np.asarray(torque_nm - np.where(holds, self._level, 0.0) * np.clip(motion.rotor_rad_s, -1.0, 1.0))
 
 
-def grabbing_brake(ask: Ask) -> Built:
+def grabbing_brake(robot: Robot, ask: Ask) -> Parameters:
     """A brake that does not quite let go."""
     seed = int(ask.rng.integers(2**31))
-    return Built(lambda robot: robot.rotors.append(Grabs(ask.joints, ask.size * GRAB_NM, seed)))
+    robot.rotors.append(Grabs(ask.joints, ask.size * GRAB_NM, seed))
+    return {}
 
 
 class Lobes:
@@ -90,10 +93,11 @@ class Lobes:
         return out
 
 
-def lobed_encoder(ask: Ask) -> Built:
+def lobed_encoder(robot: Robot, ask: Ask) -> Parameters:
     """A dented encoder ring."""
     part = Lobes(at(ask.joints, ask.size * LOBE_RAD), float(ask.rng.uniform(-np.pi, np.pi)))
-    return Built(lambda robot: robot.readings.append(part))
+    robot.readings.append(part)
+    return {}
 
 
 class MixedSetpoints:
@@ -111,10 +115,11 @@ class MixedSetpoints:
         return out
 
 
-def mixed_setpoints(ask: Ask) -> Built:
+def mixed_setpoints(robot: Robot, ask: Ask) -> Parameters:
     """A program that blends left and right."""
     part = MixedSetpoints(sign(ask.rng) * ask.size * MIXED)
-    return Built(lambda robot: robot.setpoints.append(part))
+    robot.setpoints.append(part)
+    return {}
 
 
 class Wind:
@@ -129,11 +134,12 @@ class Wind:
         return np.asarray(DRAG_N_S2_PER_M2 * np.linalg.norm(against, axis=1, keepdims=True) * against)
 
 
-def headwind(ask: Ask) -> Built:
+def headwind(robot: Robot, ask: Ask) -> Parameters:
     """A gale from one direction."""
     towards = float(ask.rng.uniform(-np.pi, np.pi))
     part = Wind(ask.size * WIND_M_S * np.array([np.cos(towards), np.sin(towards), 0.0]))
-    return Built(lambda robot: robot.body_forces.append(part))
+    robot.body_forces.append(part)
+    return {}
 
 
 KINDS: Final = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spot_model.robot.facts import Array, per_joint
-from withheld.realities.fault_kind import Ask, Built
+from withheld.realities.fault_kind import Ask, Parameters
 from withheld.simulator.robot import Motion, Robot
 
 LARGEST_W = 1900.0
@@ -16,16 +16,13 @@ MARGINAL_HIP, MARGINAL_KNEE = 0.2, 0.38
 """No-load speeds over the rated ones of drives that need all volts of a full pack."""
 
 
-def bus_limit(ask: Ask) -> Built:
+def bus_limit(robot: Robot, ask: Ask) -> Parameters:
     """A limiter of the bus current that turns all motors down together, as quick as its regulator."""
     power = LARGEST_W * (SMALLEST_W / LARGEST_W) ** ask.size
     copper = 0.03
 
-    def install(robot: Robot) -> None:
-        if ask.size > 0.0:
-            robot.motors.append(_BusLimiter(power, copper))
-
-    return Built(install, {"power_limit.power_w": power, "power_limit.copper_w_per_nm2": copper})
+    robot.motors.append(_BusLimiter(power, copper))
+    return {"power_limit.power_w": power, "power_limit.copper_w_per_nm2": copper}
 
 
 class _BusLimiter:
@@ -58,21 +55,19 @@ class _BusLimiter:
         return np.asarray(out)
 
 
-def tired_battery(ask: Ask) -> Built:
+def tired_battery(robot: Robot, ask: Ask) -> Parameters:
     """Old cells, nearly empty, and drives wound for all volts of full ones: resistance takes what fast joints need.
 
     The drives' own no-load speeds fall with it, so a torque-speed curve is a right answer too.
     """
     more_ohm = ask.size * WORST_OHM
 
-    def install(robot: Robot) -> None:
-        s, d = robot.supply, robot.drive
-        s.resistance_ohm += more_ohm
-        s.slow_resistance_ohm += 0.4 * more_ohm
-        s.charge = s.charge + min(1.0, 2.0 * ask.size) * (LOW_CHARGE - s.charge)
-        # Such a pack shows where motors need all of its volts.
-        marginal = per_joint(MARGINAL_HIP, MARGINAL_HIP, MARGINAL_KNEE) ** ask.size
-        d.no_load_high_rad_s = d.no_load_high_rad_s * marginal
-        d.no_load_low_rad_s = d.no_load_low_rad_s * marginal
-
-    return Built(install, {"bus_sag.resistance_ohm": more_ohm})
+    s, d = robot.supply, robot.drive
+    s.resistance_ohm += more_ohm
+    s.slow_resistance_ohm += 0.4 * more_ohm
+    s.charge = s.charge + min(1.0, 2.0 * ask.size) * (LOW_CHARGE - s.charge)
+    # Such a pack shows where motors need all of its volts.
+    marginal = per_joint(MARGINAL_HIP, MARGINAL_HIP, MARGINAL_KNEE) ** ask.size
+    d.no_load_high_rad_s = d.no_load_high_rad_s * marginal
+    d.no_load_low_rad_s = d.no_load_low_rad_s * marginal
+    return {"bus_sag.resistance_ohm": more_ohm}

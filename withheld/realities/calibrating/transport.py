@@ -7,29 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from spot_model.robot.facts import Array
-from withheld.realities.fault_kind import Ask, Built
+from withheld.realities.fault_kind import Ask, Parameters
+from withheld.simulator.robot import Robot
 
 DELAY_S = 0.012
 JITTER_S = 0.004
 LOSS = 0.05
 
 
-def delay(ask: Ask) -> Built:
+def delay(robot: Robot, ask: Ask) -> Parameters:
     """A queue on the way: a wait that wanders slowly about its mean."""
     mean = ask.size * DELAY_S
-    return Built(lambda robot: robot.delays.append(_Queue(mean)), {"command_delay.delay_s": mean})
+    robot.delays.append(_Queue(mean))
+    return {"command_delay.delay_s": mean}
 
 
-def jitter(ask: Ask) -> Built:
+def jitter(robot: Robot, ask: Ask) -> Parameters:
     """A link that stutters: short waits as a rule, long ones now and then (Weibull)."""
     mean = ask.size * JITTER_S
-    return Built(lambda robot: robot.delays.append(_Stutter(mean)), {"command_jitter.mean_s": mean})
+    robot.delays.append(_Stutter(mean))
+    return {"command_jitter.mean_s": mean}
 
 
-def losses(ask: Ask) -> Built:
+def losses(robot: Robot, ask: Ask) -> Parameters:
     """A link that loses commands in bursts (Gilbert and Elliott's two states)."""
     share = ask.size * LOSS
-    return Built(lambda robot: robot.delays.append(_Bursts(share)), {"command_drop.probability": share})
+    robot.delays.append(_Bursts(share))
+    return {"command_drop.probability": share}
 
 
 @dataclass(frozen=True)

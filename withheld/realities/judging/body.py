@@ -9,7 +9,7 @@ import numpy as np
 
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.mjcf_options import MjcfOptions
-from withheld.realities.fault_kind import BODY, LEG_PLACES, Ask, Built, FaultKind, sign
+from withheld.realities.fault_kind import BODY, LEG_PLACES, Ask, FaultKind, Parameters, sign
 from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot, leg_mask
 
@@ -23,7 +23,7 @@ SOFTER: Final = 2.2
 LINK_OF: Final = {"hx": "hip", "hy": "uleg", "kn": "lleg"}
 
 
-def saddlebags(ask: Ask) -> Built:
+def saddlebags(robot: Robot, ask: Ask) -> Parameters:
     """Two bags, one on each side of the back."""
     mass = ask.size * SADDLE_KG
     x, z = float(ask.rng.uniform(-0.15, 0.15)), float(ask.rng.uniform(0.06, 0.14))
@@ -39,13 +39,11 @@ def saddlebags(ask: Ask) -> Built:
                 explicitinertial=True,
             )
 
-    return Built(
-        lambda robot: robot.spec_edits.append(edit),
-        {"payload_mass.mass_kg": mass, "payload_mass.x_m": x, "payload_mass.y_m": 0.0, "payload_mass.z_m": z},
-    )
+    robot.spec_edits.append(edit)
+    return {"payload_mass.mass_kg": mass, "payload_mass.x_m": x, "payload_mass.y_m": 0.0, "payload_mass.z_m": z}
 
 
-def shifted(ask: Ask) -> Built:
+def shifted(robot: Robot, ask: Ask) -> Parameters:
     """The body's centre of mass sits elsewhere."""
     towards = float(ask.rng.uniform(-np.pi, np.pi))
     shift = ask.size * SHIFT_M * np.array([np.cos(towards), 0.5 * np.sin(towards), 0.0])
@@ -53,23 +51,22 @@ def shifted(ask: Ask) -> Built:
     def edit(model: mujoco.MjModel) -> None:
         model.body_ipos[model.body("body").id] += shift
 
-    return Built(
-        lambda robot: robot.model_edits.append(edit),
-        {"com_offset.x_m": float(shift[0]), "com_offset.y_m": float(shift[1])},
-    )
+    robot.model_edits.append(edit)
+    return {"com_offset.x_m": float(shift[0]), "com_offset.y_m": float(shift[1])}
 
 
-def spread(ask: Ask) -> Built:
+def spread(robot: Robot, ask: Ask) -> Parameters:
     """The body's mass lies further out."""
     scale = 1.0 + ask.size * INERTIA_SHARE
 
     def edit(model: mujoco.MjModel) -> None:
         model.body_inertia[model.body("body").id] *= scale
 
-    return Built(lambda robot: robot.model_edits.append(edit), {"body_inertia.scale": scale})
+    robot.model_edits.append(edit)
+    return {"body_inertia.scale": scale}
 
 
-def heavy_links(ask: Ask) -> Built:
+def heavy_links(robot: Robot, ask: Ask) -> Parameters:
     """Links of other castings: heavier throughout."""
     scale = 1.0 + ask.size * LINK_SHARE
     chosen = [name.split("_") for name, acts in zip(JOINT_NAMES, ask.joints, strict=True) if acts]
@@ -80,39 +77,35 @@ def heavy_links(ask: Ask) -> Built:
             model.body_mass[link] *= scale
             model.body_inertia[link] *= scale
 
-    return Built(lambda robot: robot.model_edits.append(edit), {"leg_mass.scale": scale})
+    robot.model_edits.append(edit)
+    return {"leg_mass.scale": scale}
 
 
-def soles(ask: Ask) -> Built:
+def soles(robot: Robot, ask: Ask) -> Parameters:
     """Soles that are worn, or thicker."""
     change = ask.size * SOLE_M * (-1.0 if ask.rng.random() < 0.7 else sign(ask.rng))
 
-    def install(robot: Robot) -> None:
-        robot.foot_radius_m = robot.foot_radius_m + np.where(leg_mask(ask.joints), change, 0.0)
-
-    return Built(install, {"foot_radius.change_m": change})
+    robot.foot_radius_m = robot.foot_radius_m + np.where(leg_mask(ask.joints), change, 0.0)
+    return {"foot_radius.change_m": change}
 
 
-def ice(ask: Ask) -> Built:
+def ice(robot: Robot, ask: Ask) -> Parameters:
     """Less grip; relative to the nominal model's 0.8."""
     scale = 1.0 - ask.size * GRIP_LOSS
 
-    def install(robot: Robot) -> None:
-        robot.foot_friction = np.where(leg_mask(ask.joints), 0.8 * scale, robot.foot_friction)
-
-    return Built(install, {"ground_friction.scale": scale})
+    robot.foot_friction = np.where(leg_mask(ask.joints), 0.8 * scale, robot.foot_friction)
+    return {"ground_friction.scale": scale}
 
 
-def lawn(ask: Ask) -> Built:
+def lawn(robot: Robot, ask: Ask) -> Parameters:
     """Ground that gives way."""
     softer = 1.0 + ask.size * SOFTER
 
-    def install(robot: Robot) -> None:
-        robot.foot_softness = np.where(leg_mask(ask.joints), robot.foot_softness * softer, robot.foot_softness)
+    robot.foot_softness = np.where(leg_mask(ask.joints), robot.foot_softness * softer, robot.foot_softness)
 
     # MuJoCo's time constant of a contact is 2 over the damping of its direct form.
     more = 2.0 / Settings().contact_damping_per_s * softer - MjcfOptions().contact_solref[0]
-    return Built(install, {"ground_compliance.time_constant_s": more} if more > 0.0 else {})
+    return {"ground_compliance.time_constant_s": more} if more > 0.0 else {}
 
 
 KINDS: Final = (

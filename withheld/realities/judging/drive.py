@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from spot_model.robot.facts import Array
-from withheld.realities.fault_kind import JOINT_PLACES, Ask, Built, FaultKind, at, sign
+from withheld.realities.fault_kind import JOINT_PLACES, Ask, FaultKind, Parameters, at, sign
 from withheld.simulator.robot import Law, Motion, Robot
 
 GAIN_LOSS, GAIN_MORE = 0.22, 0.12
@@ -19,23 +19,20 @@ PLAY_RAD: Final = 0.0175
 COMPLIANCE_RAD_PER_NM: Final = 0.002
 
 
-def gain(ask: Ask) -> Built:
+def gain(robot: Robot, ask: Ask) -> Parameters:
     """An amplifier whose current sensor is off: every torque is scaled."""
     change = -ask.size * GAIN_LOSS if ask.rng.random() < 0.7 else ask.size * GAIN_MORE
     factor = 1.0 + at(ask.joints, change)
-    return Built(
-        lambda robot: robot.motors.append(Law(lambda torque, _: factor * torque)), {"torque_gain.gain": 1.0 + change}
-    )
+    robot.motors.append(Law(lambda torque, _: factor * torque))
+    return {"torque_gain.gain": 1.0 + change}
 
 
-def rotor(ask: Ask) -> Built:
+def rotor(robot: Robot, ask: Ask) -> Parameters:
     """More inertia on the rotor's shaft."""
     more = ask.size * ROTOR_KG_M2
 
-    def install(robot: Robot) -> None:
-        robot.drive.rotor_inertia_kg_m2 = robot.drive.rotor_inertia_kg_m2 + at(ask.joints, more)
-
-    return Built(install, {"armature.inertia_kg_m2": more})
+    robot.drive.rotor_inertia_kg_m2 = robot.drive.rotor_inertia_kg_m2 + at(ask.joints, more)
+    return {"armature.inertia_kg_m2": more}
 
 
 class TwoLags:
@@ -59,16 +56,14 @@ class TwoLags:
         return np.where(self._acts, self._second, torque_nm)
 
 
-def lag(ask: Ask) -> Built:
+def lag(robot: Robot, ask: Ask) -> Parameters:
     """A current loop with a filter behind it."""
     delay_s = ask.size * LAG_S
-    return Built(
-        lambda robot: robot.motors.append(TwoLags(at(ask.joints, delay_s))),
-        {"torque_bandwidth.time_constant_s": delay_s},
-    )
+    robot.motors.append(TwoLags(at(ask.joints, delay_s)))
+    return {"torque_bandwidth.time_constant_s": delay_s}
 
 
-def cogging(ask: Ask) -> Built:
+def cogging(robot: Robot, ask: Ask) -> Parameters:
     """Cogging as a triangle over the angle; stated is its fundamental."""
     size, order = ask.size * COGGING_NM, float(ask.rng.uniform(9.0, 24.0))
     phase = float(ask.rng.uniform(-np.pi, np.pi))
@@ -77,48 +72,40 @@ def cogging(ask: Ask) -> Built:
     def law(torque_nm: Array, m: Motion) -> Array:
         return torque_nm + peak * (2.0 / np.pi) * np.arcsin(np.sin(order * m.rotor_rad + phase))
 
-    return Built(
-        lambda robot: robot.rotors.append(Law(law)),
-        {"torque_ripple.amplitude_nm": size, "torque_ripple.cycles_per_rad": order},
-    )
+    robot.rotors.append(Law(law))
+    return {"torque_ripple.amplitude_nm": size, "torque_ripple.cycles_per_rad": order}
 
 
-def play(ask: Ask) -> Built:
+def play(robot: Robot, ask: Ask) -> Parameters:
     """Play between the teeth: the rotor runs free and hits the other side."""
     gap = ask.size * PLAY_RAD
 
-    def install(robot: Robot) -> None:
-        robot.drive.play_rad = robot.drive.play_rad + at(ask.joints, gap)
-        robot.drive.is_elastic = robot.drive.is_elastic | ask.joints
-
-    return Built(install, {"backlash.gap_rad": gap})
+    robot.drive.play_rad = robot.drive.play_rad + at(ask.joints, gap)
+    robot.drive.is_elastic = robot.drive.is_elastic | ask.joints
+    return {"backlash.gap_rad": gap}
 
 
-def soft_gear(ask: Ask) -> Built:
+def soft_gear(robot: Robot, ask: Ask) -> Parameters:
     """A gear that gives."""
     compliance = ask.size * COMPLIANCE_RAD_PER_NM
 
-    def install(robot: Robot) -> None:
-        d = robot.drive
-        share = 1.0 / (compliance * d.gear_stiffness_nm_per_rad)
-        d.gear_damping_nm_s_per_rad = np.where(
-            ask.joints, d.gear_damping_nm_s_per_rad * np.sqrt(np.minimum(share, 1.0)), d.gear_damping_nm_s_per_rad
-        )
-        d.gear_stiffness_nm_per_rad = np.where(ask.joints, 1.0 / compliance, d.gear_stiffness_nm_per_rad)
-        d.is_elastic = d.is_elastic | ask.joints
-
-    return Built(install, {"joint_compliance.compliance_rad_per_nm": compliance})
+    d = robot.drive
+    share = 1.0 / (compliance * d.gear_stiffness_nm_per_rad)
+    d.gear_damping_nm_s_per_rad = np.where(
+        ask.joints, d.gear_damping_nm_s_per_rad * np.sqrt(np.minimum(share, 1.0)), d.gear_damping_nm_s_per_rad
+    )
+    d.gear_stiffness_nm_per_rad = np.where(ask.joints, 1.0 / compliance, d.gear_stiffness_nm_per_rad)
+    d.is_elastic = d.is_elastic | ask.joints
+    return {"joint_compliance.compliance_rad_per_nm": compliance}
 
 
-def stiff_servo(ask: Ask) -> Built:
+def stiff_servo(robot: Robot, ask: Ask) -> Parameters:
     """A servo that takes both gains for more, or less, than it was told."""
     change = sign(ask.rng) * ask.size * GAIN_LOSS
     factor = 1.0 + at(ask.joints, change)
 
-    def install(robot: Robot) -> None:
-        robot.drive.kp_scale, robot.drive.kd_scale = robot.drive.kp_scale * factor, robot.drive.kd_scale * factor
-
-    return Built(install, {"torque_gain.gain": 1.0 + change})
+    robot.drive.kp_scale, robot.drive.kd_scale = robot.drive.kp_scale * factor, robot.drive.kd_scale * factor
+    return {"torque_gain.gain": 1.0 + change}
 
 
 KINDS: Final = (

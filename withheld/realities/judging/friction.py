@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from spot_model.robot.facts import Array
-from withheld.realities.fault_kind import JOINT_PLACES, Ask, Built, FaultKind, at
-from withheld.simulator.robot import Law, Motion
+from withheld.realities.fault_kind import JOINT_PLACES, Ask, FaultKind, Parameters, at
+from withheld.simulator.robot import Law, Motion, Robot
 
 DRY_NM: Final = 1.5
 GREASE_NM_S_PER_RAD: Final = 0.3
@@ -46,34 +46,38 @@ class MaxwellSlip:
         return np.asarray(torque_nm - self._level(motion) * share)
 
 
-def dry(ask: Ask) -> Built:
+def dry(robot: Robot, ask: Ask) -> Parameters:
     """Dry friction with presliding."""
     level = ask.size * DRY_NM
     part = MaxwellSlip(lambda _: at(ask.joints, level))
-    return Built(lambda robot: robot.rotors.append(part), {"coulomb_friction.level_nm": level})
+    robot.rotors.append(part)
+    return {"coulomb_friction.level_nm": level}
 
 
-def grease(ask: Ask) -> Built:
+def grease(robot: Robot, ask: Ask) -> Parameters:
     """A lubricant that flows by Eyring's law, τ = F·asinh(v/v₀): straight at first, then bent."""
     bends = float(ask.rng.uniform(8.0, 16.0))
     scale = at(ask.joints, ask.size * GREASE_NM_S_PER_RAD * bends)
     stated = float(scale.max() * np.arcsinh(TYPICAL_RAD_S / bends) / TYPICAL_RAD_S)
     part = Law(lambda torque, m: torque - scale * np.arcsinh(m.rotor_rad_s / bends))
-    return Built(lambda robot: robot.rotors.append(part), {"viscous_friction.damping_nm_s_per_rad": stated})
+    robot.rotors.append(part)
+    return {"viscous_friction.damping_nm_s_per_rad": stated}
 
 
-def stick(ask: Ask) -> Built:
+def stick(robot: Robot, ask: Ask) -> Parameters:
     """Friction near standstill that falls by Hess and Soom's law."""
     level, speed = ask.size * STICK_NM, float(ask.rng.uniform(0.3, 0.8))
     part = MaxwellSlip(lambda m: at(ask.joints, level) / (1.0 + np.square(m.rotor_rad_s / speed)))
-    return Built(lambda robot: robot.rotors.append(part), {"stribeck_friction.level_nm": level})
+    robot.rotors.append(part)
+    return {"stribeck_friction.level_nm": level}
 
 
-def load(ask: Ask) -> Built:
+def load(robot: Robot, ask: Ask) -> Parameters:
     """Teeth that rub in proportion to the torque that they pass on."""
     share = ask.size * LOAD_SHARE
     part = MaxwellSlip(lambda m: at(ask.joints, share) * np.abs(m.gear_nm))
-    return Built(lambda robot: robot.rotors.append(part), {"load_friction.share": share})
+    robot.rotors.append(part)
+    return {"load_friction.share": share}
 
 
 KINDS: Final = (

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from spot_model.robot.facts import JOINT_NAMES, KNEE_MOTOR_TORQUE_NM, Array, per_joint
-from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at
+from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, FaultKind, Parameters, at
 from withheld.simulator.parameters import HIP_NO_LOAD_RAD_S
 from withheld.simulator.robot import Motion, Robot
 
@@ -26,57 +26,49 @@ COPPER_W_PER_NM2: Final = 0.03
 CABLE_OHM: Final = 0.9
 
 
-def current(ask: Ask) -> Built:
+def current(robot: Robot, ask: Ask) -> Parameters:
     """A hard current limit, from just under the rated torque down to what a walk needs."""
     limit = HIGHEST_NM + ask.size * (LOWEST_NM - HIGHEST_NM)
 
-    def install(robot: Robot) -> None:
-        d = robot.drive
-        d.current_high_nm = np.where(ask.joints, np.minimum(d.current_high_nm, limit), d.current_high_nm)
-        d.current_low_nm = np.where(ask.joints, np.maximum(d.current_low_nm, -limit), d.current_low_nm)
+    d = robot.drive
+    d.current_high_nm = np.where(ask.joints, np.minimum(d.current_high_nm, limit), d.current_high_nm)
+    d.current_low_nm = np.where(ask.joints, np.maximum(d.current_low_nm, -limit), d.current_low_nm)
 
     chosen = limit[ask.joints]
-    return Built(install, {"torque_limit.limit_nm": float(chosen[0])} if np.ptp(chosen) == 0.0 else {})
+    return {"torque_limit.limit_nm": float(chosen[0])} if np.ptp(chosen) == 0.0 else {}
 
 
-def lever(ask: Ask) -> Built:
+def lever(robot: Robot, ask: Ask) -> Parameters:
     """A knee's linkage that slips before the published torque."""
     share = 1.0 - ask.size * LEVER_LOSS
 
-    def install(robot: Robot) -> None:
-        robot.drive.lever_share = np.where(ask.joints, robot.drive.lever_share * share, robot.drive.lever_share)
-
-    return Built(install, {"position_torque_limit.motor_torque_nm": KNEE_MOTOR_TORQUE_NM * share})
+    robot.drive.lever_share = np.where(ask.joints, robot.drive.lever_share * share, robot.drive.lever_share)
+    return {"position_torque_limit.motor_torque_nm": KNEE_MOTOR_TORQUE_NM * share}
 
 
-def winding(ask: Ask) -> Built:
+def winding(robot: Robot, ask: Ask) -> Parameters:
     """A motor wound for more volts than it gets."""
-
-    def install(robot: Robot) -> None:
-        d = robot.drive
-        for name in ("no_load_high_rad_s", "no_load_low_rad_s"):
-            now = getattr(d, name)
-            setattr(d, name, np.where(ask.joints, now * np.abs(SLOWEST_RAD_S / now) ** ask.size, now))
+    d = robot.drive
+    for name in ("no_load_high_rad_s", "no_load_low_rad_s"):
+        now = getattr(d, name)
+        setattr(d, name, np.where(ask.joints, now * np.abs(SLOWEST_RAD_S / now) ** ask.size, now))
 
     chosen = SLOWEST_RAD_S[ask.joints]
     if np.ptp(chosen) > 0.0:
-        return Built(install)
+        return {}
     rated = 25.03 if ask.joints[2::3].any() else HIP_NO_LOAD_RAD_S
     speed = rated * (float(chosen[0]) / rated) ** ask.size
-    return Built(install, {"torque_speed_curve.speed_max_rad_s": speed, "torque_speed_curve.speed_min_rad_s": -speed})
+    return {"torque_speed_curve.speed_max_rad_s": speed, "torque_speed_curve.speed_min_rad_s": -speed}
 
 
-def magnets(ask: Ask) -> Built:
+def magnets(robot: Robot, ask: Ask) -> Parameters:
     """Magnets that lose flux as their winding, which sheds its heat badly, grows hotter."""
-
-    def install(robot: Robot) -> None:
-        t = robot.thermal
-        t.start_c = np.where(ask.joints, WARM_C, t.start_c)
-        t.winding_j_per_k = np.where(ask.joints, 10.0, t.winding_j_per_k)
-        t.winding_to_housing_k_per_w = np.where(ask.joints, 3.0, t.winding_to_housing_k_per_w)
-        t.magnet_loss_per_k = t.magnet_loss_per_k + at(ask.joints, ask.size * MAGNET_LOSS_PER_K)
-
-    return Built(install)
+    t = robot.thermal
+    t.start_c = np.where(ask.joints, WARM_C, t.start_c)
+    t.winding_j_per_k = np.where(ask.joints, 10.0, t.winding_j_per_k)
+    t.winding_to_housing_k_per_w = np.where(ask.joints, 3.0, t.winding_to_housing_k_per_w)
+    t.magnet_loss_per_k = t.magnet_loss_per_k + at(ask.joints, ask.size * MAGNET_LOSS_PER_K)
+    return {}
 
 
 class SteppedBudget:
@@ -108,23 +100,19 @@ class SteppedBudget:
         return np.asarray(out)
 
 
-def budget(ask: Ask) -> Built:
+def budget(robot: Robot, ask: Ask) -> Parameters:
     """A budget for the power of all motors together."""
     power = POWER_W[0] * (POWER_W[1] / POWER_W[0]) ** ask.size
-    return Built(
-        lambda robot: robot.motors.append(SteppedBudget(power)),
-        {"power_limit.power_w": power, "power_limit.copper_w_per_nm2": COPPER_W_PER_NM2},
-    )
+    robot.motors.append(SteppedBudget(power))
+    return {"power_limit.power_w": power, "power_limit.copper_w_per_nm2": COPPER_W_PER_NM2}
 
 
-def cable(ask: Ask) -> Built:
+def cable(robot: Robot, ask: Ask) -> Parameters:
     """A corroded cable: the bus falls with the current, and with it the speed at which each drive gives out."""
     more_ohm = ask.size * CABLE_OHM
 
-    def install(robot: Robot) -> None:
-        robot.supply.resistance_ohm += more_ohm
-
-    return Built(install, {"bus_sag.resistance_ohm": more_ohm})
+    robot.supply.resistance_ohm += more_ohm
+    return {"bus_sag.resistance_ohm": more_ohm}
 
 
 KINDS: Final = (

@@ -9,8 +9,8 @@ import numpy as np
 
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
-from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at, sign
-from withheld.simulator.robot import Law, Motion
+from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, FaultKind, Parameters, at, sign
+from withheld.simulator.robot import Law, Motion, Robot
 
 SPRING_NM_PER_RAD: Final = 14.0
 HARDENS: Final = 6.0
@@ -28,7 +28,7 @@ MIDDLE_RAD: Final[Array] = np.tile([0.0, 1.0, -1.6], 4)
 DEFAULT_RAD: Final = facts.DEFAULT_POSITION_RAD
 
 
-def spring(ask: Ask) -> Built:
+def spring(robot: Robot, ask: Ask) -> Parameters:
     """A spring across a joint that hardens with its stretch."""
     stiffness = at(ask.joints, ask.size * SPRING_NM_PER_RAD)
     rest = DEFAULT_RAD + ask.rng.uniform(-0.15, 0.15, 12)
@@ -37,10 +37,11 @@ def spring(ask: Ask) -> Built:
         stretch = m.link_rad - rest
         return torque_nm - stiffness * stretch * (1.0 + HARDENS * stretch**2)
 
-    return Built(lambda robot: robot.links.append(Law(law)))
+    robot.links.append(Law(law))
+    return {}
 
 
-def bearing(ask: Ask) -> Built:
+def bearing(robot: Robot, ask: Ask) -> Parameters:
     """A bearing that rubs around one angle (a raised cosine)."""
     level = at(ask.joints, ask.size * BEARING_NM)
     centre = MIDDLE_RAD + ask.rng.uniform(-0.15, 0.15, 12)
@@ -49,7 +50,8 @@ def bearing(ask: Ask) -> Built:
         off = np.clip((m.rotor_rad - centre) / BEARING_HALF_RAD, -1.0, 1.0)
         return torque_nm - level * 0.5 * (1.0 + np.cos(np.pi * off)) * np.tanh(m.rotor_rad_s / 0.08)
 
-    return Built(lambda robot: robot.rotors.append(Law(law)))
+    robot.rotors.append(Law(law))
+    return {}
 
 
 class DropOuts:
@@ -75,17 +77,19 @@ class DropOuts:
         return np.where(is_out, 0.0, torque_nm)
 
 
-def drop_outs(ask: Ask) -> Built:
+def drop_outs(robot: Robot, ask: Ask) -> Parameters:
     """A loose connector of one motor."""
     seed = int(ask.rng.integers(2**31))
-    return Built(lambda robot: robot.motors.append(DropOuts(ask.joints, ask.size * DROP_OUTS_PER_S, seed)))
+    robot.motors.append(DropOuts(ask.joints, ask.size * DROP_OUTS_PER_S, seed))
+    return {}
 
 
-def one_sided(ask: Ask) -> Built:
+def one_sided(robot: Robot, ask: Ask) -> Parameters:
     """An amplifier whose one half is weak: torques of one sign come out smaller."""
     share, side = at(ask.joints, ask.size * ONE_SIDED), sign(ask.rng)
     law = Law(lambda torque, _: torque * (1.0 - np.where(side * torque > 0.0, share, 0.0)))
-    return Built(lambda robot: robot.motors.append(law))
+    robot.motors.append(law)
+    return {}
 
 
 class Wandering:
@@ -109,17 +113,19 @@ class Wandering:
         return np.asarray(torque_nm + self._sigma * self._now)
 
 
-def wandering(ask: Ask) -> Built:
+def wandering(robot: Robot, ask: Ask) -> Parameters:
     """A current sensor whose zero wanders."""
     seed = int(ask.rng.integers(2**31))
-    return Built(lambda robot: robot.motors.append(Wandering(at(ask.joints, ask.size * WANDER_NM), seed)))
+    robot.motors.append(Wandering(at(ask.joints, ask.size * WANDER_NM), seed))
+    return {}
 
 
-def dead_zone(ask: Ask) -> Built:
+def dead_zone(robot: Robot, ask: Ask) -> Parameters:
     """A power stage that gives nothing for small torques."""
     dead = at(ask.joints, ask.size * DEAD_NM)
     law = Law(lambda torque, _: np.sign(torque) * np.maximum(np.abs(torque) - dead, 0.0))
-    return Built(lambda robot: robot.motors.append(law))
+    robot.motors.append(law)
+    return {}
 
 
 class Crosstalk:
@@ -141,13 +147,14 @@ class Crosstalk:
         return out
 
 
-def crosstalk(ask: Ask) -> Built:
+def crosstalk(robot: Robot, ask: Ask) -> Parameters:
     """Sensor wires side by side."""
     share = at(ask.joints, sign(ask.rng) * ask.size * CROSSTALK)
-    return Built(lambda robot: robot.readings.append(Crosstalk(share)))
+    robot.readings.append(Crosstalk(share))
+    return {}
 
 
-def pendulum(ask: Ask) -> Built:
+def pendulum(robot: Robot, ask: Ask) -> Parameters:
     """Part of the body's mass hangs from it and swings."""
     mass, length = ask.size * PENDULUM_KG, float(ask.rng.uniform(0.05, 0.12))
 
@@ -167,7 +174,8 @@ def pendulum(ask: Ask) -> Built:
             joint = bob.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
             joint.damping[0] = 0.1 * mass * length**2 * np.sqrt(9.81 / length)
 
-    return Built(lambda robot: robot.spec_edits.append(edit))
+    robot.spec_edits.append(edit)
+    return {}
 
 
 class Tugs:
@@ -183,10 +191,11 @@ class Tugs:
         return np.tile(strength * self._pull, (len(velocity_m_s), 1))
 
 
-def tugs(ask: Ask) -> Built:
+def tugs(robot: Robot, ask: Ask) -> Parameters:
     """Somebody pulls at a lead."""
     part = Tugs(ask.size * TUG_N, float(ask.rng.uniform(-np.pi, np.pi)), float(ask.rng.uniform(1.5, 3.0)))
-    return Built(lambda robot: robot.body_forces.append(part))
+    robot.body_forces.append(part)
+    return {}
 
 
 KINDS: Final = (

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
-from withheld.realities.fault_kind import BODY, JOINT_PLACES, LEG_PLACES, Ask, Built, FaultKind, at, sign
+from withheld.realities.fault_kind import BODY, JOINT_PLACES, LEG_PLACES, Ask, FaultKind, Parameters, at, sign
 from withheld.simulator.robot import Robot, leg_mask
 
 ZERO_RAD: Final = 0.05
@@ -22,26 +22,22 @@ TILT_RAD: Final = 0.052
 LENGTHS, SLIP_M_S, LAG_S = 0.12, 0.06, 0.045
 
 
-def zero(ask: Ask) -> Built:
+def zero(robot: Robot, ask: Ask) -> Parameters:
     """An encoder's zero that is off."""
     offset = sign(ask.rng) * ask.size * ZERO_RAD
 
-    def install(robot: Robot) -> None:
-        robot.sensing.offset_rad = robot.sensing.offset_rad + at(ask.joints, offset)
-
-    return Built(install, {"encoder_offset.offset_rad": offset})
+    robot.sensing.offset_rad = robot.sensing.offset_rad + at(ask.joints, offset)
+    return {"encoder_offset.offset_rad": offset}
 
 
-def cell(ask: Ask) -> Built:
+def cell(robot: Robot, ask: Ask) -> Parameters:
     """A load cell with a wrong scale and a zero that has crept."""
     gain, bias = 1.0 + sign(ask.rng) * ask.size * CELL_GAIN, sign(ask.rng) * ask.size * CELL_BIAS_NM
 
-    def install(robot: Robot) -> None:
-        s = robot.sensing
-        s.load_gain = np.where(ask.joints, s.load_gain * gain, s.load_gain)
-        s.load_bias_nm = s.load_bias_nm + at(ask.joints, bias)
-
-    return Built(install, {"load_sensor_gain.gain": gain, "load_sensor_gain.bias_nm": bias})
+    s = robot.sensing
+    s.load_gain = np.where(ask.joints, s.load_gain * gain, s.load_gain)
+    s.load_bias_nm = s.load_bias_nm + at(ask.joints, bias)
+    return {"load_sensor_gain.gain": gain, "load_sensor_gain.bias_nm": bias}
 
 
 class ColouredNoise:
@@ -64,15 +60,13 @@ class ColouredNoise:
         return np.asarray(reading + self._sigma * self._now)
 
 
-def noise(ask: Ask) -> Built:
+def noise(robot: Robot, ask: Ask) -> Parameters:
     """Bad shielding: all three sensors of a joint are noisy."""
     more = ask.size * NOISE
     part = ColouredNoise(np.concatenate([at(ask.joints, v) for v in more]), int(ask.rng.integers(2**31)))
     names = ("position_rad", "velocity_rad_s", "load_nm")
-    return Built(
-        lambda robot: robot.readings.append(part),
-        {f"sensor_noise.{n}": float(v) for n, v in zip(names, more, strict=True)},
-    )
+    robot.readings.append(part)
+    return {f"sensor_noise.{n}": float(v) for n, v in zip(names, more, strict=True)}
 
 
 class MovingAverage:
@@ -94,59 +88,49 @@ class MovingAverage:
         return out
 
 
-def average(ask: Ask) -> Built:
+def average(robot: Robot, ask: Ask) -> Parameters:
     """Reported rates are moving averages."""
     n_states = 2 + round(ask.size * (MOST_STATES - 2))
     delay_s = 0.5 * (n_states - 1) * STATE_PERIOD_NS * 1e-9
-    return Built(
-        lambda robot: robot.readings.append(MovingAverage(ask.joints, n_states)),
-        {"velocity_filter.time_constant_s": delay_s},
-    )
+    robot.readings.append(MovingAverage(ask.joints, n_states))
+    return {"velocity_filter.time_constant_s": delay_s}
 
 
-def flags(ask: Ask) -> Built:
+def flags(robot: Robot, ask: Ask) -> Parameters:
     """A contact detector that waits to be sure."""
     delay_s = ask.size * FLAG_S
 
-    def install(robot: Robot) -> None:
-        s = robot.sensing
-        more = np.where(leg_mask(ask.joints), delay_s / (STATE_PERIOD_NS * 1e-9), 0.0)
-        s.contact_hold_states = s.contact_hold_states + more
-
-    return Built(install, {"contact_delay.delay_s": delay_s})
+    s = robot.sensing
+    more = np.where(leg_mask(ask.joints), delay_s / (STATE_PERIOD_NS * 1e-9), 0.0)
+    s.contact_hold_states = s.contact_hold_states + more
+    return {"contact_delay.delay_s": delay_s}
 
 
-def tilted(ask: Ask) -> Built:
+def tilted(robot: Robot, ask: Ask) -> Parameters:
     """An inertial unit that was mounted askew."""
     towards, tilt = float(ask.rng.uniform(-np.pi, np.pi)), ask.size * TILT_RAD
     roll, pitch = tilt * np.cos(towards), tilt * np.sin(towards)
 
-    def install(robot: Robot) -> None:
-        robot.sensing.imu_tilt_rpy_rad = robot.sensing.imu_tilt_rpy_rad + np.array([roll, pitch, 0.0])
-
-    return Built(install, {"imu_tilt.roll_rad": float(roll), "imu_tilt.pitch_rad": float(pitch)})
+    robot.sensing.imu_tilt_rpy_rad = robot.sensing.imu_tilt_rpy_rad + np.array([roll, pitch, 0.0])
+    return {"imu_tilt.roll_rad": float(roll), "imu_tilt.pitch_rad": float(pitch)}
 
 
-def lengths(ask: Ask) -> Built:
+def lengths(robot: Robot, ask: Ask) -> Parameters:
     """Legs of another length in the estimator's own model, and a constant slip."""
     scale = 1.0 + sign(ask.rng) * ask.size * LENGTHS
     slip = ask.size * SLIP_M_S * ask.rng.uniform(-1.0, 1.0, 2)
 
-    def install(robot: Robot) -> None:
-        robot.estimator.odometry_scale *= scale
-        robot.estimator.odometry_bias_m_s = robot.estimator.odometry_bias_m_s + slip
-
-    return Built(install, {"velocity_estimate.scale": scale})
+    robot.estimator.odometry_scale *= scale
+    robot.estimator.odometry_bias_m_s = robot.estimator.odometry_bias_m_s + slip
+    return {"velocity_estimate.scale": scale}
 
 
-def sluggish(ask: Ask) -> Built:
+def sluggish(robot: Robot, ask: Ask) -> Parameters:
     """A low pass on the velocity that is handed out."""
     lag = ask.size * LAG_S
 
-    def install(robot: Robot) -> None:
-        robot.estimator.output_lag_s += lag
-
-    return Built(install, {"velocity_estimate.lag_s": lag})
+    robot.estimator.output_lag_s += lag
+    return {"velocity_estimate.lag_s": lag}
 
 
 KINDS: Final = (

@@ -10,7 +10,8 @@ import numpy as np
 
 from spot_model.robot import facts
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
-from withheld.realities.fault_kind import BODY, Ask, Built, FaultKind, at, sign
+from withheld.realities.fault_kind import BODY, Ask, FaultKind, Parameters, at, sign
+from withheld.simulator.robot import Robot
 
 DELAY_S: Final = 0.012
 JITTER_S: Final = 0.004
@@ -32,7 +33,7 @@ class Wait:
         return self.draw(n_commands, rng)
 
 
-def late(ask: Ask) -> Built:
+def late(robot: Robot, ask: Ask) -> Parameters:
     """A fixed delay with the sawtooth of two clocks that drift past each other."""
     mean = ask.size * DELAY_S
 
@@ -40,24 +41,27 @@ def late(ask: Ask) -> Built:
         turns = np.arange(n) * STATE_PERIOD_NS * 1e-9 / BEAT_S + rng.random()
         return np.asarray(mean * (1.0 + BEAT_SHARE * (2.0 * (turns % 1.0) - 1.0)))
 
-    return Built(lambda robot: robot.delays.append(Wait(draw)), {"command_delay.delay_s": mean})
+    robot.delays.append(Wait(draw))
+    return {"command_delay.delay_s": mean}
 
 
-def uneven(ask: Ask) -> Built:
+def uneven(robot: Robot, ask: Ask) -> Parameters:
     """Log-normal waits."""
     mean = ask.size * JITTER_S
 
     def draw(n: int, rng: np.random.Generator) -> Array:
         return np.asarray(mean * np.exp(TAIL * rng.standard_normal(n) - 0.5 * TAIL**2))
 
-    return Built(lambda robot: robot.delays.append(Wait(draw)), {"command_jitter.mean_s": mean})
+    robot.delays.append(Wait(draw))
+    return {"command_jitter.mean_s": mean}
 
 
-def lost(ask: Ask) -> Built:
+def lost(robot: Robot, ask: Ask) -> Parameters:
     """Commands that are lost one by one."""
     share = ask.size * LOSS
     wait = Wait(lambda n, rng: np.where(rng.random(n) < share, np.inf, 0.0))
-    return Built(lambda robot: robot.delays.append(wait), {"command_drop.probability": share})
+    robot.delays.append(wait)
+    return {"command_drop.probability": share}
 
 
 @dataclass(frozen=True)
@@ -76,25 +80,28 @@ class Program:
         return np.asarray(sent + self.share * (legs[:, [1, 0, 3, 2]].reshape(sent.shape) - sent))
 
 
-def scaled(ask: Ask) -> Built:
+def scaled(robot: Robot, ask: Ask) -> Parameters:
     """Another action scale than the policy's."""
     change = sign(ask.rng) * ask.size * SCALE
     part = Program(1.0 + at(ask.joints, change), np.zeros(12), np.zeros(12))
-    return Built(lambda robot: robot.setpoints.append(part), {"action_scale.scale": 1.0 + change})
+    robot.setpoints.append(part)
+    return {"action_scale.scale": 1.0 + change}
 
 
-def shifted(ask: Ask) -> Built:
+def shifted(robot: Robot, ask: Ask) -> Parameters:
     """Another default pose than the policy's."""
     offset = sign(ask.rng) * ask.size * POSE_RAD
     part = Program(np.ones(12), at(ask.joints, offset), np.zeros(12))
-    return Built(lambda robot: robot.setpoints.append(part), {"default_pose.offset_rad": offset})
+    robot.setpoints.append(part)
+    return {"default_pose.offset_rad": offset}
 
 
-def swapped(ask: Ask) -> Built:
+def swapped(robot: Robot, ask: Ask) -> Parameters:
     """Left and right are mixed, as by a wrong matrix."""
     share = ask.size * SWAP
     part = Program(np.ones(12), np.zeros(12), at(ask.joints, share))
-    return Built(lambda robot: robot.setpoints.append(part), {"joint_swap.share": share})
+    robot.setpoints.append(part)
+    return {"joint_swap.share": share}
 
 
 KINDS: Final = (
