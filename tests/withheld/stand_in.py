@@ -11,13 +11,14 @@ import numpy as np
 
 from spot_model.io.model_file import RobotModel
 from withheld.plan import FaultRequest, RecordingPlan, Truth
-from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.fault_kind import Ask, FaultKind, Parameters, at
 from withheld.realities.reality import make
+from withheld.realities.source import CATALOGUES
 from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Law, Robot
 from withheld.simulator.simulation import RealityDivergedError
 
+CATALOGUE = CATALOGUES["calibrating"]
 QUICK = Settings(settle_s=0.3, ramp_s=0.25, tail_s=0.05)
 
 

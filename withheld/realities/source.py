@@ -10,11 +10,22 @@ from typing import Any, Final
 from spot_model.errors import BadInputError
 from spot_model.user_code import users_code
 from withheld.plan import FaultRequest, Reality
-from withheld.realities.calibrating.catalogue import CATALOGUE as CALIBRATING
+from withheld.realities.calibrating import body as c_body
+from withheld.realities.calibrating import drive as c_drive
+from withheld.realities.calibrating import limits as c_limits
+from withheld.realities.calibrating import outside as c_outside
+from withheld.realities.calibrating import signals as c_signals
 from withheld.realities.fault_kind import FaultKind
-from withheld.realities.judging.catalogue import CATALOGUE as JUDGING
+from withheld.realities.judging import body, drive, limits, outside, signals
 
-CATALOGUES: Final[Mapping[str, Mapping[str, FaultKind]]] = {"judging": JUDGING, "calibrating": CALIBRATING}
+_KINDS: Final[Mapping[str, Sequence[FaultKind]]] = {
+    "judging": (*drive.KINDS, *limits.KINDS, *signals.KINDS, *body.KINDS, *outside.KINDS),
+    "calibrating": (*c_drive.KINDS, *c_limits.KINDS, *c_signals.KINDS, *c_body.KINDS, *c_outside.KINDS),
+}
+CATALOGUES: Final[Mapping[str, Mapping[str, FaultKind]]] = {
+    name: {kind.name: kind for kind in kinds} for name, kinds in _KINDS.items()
+}
+"""Kinds by name; what a case draws follows from their order."""
 
 ENTRY_POINT_GROUP: Final = "spot_rl.realities"
 

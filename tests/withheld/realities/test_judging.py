@@ -7,7 +7,7 @@ import pytest
 
 from spot_model.robot.facts import N_JOINTS
 from withheld.realities.fault_kind import Ask, Install, Parameters
-from withheld.realities.judging import drive, friction, limits, outside, sensing, transport
+from withheld.realities.judging import drive, limits, outside, signals
 from withheld.simulator.robot import Motion, Robot, TorquePart
 
 DT_S = 5e-4
@@ -34,7 +34,7 @@ def only(install: Install, where: str, size: float = 1.0) -> tuple[TorquePart, P
 
 
 def test_maxwell_elements_slide_at_their_level_and_spring_before() -> None:
-    part, _ = only(friction.dry, "rotors")
+    part, _ = only(drive.dry, "rotors")
     # A tenth of a milliradian bends all three: 0.4/0.4 + 0.35/1.2 + 0.25/3 of 0.1 mrad/mrad, times 1.5 N·m.
     creeping = part.act(ZERO, motion(speed=1e-4 / DT_S))
     assert creeping == pytest.approx(-1.5 * 1e-4 * (0.4 / 4e-4 + 0.35 / 1.2e-3 + 0.25 / 3e-3))
@@ -44,14 +44,14 @@ def test_maxwell_elements_slide_at_their_level_and_spring_before() -> None:
 
 
 def test_a_lubricant_gives_its_stated_damping_at_a_walking_joints_speed() -> None:
-    part, stated = only(friction.grease, "rotors")
-    damping = stated["viscous_friction.damping_nm_s_per_rad"]
+    part, stated = only(drive.grease, "rotors")
+    damping = stated["viscous_drive.damping_nm_s_per_rad"]
     assert part.act(ZERO, motion(speed=4.0)) == pytest.approx(-4.0 * damping)
     assert -part.act(ZERO, motion(speed=40.0))[0, 0] < 40.0 * damping
 
 
 def test_teeth_rub_by_the_torque_that_they_pass_on() -> None:
-    part, _ = only(friction.load, "rotors")
+    part, _ = only(drive.load, "rotors")
     for _ in range(100):
         out = part.act(ZERO, motion(speed=1.0, gear=-10.0))
     assert out == pytest.approx(-2.2)
@@ -89,9 +89,9 @@ def test_a_budget_brings_the_power_down_and_spares_small_powers(asked_nm: float,
 def test_waits_have_their_means_and_losses_their_share() -> None:
     n, rng = 40_000, np.random.default_rng(1)
     for install, word, reads in (
-        (transport.late, "command_delay.delay_s", np.mean),
-        (transport.uneven, "command_jitter.mean_s", np.mean),
-        (transport.lost, "command_drop.probability", lambda x: np.mean(np.isinf(x))),
+        (signals.late, "command_delay.delay_s", np.mean),
+        (signals.uneven, "command_jitter.mean_s", np.mean),
+        (signals.lost, "command_drop.probability", lambda x: np.mean(np.isinf(x))),
     ):
         robot = Robot()
         stated = install(robot, ask())
@@ -99,7 +99,7 @@ def test_waits_have_their_means_and_losses_their_share() -> None:
 
 
 def test_averaged_rates_lag_by_the_stated_time() -> None:
-    part, stated = only(sensing.average, "readings")
+    part, stated = only(signals.average, "readings")
     for state in range(50):
         out = part.act(np.full((1, 36), 10.0 * 0.003 * state), 0.003)
     late_s = (10.0 * 0.003 * 49 - out[0, 12]) / 10.0

@@ -7,7 +7,7 @@ import pytest
 
 from spot_model.robot.facts import N_JOINTS
 from withheld.realities.calibrating import drive as drive_faults
-from withheld.realities.calibrating import friction, limits
+from withheld.realities.calibrating import limits
 from withheld.realities.fault_kind import Ask
 from withheld.simulator.drives import PRESLIDING_RAD, Drives, LuGre
 from withheld.simulator.parameters import DriveParameters
@@ -83,7 +83,7 @@ def test_stiction_is_over_the_coulomb_level_and_fades_with_speed() -> None:
 
 def test_a_gear_that_loses_takes_from_both_directions_of_power() -> None:
     robot = Robot()
-    friction.gear_loss(robot, ask())
+    drive_faults.gear_loss(robot, ask())
     (part,) = robot.rotors
     zeros = np.zeros((1, N_JOINTS))
     driving = part.act(zeros, motion(speed=5.0, gear=10.0))[0, 0]
@@ -94,7 +94,7 @@ def test_a_gear_that_loses_takes_from_both_directions_of_power() -> None:
 
 def test_grease_thins() -> None:
     robot = Robot()
-    friction.viscous(robot, ask())
+    drive_faults.viscous(robot, ask())
     (part,) = robot.rotors
     slow, quick = (-part.act(np.zeros((1, N_JOINTS)), motion(speed=v))[0, 0] for v in (1.0, 10.0))
     assert 5.0 * slow < quick < 10.0 * slow

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from withheld.plan import FaultRequest
-from withheld.realities.judging.catalogue import CATALOGUE
 from withheld.realities.reality import make
+from withheld.realities.source import CATALOGUES
 from withheld.simulator.body import build_model
 from withheld.simulator.draws import SCALES, add_ordinary_errors, draw_scale
 from withheld.simulator.parameters import Settings
@@ -38,7 +38,7 @@ def test_errors_grow_with_the_scale(scale: float) -> None:
 
 def test_leaving_a_fault_out_leaves_the_same_robot() -> None:
     one, two = (FaultRequest(kind=k, place="body", size=0.5) for k in ("saddlebags", "askew_unit"))
-    both, single, none = (make(r, 4, CATALOGUE) for r in ((one, two), (two,), ()))
+    both, single, none = (make(r, 4, CATALOGUES["judging"]) for r in ((one, two), (two,), ()))
     assert both.truth.faults[1] == single.truth.faults[0]
     assert both.truth.error_scale == none.truth.error_scale
     assert both.settings == none.settings

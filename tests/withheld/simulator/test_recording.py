@@ -14,12 +14,13 @@ from spot_log.commands import app
 from spot_model.io.velocity_sequence import VelocitySequence
 from tests.withheld.simulator.quick import POLICIES, QUICK, ahead, policy, widest
 from withheld.plan import IMPORT_LACKS, RecordingPlan, Signal
-from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.reality import make
+from withheld.realities.source import CATALOGUES
 from withheld.simulator.link import NEVER_NS, Deliveries, deliveries, mean_delay_s, tick_states
 from withheld.simulator.parameters import LinkParameters
 from withheld.simulator.simulation import RunRequest, simulate
 
+CATALOGUE = CATALOGUES["calibrating"]
 LINK = LinkParameters()
 N = 50_000
 

@@ -9,7 +9,6 @@ from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.rotation import rotate_wxyz
 from withheld.realities.calibrating import limits
-from withheld.realities.calibrating import supply as supply_faults
 from withheld.realities.fault_kind import Ask, flags_of
 from withheld.simulator.estimator import Estimator
 from withheld.simulator.parameters import DriveParameters, SensingParameters, SupplyParameters
@@ -108,7 +107,7 @@ def test_a_battery_sags_by_its_resistance_and_empties() -> None:
 
 def test_a_bus_limiter_brings_the_power_down_to_its_bound_and_spares_small_powers() -> None:
     robot = Robot()
-    stated = supply_faults.bus_limit(robot, Ask(np.random.default_rng(0), 1.0, flags_of(())))
+    stated = limits.bus_limit(robot, Ask(np.random.default_rng(0), 1.0, flags_of(())))
     (part,) = robot.motors
     full = np.ones((1, N_JOINTS))
     for asked, speed in ((30.0, 5.0), (2.0, 2.0)):

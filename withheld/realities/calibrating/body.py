@@ -8,7 +8,7 @@ import numpy as np
 from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.mjcf_options import MjcfOptions
-from withheld.realities.fault_kind import Ask, Parameters
+from withheld.realities.fault_kind import BODY, LEG_PLACES, Ask, FaultKind, Parameters
 from withheld.simulator.parameters import Settings
 from withheld.simulator.robot import Robot, leg_mask
 
@@ -88,3 +88,11 @@ def soft(robot: Robot, ask: Ask) -> Parameters:
     usual_s = 2.0 / Settings().contact_damping_per_s
     more = usual_s * softer / damped - MjcfOptions().contact_solref[0]
     return {"ground_compliance.time_constant_s": more} if more > 0.0 else {}
+
+
+KINDS = (
+    FaultKind("box_on_the_back", "body", ("payload_mass",), BODY, payload),
+    FaultKind("boots", "body", ("leg_mass",), ("type", "leg", "all"), boots),
+    FaultKind("slippery_ground", "ground", ("ground_friction",), LEG_PLACES, slippery),
+    FaultKind("soft_ground", "ground", ("ground_compliance",), LEG_PLACES, soft),
+)
