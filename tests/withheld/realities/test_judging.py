@@ -45,7 +45,7 @@ def test_maxwell_elements_slide_at_their_level_and_spring_before() -> None:
 
 def test_a_lubricant_gives_its_stated_damping_at_a_walking_joints_speed() -> None:
     part, stated = only(drive.grease, "rotors")
-    damping = stated["viscous_drive.damping_nm_s_per_rad"]
+    damping = stated["viscous_friction.damping_nm_s_per_rad"]
     assert part.act(ZERO, motion(speed=4.0)) == pytest.approx(-4.0 * damping)
     assert -part.act(ZERO, motion(speed=40.0))[0, 0] < 40.0 * damping
 
