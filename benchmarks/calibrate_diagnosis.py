@@ -42,7 +42,7 @@ from diagnosis.selection.robot_models import size_of_errors
 from diagnosis.selection.scoring import Placed, null_of
 from diagnosis.selection.search import search
 from diagnosis.verdict.causes import CALIBRATED, candidates_of, decide, name_of, own_nats
-from diagnosis.verdict.evidence import Explained, explain
+from diagnosis.verdict.explanation import Explanation, explain
 from diagnosis.verdict.probability import excess
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
@@ -134,7 +134,7 @@ def recorded(case: Case, source: Source, policy: Policy) -> tuple[Reality, list[
 
 
 def evidence(
-    found: Explained, reality: Reality, bench: Bench | None, library: Mapping[str, LibraryEffect], seed: int
+    found: Explanation, reality: Reality, bench: Bench | None, library: Mapping[str, LibraryEffect], seed: int
 ) -> dict[str, Any]:
     """What residuals say of each effect of the best set, and what its model leaves in closed loop."""
     board, best, own = found.board, found.selection.best, own_nats(found)
@@ -158,7 +158,7 @@ def evidence(
 
 
 def simulated(
-    found: Explained, nominal: RobotModel, bench: Bench | None, library: Mapping[str, LibraryEffect], seed: int
+    found: Explanation, nominal: RobotModel, bench: Bench | None, library: Mapping[str, LibraryEffect], seed: int
 ) -> dict[str, float]:
     """How far models are from the robot, in floors, and what runs scatter by; empty without a policy."""
     if bench is None:
@@ -176,7 +176,7 @@ def simulated(
     }
 
 
-def of_effect(found: Explained, term: Placed, faults: Sequence[Fault], rivals: Sequence[str]) -> dict[str, Any]:
+def of_effect(found: Explanation, term: Placed, faults: Sequence[Fault], rivals: Sequence[str]) -> dict[str, Any]:
     """One effect, and whether it or a rival in its place is there."""
     joints = set(found.board.robot.named(found.board.robot.joints_of(term.effect, term.place)))
 

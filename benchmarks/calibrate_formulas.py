@@ -23,7 +23,7 @@ from diagnosis.read.robot_file import SPOT
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.scoring import Scorer, null_of
 from diagnosis.selection.unexplained import remainder
-from diagnosis.verdict.evidence import evidence_of
+from diagnosis.verdict.explanation import evidence_of
 from spot_log import read_run
 from spot_model.policy.policy import load_policy
 from withheld.cases import chosen, draw

@@ -30,9 +30,9 @@ from typing import Any, Final
 import numpy as np
 
 from diagnosis.next.candidates import Candidate, candidates
-from diagnosis.next.design import Design, Proposal, Told, design
+from diagnosis.next.design import Design, Information, Proposal, design
 from diagnosis.next.robots import beliefs
-from diagnosis.next.rounds import SURE, WHOLE, Found, Lab, Limits, Ran, Story, ask_robot, read_story
+from diagnosis.next.rounds import SURE, WHOLE, Answer, Lab, Limits, RobotRun, Story, ask_robot, read_story
 from diagnosis.next.session import diagnosed, found_in
 from diagnosis.session import Inputs
 from diagnosis.verdict.posterior_file import Posterior
@@ -149,7 +149,7 @@ def choosing(name: str, policy: Policy, case: Case, seed: int) -> Choose:
 
 def _alone(own: Posterior, candidate: Candidate) -> Design:
     odds = beliefs(own)
-    told = Told(1.0, 1.0, np.zeros((len(odds), len(odds))))
+    told = Information(1.0, 1.0, np.zeros((len(odds), len(odds))))
     proposal = Proposal(candidate, candidate.motion(), told, "", is_proved=True)
     return Design(tuple(odds), np.array([*odds.values()]), (proposal,))
 
@@ -160,7 +160,7 @@ def played(own: Subject, name: str, seed: int) -> Story:
     policy, first = load_policy(own.policy), found_in(own.out / FIRST)
     place.mkdir(exist_ok=True)
 
-    def run(chosen: Proposal, folder: Path) -> Ran:
+    def run(chosen: Proposal, folder: Path) -> RobotRun:
         logs, motion = folder / "logs", chosen.motion
         own_seed = own.case.recording_seed + 101 + len(chosen.candidate.name)
         try:
@@ -169,8 +169,8 @@ def played(own: Subject, name: str, seed: int) -> Story:
             else:
                 own.reality.perform(motion, own_seed, logs)
         except RealityDivergedError as error:
-            return Ran(None, chosen.robot_s, str(error))
-        return Ran(next(logs.glob("*.mcap")), chosen.robot_s, WHOLE)
+            return RobotRun(None, chosen.robot_s, str(error))
+        return RobotRun(next(logs.glob("*.mcap")), chosen.robot_s, WHOLE)
 
     def told(story: Story) -> None:
         is_done = bool(story.ending)
@@ -190,7 +190,7 @@ def played(own: Subject, name: str, seed: int) -> Story:
     return ask_robot(read_story(place / "story.json", first), lab, Limits(1e9, ROUNDS), own.case.diagnosis_seed)
 
 
-def _told(own: Subject, first: Found, story: Story) -> dict[str, Any]:
+def _told(own: Subject, first: Answer, story: Story) -> dict[str, Any]:
     """What is scored of a story, round by round; the first row is of the first log alone."""
     rounds = [(0.0, read_verdict(first.folder / "verdict.json"))]
     for asked in story.rounds:

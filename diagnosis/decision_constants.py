@@ -177,7 +177,7 @@ effect that moved the robot. On 76 diagnoses of 60 others, those of seed 40961 w
 not, it is right for 93 % and calls none unknown wrongly; a fit to those is (−3.15, 2.23, 0.99), right for 89 %.
 All were fitted when 2.3 floors were ordinary for every robot.
 """
-THERE: Final = (-2.45, 0.93)
+PRESENCE_LOG_ODDS: Final = (-2.45, 0.93)
 """Log odds that an effect is there: at one nat, and for each e-fold of nats.
 
 Logistic regression over 98 effects that residuals of 78 robots showed, 23 of them without a fault, 44 with one and 11

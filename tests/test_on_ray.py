@@ -22,7 +22,7 @@ from spot_model.effects.friction import CoulombFriction
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
-from tests.diagnosis.standing_starts import POLICY, scripts
+from tests.diagnosis.planted import POLICY, scripts
 from tests.withheld.blind.test_execution import finish, jobs
 from trainer.simulate.engine import Engine, EngineError, Place, Tell
 from trainer.simulate.rollout import RolloutOptions

@@ -21,6 +21,7 @@ from diagnosis.channels.kinematics import StanceSignals, feet
 from spot_model.robot import facts
 from spot_model.robot.mjcf_options import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
+from trainer.signals.smoothing import smooth
 
 ROWS: Final = tuple(f"{leg}_{kind}" for kind in ("flag", "slip", "stop") for leg in facts.LEG_NAMES)
 SEARCH: Final = 30
@@ -147,7 +148,7 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> Events:
 def _stop_times(stance: StanceSignals, contact: Flags) -> Events:
     """In which time (s) the ground takes half of the speed of each touch-down that is fast enough."""
     stack = stance.stack
-    velocity = stack.smooth(feet(stance.inputs, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3])
+    velocity = smooth(feet(stance.inputs, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3])
     found: list[tuple[int, int, float]] = []
     for leg, row, touches in _changes(contact, stack.inner(stack.used, SEARCH, STOP_LAST)):
         path = velocity[row - STOP_AROUND : row + STOP_LAST, leg]

@@ -34,7 +34,7 @@ from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
-from trainer.signals.smoothing import REACH
+from trainer.signals.smoothing import REACH, smooth
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
@@ -177,17 +177,17 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
     rows = kept_rows(stack)
     raw = full_rate_inputs(stack, stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm)
-    inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name), rows) for f in fields(Inputs)})
+    inputs = Inputs(**{f.name: smooth(getattr(raw, f.name), rows) for f in fields(Inputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
     position_rate = stack.rate(raw.position_rad)
     model = BodyModel(effects)
     full = residuals(model, raw)
-    nominal = Residuals(*(stack.smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
+    nominal = Residuals(*(smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
     place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
     has_flags = stack.has("foot_contact")
-    contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
+    contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
         effects=tuple(effects),
@@ -213,10 +213,10 @@ def kept_rows(stack: Stack, reach: int = REACH) -> NDArray[np.intp]:
     return np.flatnonzero(every & stack.inner(stack.used, reach, reach))
 
 
-def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:
+def carrying(inputs: Inputs, foot_force_n: Array) -> Flags:
     """Feet (N, 4) that the ground pushes up by more than :data:`CARRIES` of the robot's weight; all at full rate."""
     up = rotate_wxyz(inputs.world_from_body_wxyz[:, None, :], foot_force_n)[..., 2]
-    return np.asarray(stack.smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
+    return np.asarray(smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
 
 
 def residuals(

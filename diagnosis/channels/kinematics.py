@@ -28,7 +28,7 @@ from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect
 from spot_model.robot import facts
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
-from trainer.signals.smoothing import REACH
+from trainer.signals.smoothing import REACH, smooth
 
 AFTER_TOUCH_DOWN: Final = 9
 BEFORE_LIFT_OFF: Final = 7
@@ -96,14 +96,14 @@ class StanceSignals:
     def _corrected(self, inputs: Kinematics, legs: Ints | None) -> Array:
         """Computed for the one leg that differs, where it is one; the others' bits stay as they are."""
         if legs is None or len(legs) != 1:
-            return self.stack.smooth(feet(inputs, self.standing), self.rows)
+            return smooth(feet(inputs, self.standing), self.rows)
         (leg,) = legs
         heading, height = motion_of_feet(inputs, slice(leg, leg + 1))
         heights = self.raw_height_m.copy()
         heights[:, leg] = height[:, 0]
         columns = [*range(3 * leg, 3 * leg + 3), *range(3 * facts.N_LEGS, len(ROWS))]
         out = self.nominal.copy()
-        out[:, columns] = self.stack.smooth(_rows_of(heading, heights, self.standing), self.rows)
+        out[:, columns] = smooth(_rows_of(heading, heights, self.standing), self.rows)
         return out
 
     def _changed_legs(self, changes: Mapping[str, Array]) -> Ints | None:
@@ -117,7 +117,7 @@ class StanceSignals:
     def finish_velocity(self, in_body: Array) -> Array:
         """A change of the body's velocity (N, 3), body frame, as all feet see it: smoothed, shape (n, 16)."""
         heading = _in_heading(self.inputs.odom_from_body_wxyz, in_body)
-        velocities = self.stack.smooth(np.tile(heading, (1, facts.N_LEGS)), self.rows)
+        velocities = smooth(np.tile(heading, (1, facts.N_LEGS)), self.rows)
         return np.pad(velocities, ((0, 0), (0, facts.N_LEGS)))
 
 
@@ -150,7 +150,7 @@ def stance_view(
     standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)
     rows = kept_rows(stack)
     heading, height = motion_of_feet(inputs)
-    response = stack.smooth(_rows_of(heading, height, standing), rows)
+    response = smooth(_rows_of(heading, height, standing), rows)
     steady = stack.inner(standing)[rows]
     # A height means something against another foot's, and the same feet must stand throughout the filter's reach.
     unchanged = np.all((stack.inner(contact) | stack.inner(~contact))[rows], axis=1)
@@ -246,12 +246,12 @@ class InertialSignals:
 
     def finish(self, in_odom: Array) -> Array:
         """An acceleration in odom (N, 3) as the channel's rows have it, shape (n, 6)."""
-        twice = self.stack.smooth(self.stack.smooth(in_odom), self.rows)
+        twice = smooth(smooth(in_odom), self.rows)
         return np.concatenate([twice, np.zeros_like(twice)], axis=1)
 
     def finish_rate(self, in_odom: Array) -> Array:
         """The derivative of a velocity, likewise."""
-        once = self.stack.smooth(self.stack.rate(in_odom), self.rows)
+        once = smooth(self.stack.rate(in_odom), self.rows)
         return np.concatenate([once, np.zeros_like(once)], axis=1)
 
 
@@ -305,7 +305,7 @@ def _turns(signals: InertialSignals, age_s: float) -> Array:
     stack = signals.stack
     attitude = signals.odom_from_body_wxyz
     gyro = stack.filled(lambda r: r.imu.angular_vel_rad_s)
-    read = stack.smooth(stack.smooth(gyro)) + age_s * stack.smooth(stack.rate(gyro))
-    change = multiply_wxyz(conjugate_wxyz(stack.smooth(attitude)), stack.rate(attitude))
-    turn = (read - stack.smooth(2.0 * np.asarray(change)[:, 1:]))[signals.rows]
+    read = smooth(smooth(gyro)) + age_s * smooth(stack.rate(gyro))
+    change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), stack.rate(attitude))
+    turn = (read - smooth(2.0 * np.asarray(change)[:, 1:]))[signals.rows]
     return np.concatenate([np.zeros_like(turn), turn], axis=1)

@@ -29,6 +29,7 @@ from scipy.signal import lfilter
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
+from trainer.signals.smoothing import smooth
 
 RATE_STRIDE: Final = 2
 FLOOR_RAD_S: Final = 0.02
@@ -61,7 +62,7 @@ def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | Channe
     velocity = stack.filled(lambda r: r.velocity_rad_s)
     position = stack.filled(lambda r: r.position_rad)
     kept, n_joints = slice(None, None, RATE_STRIDE), velocity.shape[1]
-    response = (stack.smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[kept]
+    response = (smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[kept]
     return stack.joint_view(
         Channel.JOINT_RATES,
         kept,

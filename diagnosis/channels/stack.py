@@ -14,7 +14,7 @@ from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints
 from diagnosis.read.segments import Segmentation, cut
 from spot_model.errors import BadInputError
 from trainer.signals.recording import Recording
-from trainer.signals.smoothing import NOISE_GAIN, REACH, Rows, eroded, rate, smooth, too_coarse
+from trainer.signals.smoothing import NOISE_GAIN, REACH, Rows, eroded, rate, too_coarse
 
 MIN_NOISE: Final = 1e-6
 """No channel's noise counts as less than this, in its own unit: simulated logs may have none."""
@@ -89,10 +89,6 @@ class Stack:
     def filled(self, part: Callable[[Recording], Any]) -> Array:
         """Like :meth:`cat`, with 0 for what is missing; :attr:`used` has it marked."""
         return np.nan_to_num(self.cat(part).astype(np.float64))
-
-    def smooth(self, values: Array, at: Rows | None = None) -> Array:
-        """Smoothed along time, of all rows or those of ``at``."""
-        return smooth(values, at)
 
     def rate(self, values: Array, at: Rows | None = None) -> Array:
         """Derivative of the smoothed values along time, per second."""

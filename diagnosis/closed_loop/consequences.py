@@ -17,8 +17,8 @@ import numpy as np
 from diagnosis.channels import Array, Ints
 from diagnosis.closed_loop.run_numbers import (
     QUANTITIES,
-    Lasted,
     Quantity,
+    WalkTime,
     known_mean,
     restricted_mean_s,
     run_numbers,
@@ -26,8 +26,8 @@ from diagnosis.closed_loop.run_numbers import (
 )
 from diagnosis.closed_loop.shrink import (
     MIN_GAP,
-    Compared,
     Cuts,
+    SequenceDistances,
     interval,
     mean_distance,
     mean_floor,
@@ -129,12 +129,12 @@ def _by_sequence(runs: Sequence[Run]) -> Runs:
     return out
 
 
-def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[Compared]]]:
+def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[SequenceDistances]]]:
     """Distances by gap, in its unit, and by sequence; without gaps whose signal a log lacks.
 
     ``stand_in`` is the model whose scatter is the floor of a robot that did not repeat itself.
     """
-    by_gap: dict[Gap, list[Compared]] = {gap: [] for gap in GAPS}
+    by_gap: dict[Gap, list[SequenceDistances]] = {gap: [] for gap in GAPS}
     for sequence in next(iter(models.values())):
         own = _cuts([run for run in real[sequence] if len(policy_ticks(run)) >= MIN_TICKS])
         made = {name: _cuts(runs[sequence], MIN_TICKS) for name, runs in models.items()}
@@ -146,7 +146,7 @@ def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tup
             floor = scatter.sum(axis=(0, 1)) / max(1, len(scatter) * (len(scatter) - 1))
         for k, gap in enumerate(GAPS):
             of_models = {name: distances[..., k] for name, distances in apart.items()}
-            by_gap[gap].append(Compared(sequence, pairs[..., k], of_models, floor=float(floor[k])))
+            by_gap[gap].append(SequenceDistances(sequence, pairs[..., k], of_models, floor=float(floor[k])))
     out = []
     for gap, found in by_gap.items():
         if all(np.isfinite(d).all() for c in found for d in (c.real, *c.models.values())):
@@ -173,7 +173,7 @@ def _apart(first: list[Array], second: list[Array]) -> list[float]:
     return [float(np.mean(np.abs(a - b))) for a, b in zip(first, second, strict=True)]
 
 
-Came = Sequence[tuple[list[float], Lasted]]
+Came = Sequence[tuple[list[float], WalkTime]]
 """What each run of one sequence came to: :data:`QUANTITIES`, and how long it lasted."""
 
 

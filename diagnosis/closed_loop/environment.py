@@ -96,7 +96,7 @@ SURROUNDING_EFFECTS: Final = frozenset(
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ChosenSurroundings:
     """The surroundings that suit a model."""
 
     by_sequence: Mapping[str, Surroundings]
@@ -194,7 +194,7 @@ def best_surroundings(
     engine: Rollouts,
     rng: np.random.Generator,
     tell: Tell,
-) -> Chosen:
+) -> ChosenSurroundings:
     """Surroundings of a model for each sequence, chosen on the others; on itself where it is the only one.
 
     First hard and soft ground, then around the best the ground and the estimator, and around both together the ground
@@ -202,7 +202,7 @@ def best_surroundings(
     """
     scores = _Scores(model, scripts, real, policy)
     if not scores.names:
-        return Chosen({})
+        return ChosenSurroundings({})
     soft = [replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S]
     scores.add([OWN, *soft], engine, rng, lambda share: tell(share / 3))
     around = scores.centres()
@@ -211,7 +211,7 @@ def best_surroundings(
     centres = [scores.combined(centre, names) for centre, names in around]
     scores.add([s for c in centres for s in (c, *_finer(c))], engine, rng, lambda share: tell((2 + share) / 3))
     every = sorted({s.sequence for s in scripts})
-    return Chosen({s: scores.best_without(s) for s in every}, scores.best_without(), scores.doubt())
+    return ChosenSurroundings({s: scores.best_without(s) for s in every}, scores.best_without(), scores.doubt())
 
 
 def _nearer(centre: Surroundings) -> list[Surroundings]:

@@ -14,6 +14,7 @@ from diagnosis.channels.stack import Stack
 from diagnosis.closed_loop.run_numbers import given_power_w, known_mean
 from diagnosis.document import GapCell
 from spot_log.format.events import FOLLOWING_MODE
+from trainer.signals.smoothing import smooth
 
 QUANTILES: Final = (np.arange(25) + 0.5) / 25
 """Of which a run's digest in a cell is made; their mean difference is the Wasserstein distance."""
@@ -31,7 +32,7 @@ UNITS: Final = {"position": "rad", "velocity": "rad/s", "load": "N·m", "load er
 
 
 @dataclass(frozen=True)
-class Side:
+class LogSet:
     """Real or simulated logs, with the load's error against the servo law where channel *set-point to load* is on."""
 
     stack: Stack
@@ -39,7 +40,7 @@ class Side:
 
 
 def gap_map(
-    real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Generator
+    real: LogSet, simulated: LogSet, leg_of_joint: Ints, rng: np.random.Generator
 ) -> tuple[tuple[GapCell, ...], str]:
     """Compare real logs and the nominal model's runs of the same commands, cell by cell; and a note for the reader.
 
@@ -92,14 +93,14 @@ def _known(value: Array) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _signals(side: Side) -> dict[str, Array]:
+def _signals(side: LogSet) -> dict[str, Array]:
     stack = side.stack
     found = {"position": stack.filled(lambda r: r.position_rad), "velocity": stack.filled(lambda r: r.velocity_rad_s)}
     if all(r.has("load_nm") for r in stack.recordings):
         found["load"] = stack.filled(lambda r: r.load_nm)
     if side.actuator is not None:
         s: Any = side.actuator.signals
-        found["load error"] = stack.smooth(s.load_nm - s.torque_nm)
+        found["load error"] = smooth(s.load_nm - s.torque_nm)
     return found
 
 
@@ -171,7 +172,7 @@ def benjamini_hochberg(p_values: Array) -> Array:
 
 
 def _block_interval(
-    real: Side,
+    real: LogSet,
     signals: Sequence[str],
     values_by_signal: dict[str, Array],
     model: Array,
@@ -215,7 +216,7 @@ def _regimes(real: Stack, stack: Stack, leg_of_joint: Ints) -> dict[str, Flags]:
         found[f"{word}, high torque"] = flags & thirds["torque"]["high"]
     for name in ("torque", "speed"):
         found |= {f"{word} {name}": flags for word, flags in thirds[name].items()}
-    sign = np.sign(stack.smooth(velocity))
+    sign = np.sign(smooth(velocity))
     turned = np.diff(sign, axis=0, prepend=sign[:1]) != 0.0
     reach = max(1, round(REVERSAL_S / stack.period_s))
     found["velocity reversal"] = maximum_filter1d(turned.astype(np.int8), 2 * reach + 1, axis=0) > 0

@@ -39,7 +39,7 @@ QUANTITIES: Final = (
 """Numbers of one run; falls are those of many, see :func:`restricted_mean_s`."""
 
 
-class Lasted(NamedTuple):
+class WalkTime(NamedTuple):
     """How long a robot followed its policy."""
 
     time_s: float
@@ -76,17 +76,17 @@ def given_power_w(load_nm: Array, velocity_rad_s: Array) -> Array:
     return np.asarray(np.maximum(load_nm * velocity_rad_s, 0.0).sum(axis=1))
 
 
-def time_to_fall(run: Run) -> Lasted | None:
+def time_to_fall(run: Run) -> WalkTime | None:
     """How long the robot followed the policy, and whether it fell then; None where no policy ran."""
     rows = policy_ticks(run, at_least=1)
     if len(rows) == 0:
         return None
     stamps, fall_ns = run.ticks.robot_stamp_ns[rows], fall_stamp_ns(run)
     end_ns = stamps[-1] if fall_ns is None else fall_ns
-    return Lasted(float(end_ns - stamps[0]) * 1e-9, fall_ns is not None)
+    return WalkTime(float(end_ns - stamps[0]) * 1e-9, fall_ns is not None)
 
 
-def restricted_mean_s(lasted: Sequence[Lasted], length_s: float) -> float:
+def restricted_mean_s(lasted: Sequence[WalkTime], length_s: float) -> float:
     """Mean time to a fall within a command's length, by the Kaplan-Meier estimate of the share that still walks.
 
     A run that ended without a fall counts as long as it lasted; after the last fall the share stays.

@@ -30,7 +30,7 @@ Features = Sequence[NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
-class Compared:
+class SequenceDistances:
     """One command sequence: pair distances, in one unit."""
 
     sequence: str
@@ -105,7 +105,7 @@ def simulated_features(runs: Sequence[Run], policy: Policy) -> dict[str, list[ND
     return features_by_sequence(runs, policy, MIN_TICKS)
 
 
-def compare(sequence: str, real: Features, models: Mapping[str, Features], steady: str = "") -> Compared:
+def compare(sequence: str, real: Features, models: Mapping[str, Features], steady: str = "") -> SequenceDistances:
     """Distances of one sequence, in floors, from the features of real runs and of each model's.
 
     ``steady`` is a model that scatters at least as a robot does that walks. Where the robot did not repeat itself,
@@ -130,11 +130,11 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], stead
         return np.asarray(np.mean(distances / scale, axis=-1))
 
     apart = {name: one_number(pair_distances(cuts(runs), own, distance)) for name, runs in models.items()}
-    return Compared(sequence, one_number(pairs), apart, scale)
+    return SequenceDistances(sequence, one_number(pairs), apart, scale)
 
 
 def shrinkage(
-    compared: Sequence[Compared], before: str, after: str, rng: np.random.Generator, doubt: float = 0.0
+    compared: Sequence[SequenceDistances], before: str, after: str, rng: np.random.Generator, doubt: float = 0.0
 ) -> Shrinkage:
     """S = (D0 − D1)/(D0 − floor), averaged over sequences, with a paired hierarchical bootstrap.
 
@@ -160,12 +160,12 @@ def shrinkage(
     return Shrinkage(d0, d1, floor, s, *interval(s, draws, [min(size) for size in sizes], doubt / (d0 - floor)))
 
 
-def mean_distance(compared: Sequence[Compared], model: str) -> float:
+def mean_distance(compared: Sequence[SequenceDistances], model: str) -> float:
     """Of a model's runs from the robot's."""
     return float(np.mean([c.models[model].mean() for c in compared]))
 
 
-def mean_floor(compared: Sequence[Compared]) -> float:
+def mean_floor(compared: Sequence[SequenceDistances]) -> float:
     """Of the robot's runs from each other, or what stands in for it."""
     return float(np.mean([_floor(c) for c in compared]))
 
@@ -211,7 +211,7 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _floor(c: Compared, chosen: NDArray[np.intp] | None = None) -> float:
+def _floor(c: SequenceDistances, chosen: NDArray[np.intp] | None = None) -> float:
     """Mean distance of two different real runs; without repeats what stands in for it."""
     n = len(c.real)
     if n < 2:

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.closed_loop.environment import Chosen, Surroundings, best_surroundings
+from diagnosis.closed_loop.environment import ChosenSurroundings, Surroundings, best_surroundings
 from diagnosis.closed_loop.run_numbers import time_to_fall
 from diagnosis.closed_loop.shrink import (
-    Compared,
     Features,
+    SequenceDistances,
     compare,
     features_by_sequence,
     sequence_of,
@@ -21,7 +21,7 @@ from diagnosis.closed_loop.shrink import (
 )
 from diagnosis.closed_loop.simulation import Rollouts, run_all
 from diagnosis.document import Shrink
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.robot_models import model_of
 from diagnosis.selection.scoring import Scored
 from spot_log.read.run import Run
@@ -91,11 +91,11 @@ class Trials:
     bench: Bench
     runs: Mapping[str, list[Run]]
     """By name of the model."""
-    compared: tuple[Compared, ...]
+    compared: tuple[SequenceDistances, ...]
     is_crossed: bool
     """Whether each sequence's model was fitted without it."""
     notes: tuple[str, ...]
-    surroundings: Chosen = Chosen({})
+    surroundings: ChosenSurroundings = ChosenSurroundings({})
     """Of all models but the nominal one."""
 
     def distances(self) -> dict[str, float]:
@@ -125,7 +125,7 @@ class Trials:
 def run_trials(
     bench: Bench,
     nominal: RobotModel,
-    board: Board,
+    board: Evidence,
     candidates: Mapping[str, Scored],
     stated: str,
     rng: np.random.Generator,
@@ -148,7 +148,7 @@ def run_trials(
     names, notes = bench.sequences, []
     crossed = list(board.fold_names) == names and len(names) > 1
     models = {NOMINAL: dict.fromkeys(names, nominal)}  # by name and command sequence
-    chosen = Chosen({})
+    chosen = ChosenSurroundings({})
     for name, scored in candidates.items():
         made, why = _fitted_models(nominal, board, scored, names if crossed else [])
         if made is None:
@@ -178,7 +178,7 @@ def run_trials(
 
 
 def _fitted_models(
-    nominal: RobotModel, board: Board, scored: Scored, folds: Sequence[str]
+    nominal: RobotModel, board: Evidence, scored: Scored, folds: Sequence[str]
 ) -> tuple[list[RobotModel] | None, str]:
     """Models fitted without each fold, and last the one fitted to all; None, and why, if a value is out of bounds."""
     try:
@@ -206,7 +206,9 @@ def measure_shrink(trials: Trials, stated: str, rng: np.random.Generator) -> Shr
     )
 
 
-def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:
+def compared_by_sequence(
+    bench: Bench, models: Mapping[str, Sequence[Run]]
+) -> tuple[list[SequenceDistances], list[str]]:
     """Distances by sequence, each of a run up to its fall, and what has to be known of them."""
     real = bench.real()
     parts = {name: simulated_features(group, bench.policy) for name, group in models.items()}

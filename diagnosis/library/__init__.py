@@ -18,6 +18,8 @@ from diagnosis.channels.dynamics import DynamicsSignals, wrench_of_joints
 from diagnosis.library.experiments import SPRINT, Experiment
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.io.model_file import RobotModel
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.joints import describe_joints
 
 
 class Location(enum.Enum):
@@ -240,6 +242,11 @@ class Robot:
     def joints_of(self, effect: LibraryEffect, place: Array) -> Flags:
         """Joints of a set of units, shape (J,)."""
         return np.asarray(place @ self.units(effect.location) > 0.5)
+
+    def words_for(self, effect: LibraryEffect, place: Array) -> tuple[str, ...]:
+        """Joints of a set of units as a model file names them."""
+        mask = self.joints_of(effect, place)
+        return describe_joints(mask) if self.joint_names == JOINT_NAMES else self.named(mask)
 
     def named(self, joints: Flags) -> tuple[str, ...]:
         """Names of joints."""

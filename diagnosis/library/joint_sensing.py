@@ -26,6 +26,7 @@ from spot_model.effects.joint_sensors import (
     SensorNoise,
     VelocityFilter,
 )
+from trainer.signals.smoothing import smooth
 
 OFFSET_STEP_RAD: Final = 0.01
 COMPLIANCE_STEP: Final = 2e-4
@@ -187,7 +188,7 @@ class VelocityFilterEntry(LibraryEffect):
             return np.pad(np.stack([q.finish_rate(-r) * joints for r in rates], axis=2), ((0, 0), (0, 0), (0, 2)))
         if view.name == Channel.SET_POINT_TO_LOAD:
             a: ActuatorSignals = view.signals
-            ahead = a.stack.rate(a.position_rad) - a.stack.smooth(a.velocity_rad_s)
+            ahead = a.stack.rate(a.position_rad) - smooth(a.velocity_rad_s)
             return np.pad(on_joints(a.finish(-a.kd_nm_s_per_rad * ahead), joints), ((0, 0), (0, 0), (2, 1)))
         s: DynamicsSignals | StanceSignals = view.signals
         velocity = s.inputs.velocity_rad_s

@@ -17,6 +17,7 @@ from spot_model.effects.base import Effect
 from spot_model.effects.bodies import BodyInertia, ComOffset, LegMass, PayloadMass
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.rotation import rotate_inverse_wxyz
+from trainer.signals.smoothing import smooth
 
 KNOTS_M: Final = (0.1, 0.2, 0.3)
 """Places of a point mass on a link whose columns give those of all others."""
@@ -194,7 +195,7 @@ def passed_on_m_s2(s: DynamicsSignals, shape: Shape) -> Array:
     if "specific_force" not in s.cache:
         raw = full_rate_inputs(stack, np.zeros(0))
         up = raw.linear_acc_in_world_m_s2 + np.array([0.0, 0.0, GRAVITY_M_S2])
-        s.cache["specific_force"] = stack.smooth(np.asarray(rotate_inverse_wxyz(raw.world_from_body_wxyz, up)))
+        s.cache["specific_force"] = smooth(np.asarray(rotate_inverse_wxyz(raw.world_from_body_wxyz, up)))
     force = s.cache["specific_force"].copy()
     omega, axes = 2.0 * np.pi * shape["frequency_hz"], slice(0, 3 if shape["bounces"] else 2)
     damped = 2.0 * shape["damping"] * omega

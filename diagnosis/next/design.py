@@ -53,7 +53,7 @@ class Proposal:
 
     candidate: Candidate
     motion: Motion
-    told: Told
+    told: Information
     burden: str
     refused: tuple[str, ...] = ()
     """Why it must not be run; empty where it may."""
@@ -85,6 +85,11 @@ class Proposal:
     def bits_a_second(self) -> float:
         """Bits of the cause for each second of robot time."""
         return self.told.bits / self.robot_s
+
+    @property
+    def information(self) -> str:
+        """What it would tell, in words."""
+        return f"{self.told.bits:.2f} of {self.told.of_bits:.2f} bits in {self.robot_s:.0f} s of robot time"
 
     def decides(self, causes: Sequence[Cause], weights: Array) -> str:
         """Which two causes it sets apart most, in words, with how it does."""
@@ -172,7 +177,7 @@ def design(
 
 def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
     """What a candidate tells and loads, and whether all robots that the logs allow bear it."""
-    told = Told(0.0, 0.0, np.zeros((len(robots.weights),) * 2))
+    told = Information(0.0, 0.0, np.zeros((len(robots.weights),) * 2))
     motion = candidate.motion()
     try:
         runs = try_on(motion, robots.models, policy, np.random.default_rng([seed, 1]))
@@ -180,7 +185,7 @@ def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: in
         return Proposal(candidate, motion, told, "", (str(error),))
     signatures = np.array([signature(run) for run in runs])
     if len(robots.causes) > 1 and np.isfinite(signatures).all():
-        told = told_by(signatures, robots.cause_of, robots.weights, np.random.default_rng([seed, 2]))
+        told = information_of(signatures, robots.cause_of, robots.weights, np.random.default_rng([seed, 2]))
     return Proposal(candidate, motion, told, burden(runs), refusals(runs))
 
 
@@ -223,7 +228,7 @@ REDRAWN: Final = 6
 
 
 @dataclass(frozen=True)
-class Told:
+class Information:
     """What one run of an experiment tells, on average."""
 
     bits: float
@@ -242,7 +247,7 @@ class Told:
         return float((1.0 - ODD_RUN) * ndtr(0.5 * self.apart[first, second]) + 0.5 * ODD_RUN)
 
 
-def told_by(signatures: Array, cause_of: Array, weights: Array, rng: np.random.Generator) -> Told:
+def information_of(signatures: Array, cause_of: Array, weights: Array, rng: np.random.Generator) -> Information:
     """What an experiment tells.
 
     Args:
@@ -264,7 +269,7 @@ def told_by(signatures: Array, cause_of: Array, weights: Array, rng: np.random.G
             apart[i, j] += _apart(folds, i, j) / REDRAWN
     apart += apart.T
     near = np.exp(-(apart**2) / 8.0) @ weights
-    return Told(float((1.0 - ODD_RUN) * -weights @ np.log2(near)), float(entropy(weights, base=2)), apart)
+    return Information(float((1.0 - ODD_RUN) * -weights @ np.log2(near)), float(entropy(weights, base=2)), apart)
 
 
 def _apart(folds: Sequence[Sequence[tuple[Array, Array]]], i: int, j: int) -> float:

@@ -109,8 +109,7 @@ def ranking_lines(design: Design, commands: Mapping[str, str]) -> list[str]:
         if p.refused:
             lines += [f"   refused: {reason}" for reason in p.refused]
             continue
-        bits = f"{p.told.bits:.2f} of {p.told.of_bits:.2f} bits in {p.robot_s:.0f} s"
-        lines.append(f"   information  {bits}: {p.bits_a_second:.3f} bits a second")
+        lines.append(f"   information  {p.information}, {p.bits_a_second:.3f} bits a second")
         if p.told.bits > 0.0:
             lines.append(f"   separates    {p.decides(design.causes, design.weights)}")
         lines.append(f"   loads        {p.burden}; needs {p.candidate.needs}")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from diagnosis.next.design import Design, Proposal
-from diagnosis.next.rounds import OTHERS, SURE, Asked, Story
+from diagnosis.next.rounds import OTHERS, SURE, Round, Story
 from diagnosis.report.output import NAMES
 from spot_log.page.look import Html, boxed, facts, framed, headed
 from spot_log.page.svg import esc, legend
@@ -35,27 +35,22 @@ def ranking_page(design: Design, commands: Mapping[str, str]) -> str:
         boxed("Possible causes", "Their probabilities, from the logs so far.", _moves([("", design.odds)])),
         boxed("Experiments", about, "".join(_offered(p, design, commands.get(p.candidate.name, "")) for p in offered)),
     ]
-    refused = {p.candidate.title: esc("; ".join(p.refused)) for p in design.proposals if p.refused}
-    body += [boxed("Refused", "Do not run these on a robot.", _rows(refused))] if refused else []
+    refused = [(p.candidate.title, "; ".join(p.refused)) for p in design.proposals if p.refused]
+    body += [boxed("Refused", "Do not run these on a robot.", facts(refused))] if refused else []
     return framed("Next experiment", body, STYLE)
 
 
 def _offered(proposal: Proposal, design: Design, command: str) -> str:
-    told = proposal.told
     rows = {
-        "information": f"{told.bits:.2f} of {told.of_bits:.2f} bits in {proposal.robot_s:.0f} s of robot time",
-        "separates": esc(proposal.decides(design.causes, design.weights)),
-        "settings": esc(proposal.values),
-        "loads": esc(proposal.burden),
-        "needs": esc(proposal.candidate.needs),
-        "run": f"<code>{esc(command)}</code>" if command else "",
+        "information": proposal.information,
+        "separates": proposal.decides(design.causes, design.weights),
+        "settings": proposal.values,
+        "loads": proposal.burden,
+        "needs": proposal.candidate.needs,
+        "run": Html(f"<code>{esc(command)}</code>" if command else ""),
     }
     title = proposal.candidate.title
-    return f"<h3>{esc(title[0].upper() + title[1:])}</h3>{_rows({k: v for k, v in rows.items() if v})}"
-
-
-def _rows(rows: Mapping[str, str]) -> str:
-    return facts((name, Html(value)) for name, value in rows.items())
+    return f"<h3>{esc(title[0].upper() + title[1:])}</h3>{facts((k, v) for k, v in rows.items() if v)}"
 
 
 def story_page(story: Story) -> str:
@@ -82,27 +77,28 @@ def story_page(story: Story) -> str:
     return framed("Experiments", [*parts, *map(_round, range(1, len(story.rounds) + 1), story.rounds)], STYLE)
 
 
-def _round(number: int, asked: Asked) -> str:
+def _round(number: int, asked: Round) -> str:
     moved = [
-        f"{esc(name)} {_percent(asked.before.get(name, 0.0))} → {_percent(p)}"
+        f"{name} {_percent(asked.before.get(name, 0.0))} → {_percent(p)}"
         for name, p in {**dict.fromkeys(asked.before, 0.0), **asked.after}.items()
         if abs(p - asked.before.get(name, 0.0)) >= 0.01
-    ]
-    came = f"{asked.outcome}, {asked.robot_s:.0f} s of robot time"
-    bits = f"{asked.came_bits:.2f} bits of information; {asked.expected_bits:.2f} were expected" if asked.found else ""
+    ] or ["changed by less than 1 %"]
+    bits = f"{asked.came_bits:.2f} bits of information; {asked.expected_bits:.2f} were expected"
     rows = {
-        "experiment": esc(asked.title + (f" ({asked.values})" if asked.values else "")),
-        "separates": esc(asked.parts),
-        "outcome": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
-        "probabilities": "<br>".join([*(moved or ["changed by less than 1 %"]), bits])
-        if asked.found
-        else "not diagnosed yet",
-        "verdict": esc(asked.sentence) + _report(asked),
+        "experiment": asked.title + (f" ({asked.values})" if asked.values else ""),
+        "separates": asked.parts,
+        "outcome": _lines(f"{asked.outcome}, {asked.robot_s:.0f} s of robot time", Path(asked.log).name),
+        "probabilities": _lines(*moved, bits) if asked.found else "not diagnosed yet",
+        "verdict": Html(esc(asked.sentence) + _report(asked)),
     }
-    return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", _rows(rows))
+    return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", facts(rows.items()))
 
 
-def _report(asked: Asked) -> str:
+def _lines(*texts: str) -> Html:
+    return Html("<br>".join(esc(text) for text in texts if text))
+
+
+def _report(asked: Round) -> str:
     """A link to the round's diagnosis, from the story beside the rounds' folders."""
     if not asked.found:
         return ""

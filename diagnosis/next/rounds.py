@@ -24,7 +24,7 @@ MOST_FAILURES: Final = 2
 
 
 @dataclass(frozen=True)
-class Ran:
+class RobotRun:
     """What came of a run."""
 
     log: Path | None
@@ -45,11 +45,11 @@ class Lab:
     """Ranks experiments, by a seed, without those of some names, within some robot time in seconds."""
     confirm: Callable[[Proposal, Design], bool]
     """Asks a person whether an experiment may run."""
-    run: Callable[[Proposal, Path], Ran]
+    run: Callable[[Proposal, Path], RobotRun]
     """Runs one on the robot; its files go into a folder."""
-    diagnose: Callable[[Sequence[Path], Path], Found]
+    diagnose: Callable[[Sequence[Path], Path], Answer]
     """Diagnoses the first logs with these ones into a folder."""
-    open: Callable[[Path], Found]
+    open: Callable[[Path], Answer]
     say: Callable[[str], None]
     told: Callable[[Story], None]
     """Given the story after every step, to be written."""
@@ -77,7 +77,7 @@ def ask_robot(story: Story, lab: Lab, limits: Limits, seed: int) -> Story:
     return story
 
 
-def _caught_up(story: Story, lab: Lab) -> Found:
+def _caught_up(story: Story, lab: Lab) -> Answer:
     """The newest diagnosis; of a log that came when somebody stopped, it is made now."""
     if not story.rounds:
         return story.first
@@ -86,7 +86,7 @@ def _caught_up(story: Story, lab: Lab) -> Found:
     return _diagnosed(story, found, lab) if story.rounds[-1].log and not story.rounds[-1].found else found
 
 
-def _round(story: Story, found: Found, lab: Lab, limits: Limits, seed: int) -> Found:
+def _round(story: Story, found: Answer, lab: Lab, limits: Limits, seed: int) -> Answer:
     """One experiment; or the reason why there is none more."""
     story.ending = _ending(found, story, limits)
     if story.ending:
@@ -108,7 +108,7 @@ def _round(story: Story, found: Found, lab: Lab, limits: Limits, seed: int) -> F
     lab.say(f"running: {chosen.candidate.title}, {chosen.robot_s:.0f} s of robot time")
     ran = lab.run(chosen, place)
     odds = found.odds
-    asked = Asked(
+    asked = Round(
         name=chosen.candidate.name,
         title=chosen.candidate.title,
         values=chosen.values,
@@ -135,7 +135,7 @@ def _round(story: Story, found: Found, lab: Lab, limits: Limits, seed: int) -> F
     return found
 
 
-def _diagnosed(story: Story, found: Found, lab: Lab) -> Found:
+def _diagnosed(story: Story, found: Answer, lab: Lab) -> Answer:
     """Diagnose all logs, with the newest round's; one that cannot be used is left out from then on."""
     newest = story.rounds[-1]
     try:
@@ -160,7 +160,7 @@ def _why(plan: Design) -> str:
     return "; ".join([*told, *refused]) or "there is none left"
 
 
-def _ending(found: Found, story: Story, limits: Limits) -> str:
+def _ending(found: Answer, story: Story, limits: Limits) -> str:
     cause, odds = found.top
     # The calibration alone is no answer where the verdict sees something unknown.
     if odds >= SURE and (cause != in_words(()) or found.status in ("no_gap", "calibration")):
@@ -170,18 +170,18 @@ def _ending(found: Found, story: Story, limits: Limits) -> str:
     return f"{limits.rounds} experiments were run" if len(story.rounds) >= limits.rounds else ""
 
 
-def run_on_robot(words: Sequence[str], log_dir: Path) -> Ran:
+def run_on_robot(words: Sequence[str], log_dir: Path) -> RobotRun:
     """Run an experiment until the robot rests; ``words`` are the arguments of ``spot-rl``."""
     before = set(log_dir.glob("*.mcap"))
     is_interrupted = run_in_foreground(module_command("spot_model", *words)).is_interrupted
     made = sorted(set(log_dir.glob("*.mcap")) - before)
     if not made:
-        return Ran(None, 0.0, "it left no log", is_interrupted)
+        return RobotRun(None, 0.0, "it left no log", is_interrupted)
     try:
         run = read_run(made[-1])
     except SpotRlError as error:
-        return Ran(None, 0.0, str(error), is_interrupted)
-    return Ran(made[-1], run.duration_s, run.outcome, is_interrupted)
+        return RobotRun(None, 0.0, str(error), is_interrupted)
+    return RobotRun(made[-1], run.duration_s, run.outcome, is_interrupted)
 
 
 def is_here(robot: str) -> bool:
@@ -214,7 +214,7 @@ SHOWN: Final = 6
 
 
 @dataclass(frozen=True)
-class Found:
+class Answer:
     """A diagnosis of all logs so far."""
 
     folder: Path
@@ -237,7 +237,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Round:
     """One round: what was asked, what came, how the odds moved."""
 
     name: str
@@ -276,8 +276,8 @@ class Asked:
 class Story:
     """All rounds, and how they ended."""
 
-    first: Found
-    rounds: list[Asked] = field(default_factory=list)
+    first: Answer
+    rounds: list[Round] = field(default_factory=list)
     ending: str = ""
     is_interrupted: bool = False
 
@@ -323,7 +323,7 @@ class Story:
         return json.dumps(data, indent=1) + "\n"
 
 
-def read_story(path: Path, first: Found) -> Story:
+def read_story(path: Path, first: Answer) -> Story:
     """The story so far, to go on from; an empty one where there is no file.
 
     Raises:
@@ -335,6 +335,6 @@ def read_story(path: Path, first: Found) -> Story:
         data = json.loads(path.read_text(encoding="utf-8"))
         if data["schema"] != SCHEMA:
             raise ValueError(f"schema is {data['schema']!r}, not {SCHEMA!r}")
-        return Story(first, [Asked(**r) for r in data["rounds"]])
+        return Story(first, [Round(**r) for r in data["rounds"]])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise BadInputError(f"{path} is no story of 'spot-rl diagnose next --run': {error}; move it away") from error

@@ -18,7 +18,7 @@ from diagnosis.next.design import Design, Proposal, design
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.prediction import check_log, check_prediction, digest_of, load_prediction, predict, with_log
-from diagnosis.next.rounds import Found, Lab, Limits, Ran, Story, ask_robot, read_story, run_on_robot
+from diagnosis.next.rounds import Answer, Lab, Limits, RobotRun, Story, ask_robot, read_story, run_on_robot
 from diagnosis.read import find_policy_file, read_logs
 from diagnosis.report.output import NAMES
 from diagnosis.session import Inputs, Progress, load_inputs, run_session
@@ -38,7 +38,7 @@ class Session:
 
     folder: Path
     inputs: Inputs
-    found: Found
+    found: Answer
     policy: Policy | None
     seed: int
     own: Motion | None = None
@@ -97,7 +97,7 @@ class Session:
             for path, text in ((page, story_page(story)), (place / "story.json", story.to_json())):
                 write_over(path, text)
 
-        def run(chosen: Proposal, round_folder: Path) -> Ran:
+        def run(chosen: Proposal, round_folder: Path) -> RobotRun:
             file, logs = round_folder / f"{chosen.candidate.name}.yaml", round_folder / "logs"
             logs.mkdir()
             save_motion(chosen.motion, file)
@@ -181,7 +181,7 @@ class Session:
         return [*with_log(made, run).lines(), *(f"  log {log}: {text}" for text in run.damage)]
 
 
-def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Found:
+def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Answer:
     """Diagnose the logs and more of them into a folder.
 
     Raises:
@@ -193,7 +193,7 @@ def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Found:
     return found_in(out)
 
 
-def found_in(folder: Path) -> Found:
+def found_in(folder: Path) -> Answer:
     """The diagnosis in a folder.
 
     Raises:
@@ -209,4 +209,4 @@ def found_in(folder: Path) -> Found:
         raise BadInputError(
             f"{folder}: a diagnosis of another release, or damaged; diagnose again:\n{explain(error)}"
         ) from error
-    return Found(folder, posterior, verdict.status, verdict.headline)
+    return Answer(folder, posterior, verdict.status, verdict.headline)

@@ -16,6 +16,7 @@ import numpy as np
 from diagnosis.closed_loop.run_numbers import given_power_w
 from diagnosis.closed_loop.simulation import SensorNoise, merged, simulate
 from diagnosis.next.candidates import Motion
+from diagnosis.read.segments import asked_torque_nm
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
@@ -24,7 +25,6 @@ from spot_model.plant.closed_loop import StartState
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import projected_gravity, rotate_inverse_wxyz, rotate_wxyz, tilt_rad
@@ -162,15 +162,7 @@ def signature(run: Run) -> Array:
     rows = s.robot_stamp_ns >= begin_ns
     at = np.clip(s.last_command_key - 1, 0, len(c) - 1)[rows]
     q, v, load = s.position_rad[rows], s.velocity_rad_s[rows], s.load_nm[rows]
-    asked = pd_torque(
-        position_rad=q,
-        velocity_rad_s=v,
-        setpoint_position_rad=c.position_rad[at],
-        setpoint_velocity_rad_s=c.velocity_rad_s[at],
-        feedforward_nm=c.load_nm[at],
-        kp_nm_per_rad=c.kp_nm_per_rad[at],
-        kd_nm_s_per_rad=c.kd_nm_s_per_rad[at],
-    )
+    asked = asked_torque_nm(c, at, q, v)
     left = load - asked
     rate, change = _rate(v), _rate(asked)
     way = np.tanh(v / SOFT_RAD_S)

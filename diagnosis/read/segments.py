@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, find_objects, label, uniform_filter1d
 
 from spot_log.format.events import FOLLOWING_MODE
+from spot_log.read.run import CommandTable
 from spot_log.tools.measures import NEVER_NS
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
@@ -92,18 +93,8 @@ def _not_following(recording: Recording, row: NDArray[np.intp]) -> Flags:
     """Where the servo law explains next to nothing of the load over a window, all joints together."""
     if len(recording.commands) == 0 or not recording.has("load_nm"):
         return np.zeros(len(recording), dtype=np.bool_)
-    c, at = recording.commands, np.maximum(row, 0)
-    asked = np.nan_to_num(
-        pd_torque(
-            position_rad=recording.position_rad,
-            velocity_rad_s=recording.velocity_rad_s,
-            setpoint_position_rad=c.position_rad[at],
-            setpoint_velocity_rad_s=c.velocity_rad_s[at],
-            feedforward_nm=c.load_nm[at],
-            kp_nm_per_rad=c.kp_nm_per_rad[at],
-            kd_nm_s_per_rad=c.kd_nm_s_per_rad[at],
-        )
-    )
+    asked = asked_torque_nm(recording.commands, np.maximum(row, 0), recording.position_rad, recording.velocity_rad_s)
+    asked = np.nan_to_num(asked)
     load = np.nan_to_num(recording.load_nm)
     size = max(3, round(WINDOW_S / recording.period_s))
 
@@ -118,6 +109,21 @@ def _not_following(recording: Recording, row: NDArray[np.intp]) -> Flags:
     lost = binary_opening(binary_closing(lost, np.ones(size)), np.ones(shortest))
     # The window blurs the edges: half of it on either side may not be in control either.
     return np.asarray(binary_dilation(lost, np.ones(size)) if lost.any() else lost)
+
+
+def asked_torque_nm(c: CommandTable, row: NDArray[np.intp], position_rad: Array, velocity_rad_s: Array) -> Array:
+    """The servo law's torque for the commands at ``row``, shape (n,), and the joints' motion, shapes (n, J), N·m."""
+    return np.asarray(
+        pd_torque(
+            position_rad=position_rad,
+            velocity_rad_s=velocity_rad_s,
+            setpoint_position_rad=c.position_rad[row],
+            setpoint_velocity_rad_s=c.velocity_rad_s[row],
+            feedforward_nm=c.load_nm[row],
+            kp_nm_per_rad=c.kp_nm_per_rad[row],
+            kd_nm_s_per_rad=c.kd_nm_s_per_rad[row],
+        )
+    )
 
 
 def _standing(recording: Recording) -> Flags:

@@ -28,13 +28,13 @@ from scipy.linalg import cho_solve
 
 from diagnosis.channels import Array
 from diagnosis.decision_constants import ERROR_SCALES, NARROWEST
-from diagnosis.selection.evidence import Board
-from diagnosis.selection.normal_equations import Tried, tried_by_fold
+from diagnosis.selection.evidence import Evidence
+from diagnosis.selection.normal_equations import ColumnProducts, products_by_fold
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, bounds, fitted_under, null_of, sums_of, term_columns, weights_of
 
 
-def calibrated(board: Board, scored: Scored) -> Scored:
+def calibrated(board: Evidence, scored: Scored) -> Scored:
     """The same effects, maybe none, fitted with the ordinary errors of :func:`free_types`; scores stay."""
     tried, by_fold = _tried(board, scored)
     weights = weights_of(board, scored.held_out, scored.explained)
@@ -42,7 +42,7 @@ def calibrated(board: Board, scored: Scored) -> Scored:
     return replace(found, score=scored.score, by_block=scored.by_block)
 
 
-def free_types(board: Board) -> Array:
+def free_types(board: Evidence) -> Array:
     """Precision of the ordinary errors with published ranges for what units share, in their usual sizes; shape (Q,)."""
     ordinary = board.ordinary
     out = np.ones(ordinary.size)
@@ -56,7 +56,7 @@ def free_types(board: Board) -> Array:
     return out
 
 
-def posterior_covariance(board: Board, scored: Scored, precision: Array | float = 1.0) -> Array:
+def posterior_covariance(board: Evidence, scored: Scored, precision: Array | float = 1.0) -> Array:
     """Covariance of what was fitted, given the logs: ordinary errors in usual sizes, then the terms' coefficients.
 
     Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end; a coefficient
@@ -83,10 +83,10 @@ def posterior_covariance(board: Board, scored: Scored, precision: Array | float 
     return out
 
 
-def _tried(board: Board, scored: Scored) -> tuple[Tried, list[Tried]]:
+def _tried(board: Evidence, scored: Scored) -> tuple[ColumnProducts, list[ColumnProducts]]:
     columns = term_columns(board, scored.terms)
     base = [board.products(n, x) for n, x in enumerate(columns)]
-    return tried_by_fold(base, [board.products_of(n, x, x) for n, x in enumerate(columns)])
+    return products_by_fold(base, [board.products_of(n, x, x) for n, x in enumerate(columns)])
 
 
 ROUNDS: Final = 3
@@ -96,7 +96,7 @@ MEDIAN_OF_SQUARES: Final = 0.455
 """Of a standard normal variable."""
 
 
-def learn_scales(board: Board) -> None:
+def learn_scales(board: Evidence) -> None:
     """Set the board's usual sizes to this robot's; before anything else is scored on it."""
     published = board.ordinary.published
     for _ in range(ROUNDS):

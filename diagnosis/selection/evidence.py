@@ -85,7 +85,7 @@ def key_of(effect: LibraryEffect, shape: Shape) -> tuple[object, ...]:
 
 
 @dataclass
-class Board:
+class Evidence:
     """All blocks of a set of logs."""
 
     views: Views
@@ -216,7 +216,7 @@ def lay_out(
     library: Mapping[str, LibraryEffect],
     scales: Mapping[str, ErrorScale],
     period_s: float = 0.003,
-) -> Board:
+) -> Evidence:
     """Cut the channels into blocks, with the ordinary errors of ``scales`` by effects of the library beside them.
 
     ``fold_of_run`` has the fold of each recording; with one fold only, time is cut into two.
@@ -230,7 +230,7 @@ def lay_out(
         for row in range(len(view.rows))
         if (block := _block(view, row, by_run, max(2, len(fold_names)), stretch)) is not None
     ]
-    board = Board(
+    board = Evidence(
         with_stand_in(views),
         robot,
         tuple(blocks),

@@ -18,7 +18,7 @@ from sklearn.linear_model import orthogonal_mp_gram
 from diagnosis.channels import Array, Channel, Flags
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.document import Formula, FormulaTerm
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Evidence
 from spot_model.effects.friction import smooth_sign
 
 MAX_TERMS: Final = 3
@@ -83,7 +83,7 @@ def bump(centre_rad: float, width_rad: float, *, rubs: bool) -> Term:
 class _Columns:
     """Terms and residuals of the joints that carry the unknown, without what ordinary errors stand for."""
 
-    def __init__(self, board: Board, residuals: Sequence[Array], numbers: Sequence[int]) -> None:
+    def __init__(self, board: Evidence, residuals: Sequence[Array], numbers: Sequence[int]) -> None:
         self.s: ActuatorSignals = board.views[Channel.SET_POINT_TO_LOAD].signals
         self.blocks = [board.blocks[n] for n in numbers]
         self._ordinary = [orth(board.ordinary.x[n] * board.blocks[n].weight[:, None], RANK) for n in numbers]
@@ -102,7 +102,7 @@ class _Columns:
         return np.concatenate([x - z @ (z.T @ x) for x, z in zip(weighted, self._ordinary, strict=True)])
 
 
-def find_formula(board: Board, residuals: Sequence[Array], joints: Flags) -> Formula | None:
+def find_formula(board: Evidence, residuals: Sequence[Array], joints: Flags) -> Formula | None:
     """The formula of the torque that is missing or too much, or None where no short one predicts it.
 
     Residuals by block, in units of the noise; ``joints`` where the unknown effect acts, shape (J,).

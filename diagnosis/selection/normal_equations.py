@@ -97,7 +97,7 @@ class OrdinarySums:
         """Weighted products of ordinary errors and columns, (q_all, k) to (Q, k)."""
         return np.asarray(self.gather @ (weights[self.block_of_row][:, None] * by_row))
 
-    def squares(self, part: OrdinaryPart, tried: Tried, pulls: Array, beta: Array) -> tuple[Array, Array]:
+    def squares(self, part: OrdinaryPart, tried: ColumnProducts, pulls: Array, beta: Array) -> tuple[Array, Array]:
         """By block: sum of squares that is left, and that all columns explain."""
         by_ordinary = part.pairs @ (np.outer(pulls, pulls) * self._twice).ravel()
         both = self.by_block @ (pulls[self.rows] * (tried.by_row @ beta))
@@ -108,7 +108,7 @@ class OrdinarySums:
 
 
 @dataclass(frozen=True)
-class Tried:
+class ColumnProducts:
     """Products of the columns that are tried, k of them, over some folds."""
 
     by_row: Array
@@ -118,11 +118,11 @@ class Tried:
     own: Array
     """Shape (B, k, k)."""
 
-    def __sub__(self, other: Tried) -> Tried:
-        return Tried(self.by_row - other.by_row, self.with_y - other.with_y, self.own - other.own)
+    def __sub__(self, other: ColumnProducts) -> ColumnProducts:
+        return ColumnProducts(self.by_row - other.by_row, self.with_y - other.with_y, self.own - other.own)
 
 
-def tried_by_fold(base: Sequence[Array], both: Sequence[Array]) -> tuple[Tried, list[Tried]]:
+def products_by_fold(base: Sequence[Array], both: Sequence[Array]) -> tuple[ColumnProducts, list[ColumnProducts]]:
     """Over all folds, and over each.
 
     Args:
@@ -131,14 +131,14 @@ def tried_by_fold(base: Sequence[Array], both: Sequence[Array]) -> tuple[Tried, 
     """
     by_row = np.concatenate([np.swapaxes(b[:, :, :-1], 1, 2) for b in base], axis=1)
     with_y, own = np.stack([b[:, :, -1] for b in base], axis=1), np.stack(both, axis=1)
-    total = Tried(by_row.sum(axis=0), with_y.sum(axis=0), own.sum(axis=0))
-    return total, [Tried(*one) for one in zip(by_row, with_y, own, strict=True)]
+    total = ColumnProducts(by_row.sum(axis=0), with_y.sum(axis=0), own.sum(axis=0))
+    return total, [ColumnProducts(*one) for one in zip(by_row, with_y, own, strict=True)]
 
 
 def solved(
     sums: OrdinarySums,
     part: OrdinaryPart,
-    tried: Tried,
+    tried: ColumnProducts,
     weights: Array,
     low: Array,
     high: Array,

@@ -11,8 +11,7 @@ import numpy as np
 from diagnosis.channels import Array, Shape
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import LibraryEffect, Location, Robot, acts_last
-from diagnosis.selection.evidence import Board
-from diagnosis.selection.fitted import joint_words
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, by_term
 from spot_model.effects.base import Effect, ModelEffect
@@ -23,7 +22,7 @@ SMALLEST = 0.02
 """Errors under this share of their published range are left out of a model: they change nothing."""
 
 
-def with_errors(model: RobotModel, board: Board, pulls: Array, effects: Container[str] | None = None) -> RobotModel:
+def with_errors(model: RobotModel, board: Evidence, pulls: Array, effects: Container[str] | None = None) -> RobotModel:
     """The model with ordinary errors that change how the robot moves, within the bounds of each parameter.
 
     ``pulls`` are in usual sizes, shape (Q,); ``effects`` names those that are added, None for all.
@@ -36,7 +35,7 @@ def with_errors(model: RobotModel, board: Board, pulls: Array, effects: Containe
     return model
 
 
-def size_of_errors(board: Board, pulls: Array) -> float:
+def size_of_errors(board: Evidence, pulls: Array) -> float:
     """How large a robot's ordinary errors (in usual sizes, shape (Q,)) are, in published standard deviations.
 
     The geometric mean over kinds that act in closed loops, so that a fault which one kind takes up hardly counts.
@@ -48,7 +47,7 @@ def size_of_errors(board: Board, pulls: Array) -> float:
     return float(np.exp(np.mean(np.log(np.maximum(by_kind, SMALLEST))))) if by_kind else 1.0
 
 
-def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None = None) -> RobotModel:
+def model_of(nominal: RobotModel, board: Evidence, scored: Scored, fold: int | None = None) -> RobotModel:
     """The nominal model with this robot's ordinary errors and the effects, as fitted without a fold or to everything.
 
     Raises:
@@ -61,7 +60,9 @@ def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None
     others = {kind.effect.name for kind in board.ordinary.kinds} - named
     model = with_errors(nominal, board, pulls, others)
     for term, own in sorted(zip(scored.terms, coefficients, strict=True), key=lambda pair: acts_last(pair[0].effect)):
-        model = term.effect.add_to(model, term.effect.values(own, term.shape), joint_words(board.robot, term))
+        model = term.effect.add_to(
+            model, term.effect.values(own, term.shape), board.robot.words_for(term.effect, term.place)
+        )
     # Errors of what is a difference here are counted from it: a joint may have less of it than the others.
     return with_errors(model, board, pulls, named)
 

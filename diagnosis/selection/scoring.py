@@ -17,8 +17,8 @@ from scipy.linalg import cho_solve
 
 from diagnosis.channels import Array, Shape
 from diagnosis.library import LibraryEffect
-from diagnosis.selection.evidence import Board, key_of
-from diagnosis.selection.normal_equations import OrdinarySums, Tried, solve_bounded, solved, tried_by_fold
+from diagnosis.selection.evidence import Evidence, key_of
+from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, products_by_fold, solve_bounded, solved
 
 ROUNDS: Final = 4
 """Rounds of weights and fit: weights follow the residuals."""
@@ -74,6 +74,23 @@ def without(scored: Scored, which: int) -> Scored:
     )
 
 
+def without_effect(board: Evidence, scored: Scored, name: str) -> Scored:
+    """The fit less one effect, and less what its joint types or legs have of it by ordinary errors.
+
+    All other ordinary errors stay as they are beside it, so that models with it and without it differ by it alone.
+    """
+    for which in reversed([i for i, term in enumerate(scored.terms) if term.effect.name == name]):
+        scored = without(scored, which)
+    shared = np.zeros(len(scored.pulls), dtype=np.bool_)
+    for kind in board.ordinary.kinds:
+        if kind.effect.name == name:
+            for k in range(len(kind.chosen)):
+                shared[kind.columns(k)] = kind.alike
+    return replace(
+        scored, pulls=np.where(shared, 0.0, scored.pulls), fold_pulls=np.where(shared, 0.0, scored.fold_pulls)
+    )
+
+
 def bounds(effects: Sequence[LibraryEffect]) -> tuple[Array, Array]:
     """Bounds of all coefficients, end to end."""
     cs = [c for e in effects for c in e.coefficients]
@@ -95,7 +112,7 @@ class Crosses(NamedTuple):
 class Scorer:
     """Scores candidates on a board, beside terms that are already in."""
 
-    def __init__(self, board: Board, terms: Sequence[Placed] = ()) -> None:
+    def __init__(self, board: Evidence, terms: Sequence[Placed] = ()) -> None:
         """Choose what is already in."""
         self.board = board
         self.terms = tuple(terms)
@@ -106,7 +123,7 @@ class Scorer:
         self.own_base = [board.products(n, x) for n, x in enumerate(self.own)]
         self.own_own = [board.products_of(n, x, x) for n, x in enumerate(self.own)]
         self._own_cross: dict[tuple[object, ...], list[tuple[Array, Array]]] = {}
-        self._tried, by_fold = tried_by_fold(self.own_base, self.own_own)
+        self._tried, by_fold = products_by_fold(self.own_base, self.own_own)
         self.now, self.weights = _fitted(board, self.terms, self._tried, by_fold)
         self._by_weights: tuple[bytes, tuple[Any, ...]] = (b"", ())
 
@@ -133,7 +150,7 @@ class Scorer:
                 square[:, k:, k:] = spread.T @ part.own @ spread
             base.append(ours)
             both.append(square)
-        return _fitted(self.board, (*self.terms, Placed(effect, shape, place)), *tried_by_fold(base, both))
+        return _fitted(self.board, (*self.terms, Placed(effect, shape, place)), *products_by_fold(base, both))
 
     def residuals(self, cap: float = np.inf) -> list[Array]:
         """What the terms and the ordinary errors leave in each block, those held to so many usual sizes."""
@@ -222,7 +239,9 @@ class Scorer:
         return self._by_weights[1]
 
 
-def _fitted(board: Board, terms: tuple[Placed, ...], tried: Tried, by_fold: list[Tried]) -> tuple[Scored, Array]:
+def _fitted(
+    board: Evidence, terms: tuple[Placed, ...], tried: ColumnProducts, by_fold: list[ColumnProducts]
+) -> tuple[Scored, Array]:
     """Terms and ordinary errors, fitted and scored, and the blocks' weights that belong to them."""
     sums, (low, high) = sums_of(board), bounds([t.effect for t in terms])
     weights = board.dof / (sums.total.yy + board.tolerance_square)
@@ -241,16 +260,16 @@ def _fitted(board: Board, terms: tuple[Placed, ...], tried: Tried, by_fold: list
     return replace(found, score=float(by_block.sum()) - cost, by_block=by_block), weights
 
 
-def weights_of(board: Board, left: Array, explained: Array) -> Array:
+def weights_of(board: Evidence, left: Array, explained: Array) -> Array:
     """What a block counts, from the mean squares that are left and explained in it; each shape (B,)."""
     return np.asarray(board.dof / (left + board.tolerance_square + board.relative_square * explained))
 
 
 def fitted_under(
-    board: Board,
+    board: Evidence,
     terms: tuple[Placed, ...],
-    tried: Tried,
-    by_fold: Sequence[Tried],
+    tried: ColumnProducts,
+    by_fold: Sequence[ColumnProducts],
     weights: Array,
     precision: Array | float = 1.0,
 ) -> Scored:
@@ -274,7 +293,7 @@ def by_term(terms: Sequence[Placed], beta: Array) -> tuple[Array, ...]:
     return tuple(np.split(beta, np.cumsum([len(t.effect.coefficients) for t in terms]))[:-1])
 
 
-def sums_of(board: Board) -> OrdinarySums:
+def sums_of(board: Evidence) -> OrdinarySums:
     """What is the same whatever is tried; kept on the board."""
     if "sums" not in board.kept:
         board.kept["sums"] = OrdinarySums(board.ordinary.numbers, board.ordinary.size, board.base)
@@ -282,7 +301,7 @@ def sums_of(board: Board) -> OrdinarySums:
     return found
 
 
-def null_of(board: Board) -> Scored:
+def null_of(board: Evidence) -> Scored:
     """Ordinary errors alone; kept on the board."""
     if "null" not in board.kept:
         board.kept["null"] = Scorer(board).now
@@ -290,7 +309,7 @@ def null_of(board: Board) -> Scored:
     return found
 
 
-def term_columns(board: Board, terms: Sequence[Placed]) -> list[Array]:
+def term_columns(board: Evidence, terms: Sequence[Placed]) -> list[Array]:
     """By block the columns of all terms, end to end; shape (m, K)."""
     parts = [[np.zeros((len(block.y), 0))] for block in board.blocks]
     for term in terms:

@@ -11,7 +11,7 @@ import numpy as np
 from diagnosis.channels import Array, Shape
 from diagnosis.decision_constants import LEAST_NATS_TO_TRY, MAX_EFFECTS
 from diagnosis.library import LibraryEffect
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of
 
 NEAR_SHARE: Final = 0.1
@@ -53,7 +53,7 @@ class Selection:
     """All effects alone, best first, whether or not they pass."""
 
 
-def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
+def search(board: Evidence, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
     """Choose effects of a library; progress goes to ``say``."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     first = ranked(board, (), usable)
@@ -75,7 +75,9 @@ def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Sele
     return selection_of(board, best, first, library)
 
 
-def selection_of(board: Board, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]) -> Selection:
+def selection_of(
+    board: Evidence, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]
+) -> Selection:
     """What each of the fitted effects adds to the others, and its rivals from the library; ``first`` are all alone."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     near = _near(first, board) | {t.effect.name for t in best.terms}
@@ -95,7 +97,7 @@ def beside(library: Mapping[str, LibraryEffect], terms: Sequence[Placed]) -> dic
     return {n: e for n, e in library.items() if n not in taken and not names & set(e.contains)}
 
 
-def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
+def ranked(board: Evidence, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
     """Every effect beside the terms at its best place and shape, best first."""
     scorer = Scorer(board, terms)
     found: list[Rival] = []
@@ -195,7 +197,7 @@ def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, we
     return place
 
 
-def _near(first: Sequence[Rival], board: Board) -> set[str]:
+def _near(first: Sequence[Rival], board: Evidence) -> set[str]:
     """Effects that alone explain at least a tenth of what the best explains, or the best in some channel."""
     top = max(first[0].value, 1.0)
     names = {r.scored.terms[-1].effect.name for r in first if r.value > NEAR_SHARE * top}
@@ -210,7 +212,7 @@ def _distances(places: Array, natural: Array) -> Array:
     return np.asarray(np.abs(natural - places[:, None]).sum(axis=2).min(axis=1))
 
 
-def price(terms: Sequence[Placed], board: Board) -> float:
+def price(terms: Sequence[Placed], board: Evidence) -> float:
     """Nats that a set of effects costs: its free numbers, and joints that are no natural set."""
     return sum(
         PER_PARAMETER * t.n_parameters + PER_UNIT * float(_distances(t.place[None], board.robot.places(t.effect))[0])
@@ -218,15 +220,15 @@ def price(terms: Sequence[Placed], board: Board) -> float:
     )
 
 
-def _worth(scored: Scored, board: Board) -> float:
+def _worth(scored: Scored, board: Evidence) -> float:
     return scored.score - price(scored.terms, board)
 
 
-def _value(board: Board, terms: Sequence[Placed]) -> float:
+def _value(board: Evidence, terms: Sequence[Placed]) -> float:
     return _worth(Scorer(board, terms).now, board) if terms else 0.0
 
 
-def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
+def _swapped(board: Evidence, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
     """Each earlier effect chosen anew beside the later ones, shape and place included; the last one if any changed."""
     before, last = value, len(best.terms) - 1
     for i in range(len(best.terms)):
@@ -240,7 +242,7 @@ def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, Lib
     return best, value
 
 
-def _pruned(board: Board, best: Scored) -> Scored:
+def _pruned(board: Evidence, best: Scored) -> Scored:
     """Without effects that no longer add enough."""
     while len(best.terms) > 1:
         value = _worth(best, board)

@@ -15,10 +15,11 @@ from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
 from diagnosis.document import Dependence, UnknownEffect
-from diagnosis.selection.evidence import EXACT, Board
+from diagnosis.selection.evidence import EXACT, Evidence
 from diagnosis.selection.formula import find_formula
 from spot_model.robot.rotation import projected_gravity
 from trainer.signals.recording import Recording
+from trainer.signals.smoothing import smooth
 
 MAX_TREES: Final = 40
 MAX_ROWS: Final = 3000
@@ -52,7 +53,7 @@ class Remainder:
         return sum(max(0.0, nats - usual_nats.get(channel, 0.0)) for channel, nats in found.items())
 
 
-def remainder(board: Board, stack: Stack, residuals: Sequence[Array], explained: Array) -> Remainder:
+def remainder(board: Evidence, stack: Stack, residuals: Sequence[Array], explained: Array) -> Remainder:
     """Predict what is left from signals, block by block.
 
     Residuals by block, in units of the noise; ``explained`` is by block the mean square of what the chosen effects
@@ -108,7 +109,7 @@ def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:
     return share, drops / max(float(drops.sum()), 1e-12)
 
 
-def nats_by_joint(board: Board, found: Remainder) -> Array:
+def nats_by_joint(board: Evidence, found: Remainder) -> Array:
     """Of what is left and predictable, what belongs to each joint; a leg's rows count for its joints. Shape (J,)."""
     out = np.zeros(board.robot.n_joints)
     for number, block in enumerate(board.blocks):
@@ -122,7 +123,7 @@ def nats_by_joint(board: Board, found: Remainder) -> Array:
     return out
 
 
-def describe(board: Board, stack: Stack, residuals: Sequence[Array], found: Remainder) -> UnknownEffect:
+def describe(board: Evidence, stack: Stack, residuals: Sequence[Array], found: Remainder) -> UnknownEffect:
     """Joints, regime, the two quantities it depends on most, and the fitted curves, in the channel that has most."""
     by_joint = nats_by_joint(board, found)
     joints = by_joint > CARRIES * max(float(by_joint.max(initial=0.0)), 1e-9)
@@ -232,7 +233,7 @@ class Quantities:
         return tuple(table), np.stack(list(table.values()), axis=1)
 
     def _smooth(self, part: Callable[[Recording], Any]) -> Array:
-        return self.stack.smooth(self.stack.filled(part))
+        return smooth(self.stack.filled(part))
 
     @cached_property
     def _joint_signals(self) -> dict[str, Array]:

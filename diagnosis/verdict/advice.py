@@ -14,7 +14,7 @@ from diagnosis.document import Difference, Split, UnknownEffect
 from diagnosis.library import LibraryEffect
 from diagnosis.library.experiments import Experiment
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Scorer, sums_of
 from spot_model.robot.facts import JOINT_NAMES
 
@@ -93,7 +93,7 @@ LARGEST_IN_SCALES = 10.0
 2 N·m of friction or of a zero, 5 kg, 3 degrees of an encoder."""
 
 
-def cannot_show(board: Board, library: Mapping[str, LibraryEffect] = LIBRARY) -> tuple[str, ...]:
+def cannot_show(board: Evidence, library: Mapping[str, LibraryEffect] = LIBRARY) -> tuple[str, ...]:
     """Names of effects that show in no channel, or too little to be told from ordinary errors.
 
     An effect of its largest realistic size is expected to bring ½·xᵀ(W − W·Z(ZᵀWZ + 1)⁻¹ZᵀW)x nats, with Z the ordinary

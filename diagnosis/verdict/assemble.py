@@ -12,14 +12,13 @@ from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.trials import Trials
 from diagnosis.decision_constants import NAMED, RUNS_APART
 from diagnosis.document import Calibration, Difference, GapCell, GapChange, Status, Stretch, Verdict
-from diagnosis.selection.fitted import numbers
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.unexplained import describe
 from diagnosis.verdict.advice import advice, cannot_show, split
-from diagnosis.verdict.calibration import by_type, calibrated_numbers
+from diagnosis.verdict.calibration import by_type, calibrated_numbers, numbers
 from diagnosis.verdict.causes import Causes
-from diagnosis.verdict.evidence import Explained
-from diagnosis.verdict.measured import Measured
+from diagnosis.verdict.explanation import Explanation
+from diagnosis.verdict.measured import Measurements
 from diagnosis.verdict.probability import is_none
 from spot_model.io.model_file import RobotModel
 
@@ -32,7 +31,7 @@ MOST = 0.5
 FORCES = frozenset({Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION})
 
 
-def status_of(causes: Causes, measured: Measured, unknown: float, is_simulated: bool) -> Status:
+def status_of(causes: Causes, measured: Measurements, unknown: float, is_simulated: bool) -> Status:
     """The verdict in a word."""
     found, gaps = causes.found, measured.whole.gaps
     if not found.views.keys() & FORCES and not is_simulated:
@@ -52,7 +51,7 @@ def is_open(gap: GapChange) -> bool:
 def assemble(
     causes: Causes,
     model: RobotModel,
-    measured: Measured,
+    measured: Measurements,
     unknown_effect: float,
     trials: Trials | None,
     cells: Sequence[GapCell],
@@ -103,7 +102,7 @@ def assemble(
     )
 
 
-def _differences(causes: Causes, measured: Measured) -> list[Difference]:
+def _differences(causes: Causes, measured: Measurements) -> list[Difference]:
     found, belief = causes.found, causes.belief
     best, board = found.selection.best, found.board
     out: list[Difference] = []
@@ -137,7 +136,7 @@ def _differences(causes: Causes, measured: Measured) -> list[Difference]:
     return sorted(out, key=lambda e: -e.gain_nats)
 
 
-def _timeline(found: Explained) -> list[Stretch]:
+def _timeline(found: Explanation) -> list[Stretch]:
     """What was cut, and the seconds of each log that carry the most of channel *set-point to load*'s residual."""
     out: list[Stretch] = []
     period = found.stack.period_s

@@ -16,12 +16,11 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels import Array, Flags
-from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.decision_constants import ERROR_SCALES, PARAMETER_SPREAD
 from diagnosis.document import CalibratedNumber, Number
 from diagnosis.library import LibraryEffect, Location, Robot
 from diagnosis.selection.calibrated import calibrated, free_types, posterior_covariance
-from diagnosis.selection.evidence import Board
-from diagnosis.selection.fitted import Z_90, with_formula_error
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, Scorer
 from spot_model.effects.base import Effect, Parameter
@@ -40,11 +39,18 @@ FAR: Final = 2.0
 UNITS: Final = ("_kg_m2", "_nm_s_per_rad", "_rad_per_nm", "_rad_s", "_m_s", "_nm", "_rad", "_kg", "_m", "_s")
 
 
+Z_90: Final = 1.645
+PROFILE_NATS: Final = 1.35
+"""A shape whose score is within this of the best is within its 90 % interval."""
+NEVER_MET: Final = 1e5
+"""Null values from here on stand for a limit that is never met."""
+
+
 @dataclass(frozen=True)
 class _Fit:
     """All that was fitted, with its covariance; a number is a row of weights on it."""
 
-    board: Board
+    board: Evidence
     scored: Scored
     values: Array
     """Ordinary errors, then coefficients, shape (Q + K,)."""
@@ -54,7 +60,7 @@ class _Fit:
     """Published range of each ordinary error, in the effect's own units, shape (Q,)."""
 
     @staticmethod
-    def of(board: Board, scored: Scored) -> _Fit:
+    def of(board: Evidence, scored: Scored) -> _Fit:
         own = calibrated(board, scored)
         values = np.concatenate([own.pulls, *own.coefficients])
         precision = free_types(board)
@@ -98,7 +104,7 @@ class _Fit:
         return float(weights @ self.values), math.sqrt(max(variance, 0.0))
 
 
-def calibrated_numbers(board: Board, scored: Scored, nominal: RobotModel) -> tuple[CalibratedNumber, ...]:
+def calibrated_numbers(board: Evidence, scored: Scored, nominal: RobotModel) -> tuple[CalibratedNumber, ...]:
     """The robot's own numbers, farthest from the nominal model first, in published standard deviations.
 
     Those of which the logs say less than the publications do are left out.
@@ -286,3 +292,48 @@ def _unit(known: Parameter) -> str:
 def _words(parameter: str) -> str:
     suffix = next((u for u in UNITS if parameter.endswith(u)), "")
     return parameter.removesuffix(suffix).replace("_", " ")
+
+
+def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
+    """Parameters of the last term beside the scorer's, each with a 90 % interval.
+
+    Of a linear number it comes from leaving out one fold at a time; of a shape from the shapes nearby that score
+    almost as well; of both from what a formula is usually wrong by, ``PARAMETER_SPREAD``.
+    """
+    term, own = scored.terms[-1], scored.coefficients[-1]
+    size = len(own)
+    folds = scored.spread[:, -size:]
+    n = len(folds)
+    error = np.sqrt((n - 1) / n * np.sum((folds - folds.mean(axis=0)) ** 2, axis=0))
+    best = term.effect.values(own, term.shape)
+    low, high = dict(best), dict(best)
+
+    def widen(coefficients: Array, shape: dict[str, float]) -> None:
+        for name, value in term.effect.values(coefficients, shape).items():
+            low[name], high[name] = min(low[name], value), max(high[name], value)
+
+    for i, c in enumerate(term.effect.coefficients):
+        for sign in (-1.0, 1.0):
+            moved = own.copy()
+            moved[i] = np.clip(moved[i] + sign * Z_90 * error[i], c.low, c.high)
+            widen(moved, dict(term.shape))
+    for shape in term.effect.refined(term.shape):
+        other = scorer.scored(term.effect, shape, term.place)
+        if other.score > scored.score - PROFILE_NATS:
+            widen(other.coefficients[-1], dict(shape))
+    units = {p.name: p.unit for p in term.effect.effect.parameters()}
+    nulls = {p.name: p.null for p in term.effect.effect.parameters()}
+    found = {}
+    for name, v in best.items():
+        wide = with_formula_error(float(v), float(low[name]), float(high[name]), nulls.get(name, 0.0))
+        found[name] = Number(value=float(v), low=wide[0], high=wide[1], unit=units.get(name, ""))
+    return found
+
+
+def with_formula_error(value: float, low: float, high: float, null: float) -> tuple[float, float]:
+    """An interval widened by what formulas are usually wrong by, counted from where the effect vanishes.
+
+    The null value of a limit that is never met is no place to count from; zero is, then.
+    """
+    formula = Z_90 * PARAMETER_SPREAD * abs(value - null if abs(null) < NEVER_MET else value)
+    return value - math.hypot(value - low, formula), value + math.hypot(high - value, formula)

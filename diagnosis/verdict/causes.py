@@ -17,7 +17,7 @@ from diagnosis.decision_constants import GROUP_ODDS, NAMED
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.scoring import Scored, Scorer, likeness, without
 from diagnosis.selection.search import price
-from diagnosis.verdict.evidence import Explained
+from diagnosis.verdict.explanation import Explanation
 from diagnosis.verdict.probability import Belief, between_formulas, beyond_formulas
 
 CALIBRATED = "calibration alone"
@@ -27,11 +27,11 @@ CALIBRATED = "calibration alone"
 class Causes:
     """What was decided."""
 
-    found: Explained
+    found: Explanation
     """With the differences alone."""
     belief: Belief
     """Of the differences."""
-    first: Explained
+    first: Explanation
     """With all effects that residuals show."""
     at_first: Belief
     """Of all of them."""
@@ -54,7 +54,7 @@ class Causes:
         return {**self.at_first.there, **self.belief.there}
 
 
-def decide(found: Explained, library: Mapping[str, LibraryEffect]) -> Causes:
+def decide(found: Explanation, library: Mapping[str, LibraryEffect]) -> Causes:
     """Leave out what is probably not there, the weakest first: what it shared with others is theirs then.
 
     Args:
@@ -73,19 +73,19 @@ def decide(found: Explained, library: Mapping[str, LibraryEffect]) -> Causes:
     return Causes(found, belief, first, at_first, hypotheses)
 
 
-def believed(found: Explained, hypotheses: Mapping[str, Scored]) -> Belief:
+def believed(found: Explanation, hypotheses: Mapping[str, Scored]) -> Belief:
     """Probabilities of some sets of effects, the best one among them."""
     nats = {tuple(t.effect.name for t in s.terms): _refitted_nats(found, s) for s in hypotheses.values()}
     return Belief.of(nats, found.effects, own_nats(found), found.n_runs)
 
 
-def own_nats(found: Explained) -> dict[str, float]:
+def own_nats(found: Explanation) -> dict[str, float]:
     """By effect of the best set, what it adds to the others beyond what formulas of stronger ones may leave."""
     own = beyond_formulas(np.array(found.selection.gains), likeness(Scorer(found.board, found.selection.best.terms)))
     return {name: float(nats) for name, nats in zip(found.effects, own, strict=True)}
 
 
-def candidates_of(found: Explained) -> dict[str, Scored]:
+def candidates_of(found: Explanation) -> dict[str, Scored]:
     """Sets of effects to compare, by name."""
     best = found.selection.best
     out = {name_of(best): best}
@@ -108,7 +108,7 @@ def name_of(scored: Scored) -> str:
     return " + ".join(sorted(t.effect.name for t in scored.terms)) or CALIBRATED
 
 
-def _refitted_nats(found: Explained, scored: Scored) -> float:
+def _refitted_nats(found: Explanation, scored: Scored) -> float:
     """Evidence of a set of effects beside the ordinary errors that suit it, less the price of its numbers."""
     if not scored.terms:
         return 0.0

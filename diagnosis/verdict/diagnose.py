@@ -12,19 +12,19 @@ from diagnosis.channels import Array, Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
-from diagnosis.closed_loop.gap_map import Side, gap_map
+from diagnosis.closed_loop.gap_map import LogSet, gap_map
 from diagnosis.closed_loop.simulation import Rollouts, SensorNoise, rollouts_under, simulate
 from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
 from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import calibrated
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.robot_models import by_joint, model_of
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.causes import CALIBRATED, Causes, decide
-from diagnosis.verdict.evidence import Say, explain
+from diagnosis.verdict.explanation import Say, explain
 from diagnosis.verdict.measured import (
     compared_models,
     measured_by_prediction,
@@ -60,7 +60,7 @@ class Diagnosis:
     simulated: Mapping[str, tuple[Run, ...]]
     """Closed-loop runs, "nominal" and "corrected"; empty where nothing was simulated."""
     runs: tuple[Run, ...]
-    board: Board
+    board: Evidence
     causes: Causes
     posterior: Posterior | None = None
     """What is still possible, to simulate; None for a robot other than Spot."""
@@ -120,8 +120,8 @@ def diagnose(
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
         views, _ = build_views(logs, nominal)
-        real = Side(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
-        made = Side(logs, views.get(Channel.SET_POINT_TO_LOAD))
+        real = LogSet(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
+        made = LogSet(logs, views.get(Channel.SET_POINT_TO_LOAD))
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
         shrink = measure_shrink(trials, causes.stated, rng)
         measured = measured_by_simulation(trials, best, causes.stated, rng) or measured

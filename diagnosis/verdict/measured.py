@@ -18,15 +18,14 @@ from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
 from diagnosis.closed_loop.trials import NOMINAL, Trials
 from diagnosis.document import Consequences, GapCell, GapChange, GapLeft, GapName
 from diagnosis.selection.calibrated import calibrated
-from diagnosis.selection.evidence import Board
-from diagnosis.selection.fitted import without_effect
-from diagnosis.selection.scoring import Scored, Scorer, null_of, term_columns
+from diagnosis.selection.evidence import Evidence
+from diagnosis.selection.scoring import Scored, Scorer, null_of, term_columns, without_effect
 from diagnosis.verdict.causes import CALIBRATED
-from diagnosis.verdict.evidence import Explained
+from diagnosis.verdict.explanation import Explanation
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurements:
     """Consequences of all that was found, and what is left of the gaps."""
 
     whole: Consequences
@@ -38,7 +37,7 @@ class Measured:
     left: tuple[GapLeft, ...]
 
 
-def compared_models(board: Board, best: Scored, stated: str) -> dict[str, Scored]:
+def compared_models(board: Evidence, best: Scored, stated: str) -> dict[str, Scored]:
     """The corrected model, named ``stated``, the same without each difference, and without all of them, by name.
 
     ``best`` are the differences with the ordinary errors that were fitted beside them.
@@ -54,7 +53,7 @@ def compared_models(board: Board, best: Scored, stated: str) -> dict[str, Scored
     return models
 
 
-def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.random.Generator) -> Measured | None:
+def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.random.Generator) -> Measurements | None:
     """In closed loop; None where the corrected model could not be simulated."""
     if stated not in trials.runs or not trials.compared:
         return None
@@ -71,10 +70,10 @@ def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.ra
     if CALIBRATED in trials.runs:
         is_stated = stated == CALIBRATED
         calibration = consequences(trials, NOMINAL, CALIBRATED, rng, doubt if is_around or is_stated else 0.0)
-    return Measured(whole, calibration, each, remainder(trials, stated))
+    return Measurements(whole, calibration, each, remainder(trials, stated))
 
 
-def measured_by_prediction(board: Board, best: Scored) -> Measured:
+def measured_by_prediction(board: Evidence, best: Scored) -> Measurements:
     """In open loop: logged signals predicted from each other, in folds that nothing was fitted to."""
     nothing = calibrated(board, null_of(board))
     changes = gap_changes(board, None, best)
@@ -87,7 +86,7 @@ def measured_by_prediction(board: Board, best: Scored) -> Measured:
         # Errors refitted without it: what they can take up of it, it does not close.
         less = calibrated(board, Scorer(board, [t for t in best.terms if t is not term]).now)
         each[term.effect.name] = Consequences(loop="open", gaps=gap_changes(board, less, best))
-    return Measured(
+    return Measurements(
         Consequences(loop="open", gaps=changes),
         Consequences(loop="open", gaps=gap_changes(board, None, nothing)),
         each,
@@ -116,7 +115,7 @@ FEW_RUNS: Final = 5
 """With fewer runs, intervals come from pieces of runs."""
 
 
-def open_loop_cells(found: Explained) -> tuple[GapCell, ...]:
+def open_loop_cells(found: Explanation) -> tuple[GapCell, ...]:
     """By joint, mean size of the prediction's error against what sensors' noise alone makes; largest ratio first."""
     out = []
     for channel, signal in SIGNALS.items():
@@ -145,7 +144,7 @@ def open_loop_cells(found: Explained) -> tuple[GapCell, ...]:
     return tuple(sorted(out, key=lambda c: -(c.ratio or 0.0)))
 
 
-def gap_changes(board: Board, before: Scored | None, after: Scored) -> tuple[GapChange, ...]:
+def gap_changes(board: Evidence, before: Scored | None, after: Scored) -> tuple[GapChange, ...]:
     """What a fit closes of the three gaps: of torque, as loads show it, of the motion of swinging legs, of the body's.
 
     A distance is the root mean square, over joints or axes and samples, of what is mispredicted in command sequences
@@ -175,7 +174,7 @@ def gap_changes(board: Board, before: Scored | None, after: Scored) -> tuple[Gap
 
 
 def _change(
-    board: Board, numbers: Sequence[int], left: Sequence[Sequence[Array]], gap: GapName, unit: str
+    board: Evidence, numbers: Sequence[int], left: Sequence[Sequence[Array]], gap: GapName, unit: str
 ) -> GapChange:
     blocks = [board.blocks[n] for n in numbers]
     pieces, n_pieces = _pieces(board, numbers)
@@ -229,7 +228,7 @@ def _half_width(others: Array) -> float:
     return float(student.ppf(0.95, n - 1) * np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2)))
 
 
-def _pieces(board: Board, numbers: Sequence[int]) -> tuple[list[Ints], int]:
+def _pieces(board: Evidence, numbers: Sequence[int]) -> tuple[list[Ints], int]:
     """By block the piece that each sample belongs to, a run or two seconds of one; and how many pieces there are."""
     keys = []
     for block in (board.blocks[n] for n in numbers):
@@ -242,7 +241,7 @@ def _pieces(board: Board, numbers: Sequence[int]) -> tuple[list[Ints], int]:
     return np.split(numbered, np.cumsum([len(f) for f in flat])[:-1]), len(names)
 
 
-def _left(board: Board, scored: Scored | None) -> list[Array]:
+def _left(board: Evidence, scored: Scored | None) -> list[Array]:
     """By block what is mispredicted, in units of the noise, outliers held down; by fits that have not seen it."""
     blocks = board.blocks
     if scored is None:

@@ -11,30 +11,26 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from diagnosis.channels import Array
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.library import LibraryEffect, acts_last
-from diagnosis.selection.fitted import joint_words
 from diagnosis.selection.robot_models import by_joint, with_errors
 from diagnosis.selection.scoring import Scored
 from diagnosis.verdict.causes import Causes
 from diagnosis.verdict.probability import Belief
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, model_from_data
+from spot_model.io.settings import Settings
 from spot_model.robot.facts import JOINT_NAMES
 
 LEAST: Final = 1e-3
 """Nothing that was tried counts as less likely."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
-
-
-class Term(_Part):
+class Term(Settings):
     """An effect of a set, and what its numbers may be."""
 
     effect: str
@@ -45,7 +41,7 @@ class Term(_Part):
     covariance: tuple[tuple[float, ...], ...]
 
 
-class Possibility(_Part):
+class Possibility(Settings):
     """A set of effects."""
 
     weight: float = Field(ge=0.0, le=1.0)
@@ -55,7 +51,7 @@ class Possibility(_Part):
     terms: tuple[Term, ...]
 
 
-class Posterior(_Part):
+class Posterior(Settings):
     """All sets that were compared; weights add up to 1."""
 
     schema_name: Literal["spot-rl/posterior/2"] = Field(default="spot-rl/posterior/2", alias="schema")
@@ -112,7 +108,7 @@ def posterior_of(
         terms = tuple(
             Term(
                 effect=t.effect.name,
-                joints=joint_words(board.robot, t),
+                joints=board.robot.words_for(t.effect, t.place),
                 shape={k: float(v) for k, v in t.shape.items()},
                 mean=tuple(float(v) for v in own),
                 covariance=tuple(tuple(float(v) for v in row) for row in _covariance(scored, i)),

@@ -42,16 +42,16 @@ from diagnosis.decision_constants import (
     ODD_RUN,
     ORDINARY_EXCESS,
     ORDINARY_LEFT_NM,
+    PRESENCE_LOG_ODDS,
     RUNS_APART,
-    THERE,
     UNKNOWN,
     USUAL_ERRORS,
     USUAL_LEFT,
 )
-from diagnosis.selection.evidence import Board
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.robot_models import size_of_errors
 from diagnosis.selection.scoring import Scored
-from diagnosis.verdict.evidence import Explained
+from diagnosis.verdict.explanation import Explanation
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def is_there(nats: float, n_runs: int) -> float:
         nats: What the residuals' evidence loses without it.
         n_runs: Logs.
     """
-    log_odds = float(np.dot(THERE, (1.0, np.log(max(nats, 1e-9)))))
+    log_odds = float(np.dot(PRESENCE_LOG_ODDS, (1.0, np.log(max(nats, 1e-9)))))
     return float(expit(min(log_odds, most_log_odds(n_runs))))
 
 
@@ -198,7 +198,7 @@ def most_log_odds(n_runs: int) -> float:
 SMALLEST: Final = 1e-9
 
 
-def excess(board: Board, scored: Scored) -> dict[Channel, float]:
+def excess(board: Evidence, scored: Scored) -> dict[Channel, float]:
     """By channel that is checked, the largest excess of its signals.
 
     Args:
@@ -217,7 +217,7 @@ def is_odd(found: Mapping[Channel, float]) -> float:
     return float(expit(slope * (max(off) - even))) if off else 0.0
 
 
-def unknown_beside(first: Explained, trials: Trials | None, calibrated: str, stated: str) -> float:
+def unknown_beside(first: Explanation, trials: Trials | None, calibrated: str, stated: str) -> float:
     """Probability of something that no effect of the library is.
 
     Args:

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from diagnosis.channels import Channel, ChannelView, Views
+from diagnosis.channels.actuator import actuator_view
+from diagnosis.channels.build import build_views
+from diagnosis.channels.stack import Stack, stack
+from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.library import Robot
+from diagnosis.library.registry import LIBRARY
+from diagnosis.selection.evidence import Evidence, lay_out
+from spot_log.read.run import Run
+from spot_model.effects.base import Effect
 from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.mjcf_options import MjcfOptions
+from trainer.signals.recording import record
 
-from .planted import Truth
+from .planted import Truth, planted_runs
 
 ALL = ("all",)
 NOMINAL = RobotModel((CommandDelay(delay_s=0.005),))
@@ -105,7 +116,7 @@ CASES = (
         {"velocity_rad_s": 0.25, "load_nm": 0.2},
         unchecked=("position_rad",),
     ),
-    Case("load_filter", ALL, {"time_constant_s": 0.005}, {"time_constant_s": 0.2}),
+    Case("load_filter", ALL, {"time_constant_s": 0.005}, {"time_constant_s": 0.25}),
     Case("velocity_filter", ("kn",), {"time_constant_s": 0.006}, {"time_constant_s": 0.2}),
     Case(
         "velocity_estimate",
@@ -142,3 +153,24 @@ CASES = (
 )
 ABSOLUTE = {"rad": 0.004, "m": 0.01, "m_s": 0.02, "kg": 0.2, "1": 0.02}
 """What a number whose planted value is none may be found as, by the end of its name."""
+
+
+def drive_evidence(*effects: Effect) -> tuple[Stack, Evidence]:
+    """Two planted logs, and the evidence of channel *set-point to load* alone."""
+    logs = stack([record(run) for run in planted_runs(Truth(effects=effects), 2)])
+    view = actuator_view(logs, ())
+    assert isinstance(view, ChannelView)
+    return logs, _laid_out(logs, {view.name: view})
+
+
+def evidence_over(runs: Sequence[Run], channels: Sequence[Channel] = tuple(Channel)) -> Evidence:
+    """The evidence of some channels of logs, each log a fold."""
+    logs = stack([record(run) for run in runs])
+    views, _ = build_views(logs, NOMINAL)
+    return _laid_out(logs, {name: view for name, view in views.items() if name in channels})
+
+
+def _laid_out(logs: Stack, views: Views) -> Evidence:
+    folds = range(len(logs.recordings))
+    robot = Robot(logs.joint_names, logs.legs)
+    return lay_out(views, robot, folds, [str(k) for k in folds], library=LIBRARY, scales=ERROR_SCALES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.format.records import RunHeader
-from spot_log.read.run import CommandTable, ImuTable, Run, SlowTable, StateTable, TickTable
+from spot_log.read.run import ImuTable, Run, SlowTable, run_of_columns
 from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.plant.closed_loop import StartState
 from spot_model.plant.delay import Delay, LogNormalDelay
 from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
 from spot_model.policy.contract import PolicyContract, StoredPair
@@ -23,6 +24,7 @@ from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, default_height_m
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
 from spot_model.robot.state import Gains
+from trainer.signals.policy_ticks import Script
 
 from .scripted_gait import ScriptedGait
 
@@ -340,7 +342,7 @@ class _Recorder:
 
     def _run(self, i: int) -> Run:
         s, c, t, b = ({k: np.array([row[i] for row in v]) for k, v in d.items()} for d in self._tables())
-        n, m = len(s["robot_stamp_ns"]), len(t["index"])
+        n = len(s["robot_stamp_ns"])
         imu = s.pop("imu")
         stamps = s["robot_stamp_ns"][:, None] - np.array([2_000_000, 1_000_000, 0])
         table = ImuTable(
@@ -350,42 +352,21 @@ class _Recorder:
             angular_vel_of_link_in_link_rad_s=imu[..., 3:].reshape(-1, 3),
             odom_from_link_wxyz=np.repeat(s["odom_from_body_wxyz"], 3, axis=0),
         )
-        polls = len(b["robot_stamp_ns"])
-        return Run(
-            path=Path(f"planted_{i}.mcap"),
-            header=RunHeader(
-                run_id=f"planted-{i}",
-                started_host_stamp_ns=START_NS,
-                command_sequence=self.sequence.name,
-                repeat=i,
-                policy_contract_json=self.contract_json,
-            ),
-            states=StateTable(host_stamp_ns=s["robot_stamp_ns"] + 1_000_000, sequence=np.arange(n), imu=table, **s),
-            commands=CommandTable(host_stamp_ns=c["robot_stamp_ns"], **c),
-            ticks=TickTable(
-                host_stamp_ns=t["robot_stamp_ns"] + 1_000_000,
-                mode=np.full(m, "policy"),
-                state_age_s=np.zeros(m),
-                inference_s=np.zeros(m),
-                compute_s=np.zeros(m),
-                skipped=np.zeros(m, dtype=np.int64),
-                **t,
-            ),
-            slow_states=SlowTable(
-                host_stamp_ns=b["robot_stamp_ns"],
-                motors_powered=np.ones(polls, dtype=np.bool_),
-                estopped=np.zeros(polls, dtype=np.bool_),
-                battery_charge_percent=np.full(polls, 90.0),
-                battery_temperature_c=((),) * polls,
-                motor_temperature_c=np.full((polls, facts.N_JOINTS), np.nan),
-                system_faults=((),) * polls,
-                behavior_faults=((),) * polls,
-                service_faults=((),) * polls,
-                **b,
-            ),
-            events=(),
-            footer=None,
+        header = RunHeader(
+            run_id=f"planted-{i}",
+            started_host_stamp_ns=START_NS,
+            command_sequence=self.sequence.name,
+            repeat=i,
+            policy_contract_json=self.contract_json,
         )
+        run = run_of_columns(
+            Path(f"planted_{i}.mcap"),
+            header,
+            states={"host_stamp_ns": s["robot_stamp_ns"] + 1_000_000, "imu": table, **s},
+            commands={"host_stamp_ns": c["robot_stamp_ns"], **c},
+            ticks={"host_stamp_ns": t["robot_stamp_ns"] + 1_000_000, "mode": np.full(len(t["index"]), "policy"), **t},
+        )
+        return replace(run, slow_states=SlowTable.of(len(b["robot_stamp_ns"]), {"joints": facts.N_JOINTS}, **b))
 
     def _tables(self) -> Sequence[dict[str, list[Any]]]:
         return self.states, self.commands, self.ticks, self.slow
@@ -394,3 +375,20 @@ class _Recorder:
 def _append(table: dict[str, list[Any]], row: dict[str, Any]) -> None:
     for name, value in row.items():
         table.setdefault(name, []).append(np.array(value))
+
+
+POLICY = Path(__file__).parents[2] / "policies" / "baseline.onnx"
+
+
+def scripts(n_ticks: int = 110) -> list[Script]:
+    """One standing start of each of two sequences."""
+    start = StartState(
+        position_rad=np.asarray(facts.DEFAULT_POSITION_RAD),
+        velocity_rad_s=np.zeros(12),
+        world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+        linear_vel_of_body_in_world_m_s=np.zeros(3),
+        angular_vel_of_body_in_world_rad_s=np.zeros(3),
+        last_action=np.zeros(12, dtype=np.float32),
+    )
+    commands = {"a": np.array([0.6, 0.0, 0.0]), "b": np.zeros(3)}
+    return [Script(name, 1, start, np.tile(command, (n_ticks, 1))) for name, command in commands.items()]

@@ -34,7 +34,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 
-from .standing_starts import POLICY, scripts
+from .planted import POLICY, scripts
 
 REGIMES = ("all", "motoring", "motoring, high speed", "braking", "low speed", "high speed", "stance", "swing")
 

@@ -7,6 +7,7 @@ no number of the diagnosis is chosen on it.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,12 +19,12 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from spot_log.format.records import RunHeader
-from spot_log.read.run import CommandTable, ImuTable, Run, SlowTable, StateTable, TickTable
+from spot_log.read.run import ImuTable, Run, StateTable, run_of_columns
 from spot_model.policy.observation import build_observation
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
-from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
+from spot_model.robot.rotation import rotate_wxyz
 
 Array = NDArray[np.float64]
 STEP_MS = 1
@@ -300,69 +301,32 @@ class _Walk:
     def _run(self, i: int) -> Run:
         s = {k: np.array([row[i] for row in v]) for k, v in self.states.items()}
         t = {k: np.array([row[i] for row in v]) for k, v in self.ticks.items()}
-        (name, repeat), n, m = self.names[i], len(s["robot_stamp_ns"]), len(t["index"])
-        sent, stamp, empty = t.pop("sent"), t["robot_stamp_ns"], np.zeros(0, dtype=np.int64)
-        return Run(
-            path=Path(f"stranger-{self.robot.seed}-{name}-{repeat}"),
-            header=RunHeader(
-                run_id=f"stranger-{self.robot.seed}-{name}-{repeat}",
-                started_host_stamp_ns=START_NS,
-                command_sequence=name,
-                repeat=repeat,
-                policy_sha256=self.robot.policy.sha256,
-                policy_name=self.robot.policy.contract.name,
-                policy_contract_json=self.robot.policy.contract.to_json(),
-            ),
-            states=StateTable(
-                host_stamp_ns=s["robot_stamp_ns"],
-                sequence=np.arange(n),
-                imu=ImuTable(empty, empty, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4))),
-                **s,
-            ),
-            commands=CommandTable(
-                key=t["command_key"],
-                host_stamp_ns=stamp,
-                robot_stamp_ns=stamp + 1_500_000,
-                state_robot_stamp_ns=stamp,
-                end_robot_stamp_ns=stamp + 100_000_000,
-                requested_position_rad=sent,
-                position_rad=sent,
-                velocity_rad_s=np.zeros((m, 12)),
-                load_nm=np.zeros((m, 12)),
-                kp_nm_per_rad=np.broadcast_to(self.kp, (m, 12)),
-                kd_nm_s_per_rad=np.broadcast_to(self.kd, (m, 12)),
-            ),
-            ticks=TickTable(
-                host_stamp_ns=stamp,
-                mode=np.full(m, "active"),
-                state_age_s=np.zeros(m),
-                inference_s=np.zeros(m),
-                compute_s=np.zeros(m),
-                skipped=np.zeros(m, dtype=np.int64),
-                **t,
-            ),
-            slow_states=_no_polls(),
-            events=(),
-            footer=None,
+        name, repeat = self.names[i]
+        sent, stamp, shape = t.pop("sent"), t["robot_stamp_ns"], (len(t["index"]), facts.N_JOINTS)
+        header = RunHeader(
+            run_id=f"stranger-{self.robot.seed}-{name}-{repeat}",
+            started_host_stamp_ns=START_NS,
+            command_sequence=name,
+            repeat=repeat,
+            policy_sha256=self.robot.policy.sha256,
+            policy_name=self.robot.policy.contract.name,
+            policy_contract_json=self.robot.policy.contract.to_json(),
         )
-
-
-def _no_polls() -> SlowTable:
-    none, stamps = np.zeros(0), np.zeros(0, dtype=np.int64)
-    return SlowTable(
-        robot_stamp_ns=stamps,
-        host_stamp_ns=stamps,
-        battery_voltage_v=none,
-        battery_current_a=none,
-        motors_powered=np.zeros(0, dtype=np.bool_),
-        estopped=np.zeros(0, dtype=np.bool_),
-        battery_charge_percent=none,
-        battery_temperature_c=(),
-        motor_temperature_c=np.zeros((0, facts.N_JOINTS)),
-        system_faults=(),
-        behavior_faults=(),
-        service_faults=(),
-    )
+        commands = {
+            "key": t["command_key"],
+            "host_stamp_ns": stamp,
+            "robot_stamp_ns": stamp + 1_500_000,
+            "state_robot_stamp_ns": stamp,
+            "end_robot_stamp_ns": stamp + 100_000_000,
+            "requested_position_rad": sent,
+            "position_rad": sent,
+            "velocity_rad_s": np.zeros(shape),
+            "load_nm": np.zeros(shape),
+            "kp_nm_per_rad": np.broadcast_to(self.kp, shape),
+            "kd_nm_s_per_rad": np.broadcast_to(self.kd, shape),
+        }
+        ticks = {"host_stamp_ns": stamp, "mode": np.full(len(stamp), "active"), **t}
+        return run_of_columns(Path(header.run_id), header, states=s, commands=commands, ticks=ticks)
 
 
 SEQUENCES: Mapping[str, Sequence[Sequence[float]]] = {
@@ -371,4 +335,22 @@ SEQUENCES: Mapping[str, Sequence[Sequence[float]]] = {
     "sideways": ((0, 0, 0, 0), (0.2, 0.4, 0.4, 0), (0.6, 0.5, -0.4, 0), (1, 0.8, 0, 0.3)),
 }
 
-__all__ = ["SEQUENCES", "Errors", "Faults", "Stranger", "rotate_inverse_wxyz"]
+
+def uneven(n_states: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Rows of a 3 ms stream at steps of 15, 18 and 21 ms, as a real recording of 55 Hz has them."""
+    return np.cumsum(rng.integers(5, 8, n_states // 7))
+
+
+def thinned(run: Run, at: NDArray[np.intp]) -> Run:
+    """The run with these states alone: no receipts, no contact flags, no inertial unit, no policy."""
+    none = np.zeros(0, dtype=np.int64)
+    columns = {f.name: getattr(run.states, f.name)[at] for f in dataclasses.fields(StateTable) if f.name != "imu"}
+    columns |= {
+        "sequence": np.arange(len(at)),
+        "last_command_key": np.zeros(len(at), dtype=np.int64),
+        "last_command_robot_stamp_ns": np.zeros(len(at), dtype=np.int64),
+        "foot_contact": np.zeros((len(at), 0), dtype=np.bool_),
+    }
+    imu = ImuTable(none, none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4)))
+    header = dataclasses.replace(run.header, policy_contract_json="", policy_name="", policy_sha256="")
+    return dataclasses.replace(run, header=header, states=StateTable(imu=imu, **columns))

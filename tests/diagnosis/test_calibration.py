@@ -17,12 +17,11 @@ from diagnosis.document import CalibratedNumber, GapChange
 from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import calibrated, posterior_covariance
-from diagnosis.selection.evidence import Board
-from diagnosis.selection.fitted import without_effect
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.robot_models import by_joint, model_of, with_kind
-from diagnosis.selection.scoring import Placed, Scorer, null_of
+from diagnosis.selection.scoring import Placed, Scorer, null_of, without_effect
 from diagnosis.verdict.calibration import by_type, calibrated_numbers
-from diagnosis.verdict.evidence import evidence_of
+from diagnosis.verdict.explanation import evidence_of
 from diagnosis.verdict.measured import gap_changes
 from spot_log.read.run import Run
 from spot_model.effects.base import Effect
@@ -35,9 +34,8 @@ from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import JOINT_NAMES
 
 from .cases import NOMINAL
-from .coarse import thinned, uneven
 from .planted import Truth, planted_runs, walk_sequence
-from .stranger import Faults, Stranger
+from .stranger import Faults, Stranger, thinned, uneven
 
 TYPES = ("hx", "hy", "kn")
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
@@ -45,11 +43,11 @@ SPOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
 Numbers = Mapping[tuple[str, str], CalibratedNumber]
 
 
-def _board(runs: list[Run], nominal: RobotModel = NOMINAL) -> Board:
+def _board(runs: list[Run], nominal: RobotModel = NOMINAL) -> Evidence:
     return evidence_of(runs, nominal, None, LIBRARY)[3]
 
 
-def _numbers(board: Board, nominal: RobotModel = NOMINAL) -> Numbers:
+def _numbers(board: Evidence, nominal: RobotModel = NOMINAL) -> Numbers:
     return {
         (n.effect, n.where): n
         for n in calibrated_numbers(board, null_of(board), nominal)
@@ -57,12 +55,12 @@ def _numbers(board: Board, nominal: RobotModel = NOMINAL) -> Numbers:
     }
 
 
-def _gap(board: Board, which: str) -> GapChange:
+def _gap(board: Evidence, which: str) -> GapChange:
     return next(g for g in gap_changes(board, None, calibrated(board, null_of(board))) if g.gap == which)
 
 
 @cache
-def _ordinary_robot(seed: int) -> tuple[Mapping[tuple[str, str], float], Board]:
+def _ordinary_robot(seed: int) -> tuple[Mapping[tuple[str, str], float], Evidence]:
     """Every number of a joint type off by 1.5 of its published standard deviations, as drawn; and its logs."""
     rng = np.random.default_rng(seed)
     truth: dict[tuple[str, str], float] = {}
@@ -258,7 +256,7 @@ WEAK = Faults(gain={"kn": 0.85, "hx": 0.95, "hy": 0.93}, load_share={"kn": 0.06,
 
 
 @cache
-def _slow_walk(seed: int) -> tuple[Stranger, Board]:
+def _slow_walk(seed: int) -> tuple[Stranger, Evidence]:
     robot = Stranger(load_policy(POLICY), seed, WEAK)
     run = robot.walk(SLOW, 1, 8.0)[0]
     coarse = thinned(run, uneven(len(run.states), np.random.default_rng(seed)))
@@ -292,7 +290,7 @@ def test_the_torque_gap_closes_as_far_as_a_direct_fit_closes_it(seed: int) -> No
     assert torque.low > 0.8
 
 
-def _directly(board: Board) -> tuple[float, float]:
+def _directly(board: Evidence) -> tuple[float, float]:
     """Mispredicted load, and what a gain, a zero and friction of each joint leave by plain least squares, N·m."""
     view = board.views[Channel.SET_POINT_TO_LOAD]
     signals: Any = view.signals

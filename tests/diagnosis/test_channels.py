@@ -1,4 +1,7 @@
+"""What the body's channels compute once and use again has the bits of what is computed from nothing."""
+
 import dataclasses
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -6,7 +9,8 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.dynamics import aligned
+from diagnosis.channels.dynamics import DynamicsSignals, aligned, residuals
+from diagnosis.channels.kinematics import StanceSignals, feet
 from diagnosis.channels.stack import stack
 from diagnosis.library.drive import ViscousEntry
 from diagnosis.library.rigid_body import LegMassEntry
@@ -19,6 +23,7 @@ from spot_model.plant.delay import ConstantDelay
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from trainer.signals.recording import record
+from trainer.signals.smoothing import smooth
 
 from .cases import NOMINAL
 from .planted import Noise, Truth, planted_runs, walk_sequence
@@ -306,3 +311,41 @@ def test_long_logs_are_thinned_and_tell_what_all_rows_tell(null_runs, monkeypatc
         rows = np.flatnonzero(np.isin(every.run * 10**6 + every.state, some.run * 10**6 + some.state))
         joints = np.arange(12) < 3
         np.testing.assert_allclose(entry.columns(some, {}, joints), entry.columns(every, {}, joints)[rows], atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def signals() -> tuple[DynamicsSignals, StanceSignals]:
+    views, _ = build_views(
+        stack([record(run) for run in planted_runs(Truth(), 1, sequence=walk_sequence(3.0))]), NOMINAL
+    )
+    return views[Channel.LOAD_TO_MOTION].signals, views[Channel.STANCE_KINEMATICS].signals
+
+
+@pytest.mark.parametrize("name", ["load_nm", "position_rad", "velocity_rad_s", "acceleration_rad_s2"])
+def test_changed_inputs_use_what_they_leave_as_it_is(signals: tuple[DynamicsSignals, StanceSignals], name: str) -> None:
+    d, _ = signals
+    changes = {name: getattr(d.inputs, name) + 0.01 * (np.arange(12) == 4)}
+    new, afresh = d.with_inputs(("test", name), **changes), residuals(d.model, replace(d.inputs, **changes))
+    for f in fields(new):
+        np.testing.assert_array_equal(getattr(new, f.name), getattr(afresh, f.name))
+    assert not np.array_equal(new.base, d.reference.base)
+
+
+@pytest.mark.parametrize("joints", [[7], [3, 4, 5], [0, 11]])
+@pytest.mark.parametrize("name", ["position_rad", "velocity_rad_s"])
+def test_one_leg_that_differs_is_computed_alone(
+    signals: tuple[DynamicsSignals, StanceSignals], name: str, joints: list[int]
+) -> None:
+    _, k = signals
+    changes = {name: getattr(k.inputs, name) - 0.01 * np.isin(np.arange(12), joints)}
+    afresh = feet(replace(k.inputs, **changes), k.standing)
+    new = k.corrected(("test", name, *joints), **changes)
+    np.testing.assert_array_equal(new, smooth(afresh, k.rows))
+    assert not np.array_equal(new, k.nominal)
+
+
+def test_one_foot_that_is_worn(signals: tuple[DynamicsSignals, StanceSignals]) -> None:
+    _, k = signals
+    radius = k.inputs.foot_radius_m - np.array([0.0, 0.0, 0.004, 0.0])
+    afresh = feet(replace(k.inputs, foot_radius_m=radius), k.standing)
+    np.testing.assert_array_equal(k.corrected("worn", foot_radius_m=radius), smooth(afresh, k.rows))

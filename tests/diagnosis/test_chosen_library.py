@@ -9,19 +9,15 @@ import numpy as np
 import pytest
 
 from diagnosis.channels import Channel
-from diagnosis.channels.actuator import actuator_view
-from diagnosis.channels.stack import stack
-from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import LibraryEffect, Robot
+from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY, chosen_library
-from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.errors import BadInputError
-from trainer.signals.recording import record
 
-from .planted import Truth, planted_runs
+from .cases import drive_evidence
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"
@@ -85,15 +81,11 @@ class _Drag(TorqueEffect):
 
 
 @pytest.fixture(scope="module")
-def logs() -> Board:
-    runs = planted_runs(Truth(effects=(_Drag(joints=("fr_kn",)),)), 2)
-    recordings = stack([record(run) for run in runs])
-    view = actuator_view(recordings, ())
-    robot = Robot(recordings.recordings[0].joint_names, view.leg_of_joint)
-    return lay_out({Channel.SET_POINT_TO_LOAD: view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
+def logs() -> Evidence:
+    return drive_evidence(_Drag(joints=("fr_kn",)))[1]
 
 
-def _found(board: Board, library: dict[str, LibraryEffect]) -> dict[str, tuple[tuple[str, ...], dict[str, float]]]:
+def _found(board: Evidence, library: dict[str, LibraryEffect]) -> dict[str, tuple[tuple[str, ...], dict[str, float]]]:
     best = search(board, library, lambda _: None).best
     terms = zip(best.terms, best.coefficients, strict=True)
     return {
@@ -103,7 +95,7 @@ def _found(board: Board, library: dict[str, LibraryEffect]) -> dict[str, tuple[t
 
 
 def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(
-    logs: Board, monkeypatch: pytest.MonkeyPatch
+    logs: Evidence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))
     names = ("coulomb_friction", "viscous_friction", "torque_gain", "armature")
@@ -116,7 +108,7 @@ def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(
     assert "oil_drag" not in _found(logs, small)
 
 
-def test_what_is_left_points_at_the_joint_and_its_speed(logs: Board) -> None:
+def test_what_is_left_points_at_the_joint_and_its_speed(logs: Evidence) -> None:
     residual = Scorer(logs, ()).residuals()
     by_joint = [float(np.mean(residual[n] ** 2)) for n in logs.by_channel[Channel.SET_POINT_TO_LOAD]]
     worst = int(np.argmax(by_joint))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.closed_loop.consequences import consequences, remainder, worse_gaps
-from diagnosis.closed_loop.run_numbers import Lasted, restricted_mean_s, run_numbers, time_to_fall
+from diagnosis.closed_loop.run_numbers import WalkTime, restricted_mean_s, run_numbers, time_to_fall
 from diagnosis.closed_loop.simulation import SensorNoise, rollouts_under, simulate
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, compared_by_sequence
 from diagnosis.document import Consequences, GapChange, QuantityChange
@@ -25,7 +25,7 @@ from spot_model.policy.policy import load_policy
 from trainer.signals.policy_ticks import policy_ticks, scripts_of
 from trainer.signals.recording import record
 
-from .standing_starts import POLICY, scripts
+from .planted import POLICY, scripts
 
 WEAK = RobotModel((TorqueGain(joints=("kn",), gain=0.8),))
 FALLING = RobotModel((TorqueLimit(joints=("kn",), limit_nm=22.0),))
@@ -163,7 +163,7 @@ def test_a_fallen_run_is_simulated_for_as_long_as_the_longest(plain: list[Run], 
 
 def test_time_to_a_fall_by_hand() -> None:
     # Falls at 2 and 6 s, one cut short at 4 s, one whole: 2·1 + 4·¾ + 4·(¾·½).
-    lasted = [Lasted(2.0, True), Lasted(4.0, False), Lasted(6.0, True), Lasted(10.0, False)]
+    lasted = [WalkTime(2.0, True), WalkTime(4.0, False), WalkTime(6.0, True), WalkTime(10.0, False)]
     assert restricted_mean_s(lasted, 10.0) == pytest.approx(2.0 + 3.0 + 1.5)
     assert restricted_mean_s(lasted[1:2], 10.0) == 10.0
 

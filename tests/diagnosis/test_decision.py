@@ -15,14 +15,14 @@ from diagnosis.decision_constants import (
     LEFT_SHARE,
     ODD_RUN,
     ORDINARY_LEFT_NM,
+    PRESENCE_LOG_ODDS,
     RUNS_APART,
-    THERE,
     UNKNOWN,
     USUAL_ERRORS,
 )
 from diagnosis.document import Consequences, GapChange
 from diagnosis.verdict.assemble import status_of
-from diagnosis.verdict.measured import Measured
+from diagnosis.verdict.measured import Measurements
 from diagnosis.verdict.probability import (
     Belief,
     beyond_formulas,
@@ -61,7 +61,7 @@ def test_one_run_alone_proves_no_cause() -> None:
 
 
 def test_evidence_counts_by_its_logarithm() -> None:
-    offset, by_nats = THERE
+    offset, by_nats = PRESENCE_LOG_ODDS
     assert is_there(np.e, 9) == pytest.approx(1.0 / (1.0 + np.exp(-(offset + by_nats))))
     assert is_there(10.0, 9) < is_there(20.0, 9) < is_there(200.0, 9)
     assert is_there(0.0, 9) < 1e-6
@@ -159,14 +159,14 @@ def test_one_run_does_not_prove_that_nothing_is_wrong() -> None:
     assert is_none((0.5, 0.5), 0.2, 9) == pytest.approx(0.25 * 0.8)
 
 
-def _measured(before: float, share: float | None) -> Measured:
+def _measured(before: float, share: float | None) -> Measurements:
     left = 1.0 + (before - 1.0) * (1.0 - (share or 0.0))
     gaps = tuple(
         GapChange(gap=gap, unit="", before=before, after=left, floor=1.0, share=share)
         for gap in ("torque", "joint motion", "body motion")
     )
     whole = Consequences(loop="closed", gaps=gaps)
-    return Measured(whole, whole, {}, ())
+    return Measurements(whole, whole, {}, ())
 
 
 @pytest.mark.parametrize(

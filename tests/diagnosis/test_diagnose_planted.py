@@ -4,21 +4,17 @@ import numpy as np
 import pytest
 
 from diagnosis.channels import Channel
-from diagnosis.channels.actuator import actuator_view
-from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import learn_scales
-from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from diagnosis.selection.unexplained import describe, nats_by_joint, remainder
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.effects.friction import CoulombFriction
-from trainer.signals.recording import record
 
-from .planted import Truth, planted_runs
+from .cases import drive_evidence
 
 NAMES = (
     "coulomb_friction",
@@ -32,26 +28,12 @@ NAMES = (
 SMALL = {name: LIBRARY[name] for name in NAMES}
 
 
-def _board(truth: Truth) -> Board:
-    return _logs_and_board(truth)[1]
-
-
-def _logs_and_board(truth: Truth) -> tuple[Stack, Board]:
-    logs = stack([record(run) for run in planted_runs(truth, 2)])
-    view = actuator_view(logs, ())
-    robot = Robot(logs.recordings[0].joint_names, view.leg_of_joint)
-    board = lay_out({Channel.SET_POINT_TO_LOAD: view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
-    return logs, board
-
-
 @pytest.fixture(scope="module")
-def two_effects() -> Board:
-    return _board(
-        Truth(effects=(CoulombFriction(joints=("fl_kn",), level_nm=3.0), TorqueGain(joints=("hy",), gain=0.8)))
-    )
+def two_effects() -> Evidence:
+    return drive_evidence(CoulombFriction(joints=("fl_kn",), level_nm=3.0), TorqueGain(joints=("hy",), gain=0.8))[1]
 
 
-def test_two_effects_are_found_with_their_joints(two_effects: Board) -> None:
+def test_two_effects_are_found_with_their_joints(two_effects: Evidence) -> None:
     found = search(two_effects, SMALL, lambda _: None)
     robot = two_effects.robot
     joints = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in found.best.terms}
@@ -65,19 +47,19 @@ def test_two_effects_are_found_with_their_joints(two_effects: Board) -> None:
 
 
 def test_without_an_effect_nothing_is_found() -> None:
-    found = search(_board(Truth()), SMALL, lambda _: None)
+    found = search(drive_evidence()[1], SMALL, lambda _: None)
     assert found.best.terms == ()
 
 
 def test_what_a_nominal_model_is_usually_off_by_is_no_finding() -> None:
     gain = ERROR_SCALES["torque_gain"].scales["gain"]
-    found = search(_board(Truth(effects=(TorqueGain(joints=("fl_kn",), gain=1.0 - gain),))), SMALL, lambda _: None)
+    found = search(drive_evidence(TorqueGain(joints=("fl_kn",), gain=1.0 - gain))[1], SMALL, lambda _: None)
     assert found.best.terms == ()
 
 
 def test_an_ordinary_error_is_taken_up_at_its_joints() -> None:
     usual = ERROR_SCALES["torque_gain"].scales["gain"]
-    board = _board(Truth(effects=(TorqueGain(joints=("kn",), gain=1.0 - usual),)))
+    board = drive_evidence(TorqueGain(joints=("kn",), gain=1.0 - usual))[1]
     kind = next(k for k in board.ordinary.kinds if k.effect.name == "torque_gain")
     found = kind.coefficients(Scorer(board).now.pulls * board.ordinary.scale)[:, 0]
     knees = np.array([name.endswith("kn") for name in board.robot.joint_names])
@@ -86,7 +68,7 @@ def test_an_ordinary_error_is_taken_up_at_its_joints() -> None:
 
 
 def test_this_robots_own_scatter_is_learned() -> None:
-    board = _board(Truth())
+    board = drive_evidence()[1]
     learn_scales(board)
     kind = next(k for k in board.ordinary.kinds if k.effect.name == "torque_gain")
     shares = (board.ordinary.scale / board.ordinary.published)[kind.columns(0)]
@@ -94,7 +76,7 @@ def test_this_robots_own_scatter_is_learned() -> None:
     assert 0.15 < shares[:12].max() < 0.5
 
 
-def test_many_places_at_once_are_ranked_as_one_by_one(two_effects: Board) -> None:
+def test_many_places_at_once_are_ranked_as_one_by_one(two_effects: Evidence) -> None:
     scorer, effect = Scorer(two_effects), LIBRARY["coulomb_friction"]
     joint = two_effects.robot.joint_names.index("fl_kn")
     places = np.eye(12)
@@ -104,8 +86,7 @@ def test_many_places_at_once_are_ranked_as_one_by_one(two_effects: Board) -> Non
 
 
 def test_what_the_library_lacks_is_left_over_at_its_joints_and_found_to_depend_on_its_quantity() -> None:
-    truth = Truth(effects=(TorqueGain(joints=("kn",), gain=0.7),))
-    logs, board = _logs_and_board(truth)
+    logs, board = drive_evidence(TorqueGain(joints=("kn",), gain=0.7))
     residuals = Scorer(board).residuals(2.5)
     left = remainder(board, logs, residuals, np.zeros(len(board.blocks)))
     by_joint = nats_by_joint(board, left)
@@ -117,7 +98,7 @@ def test_what_the_library_lacks_is_left_over_at_its_joints_and_found_to_depend_o
     assert told.channel == Channel.SET_POINT_TO_LOAD
 
 
-def test_scores_come_from_folds_that_the_fit_never_saw(two_effects: Board) -> None:
+def test_scores_come_from_folds_that_the_fit_never_saw(two_effects: Evidence) -> None:
     # Exchanging the response of one fold for another's breaks the agreement between folds, and with it the score.
     found = search(two_effects, {"torque_gain": LIBRARY["torque_gain"]}, lambda _: None)
     assert found.first[0].value > 5.0

@@ -7,23 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.channels import Channel
-from diagnosis.channels.actuator import actuator_view
-from diagnosis.channels.stack import stack
-from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import Formula, UnknownEffect
-from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY, chosen_library
 from diagnosis.report.effect_file import effect_source, formula_text
-from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.formula import find_formula
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.robot import facts
-from trainer.signals.recording import record
 
-from .planted import Truth, planted_runs
+from .cases import drive_evidence
 
 
 class _Spring(TorqueEffect):
@@ -62,16 +56,14 @@ class _Drag(_Spring):
         return -0.25 * v * np.abs(v)
 
 
-def _board(effect: TorqueEffect) -> tuple[Board, UnknownEffect]:
-    view = actuator_view(stack([record(run) for run in planted_runs(Truth(effects=(effect,)), 2)]), ())
-    robot = Robot(facts.JOINT_NAMES, view.leg_of_joint)
-    board = lay_out({Channel.SET_POINT_TO_LOAD: view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
+def _board(effect: TorqueEffect) -> tuple[Evidence, UnknownEffect]:
+    board = drive_evidence(effect)[1]
     joints = np.array([name == effect.at for name in facts.JOINT_NAMES])
     formula = find_formula(board, Scorer(board, ()).residuals(), joints)
     return board, UnknownEffect(joints=(effect.at,), regime="", depends_on=(), formula=formula)
 
 
-def _told(effect: TorqueEffect) -> tuple[Board, UnknownEffect, Formula]:
+def _told(effect: TorqueEffect) -> tuple[Evidence, UnknownEffect, Formula]:
     board, unknown = _board(effect)
     assert unknown.formula is not None
     return board, unknown, unknown.formula

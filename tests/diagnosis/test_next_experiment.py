@@ -17,7 +17,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.next import design as choice
 from diagnosis.next import rounds as robot_rounds
 from diagnosis.next.candidates import HEAT, Candidate, candidates, given
-from diagnosis.next.design import Design, Proposal, Told, in_words, judged, told_by
+from diagnosis.next.design import Design, Information, Proposal, in_words, information_of, judged
 from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.robots import (
@@ -32,10 +32,10 @@ from diagnosis.next.robots import (
 from diagnosis.next.rounds import (
     SURE,
     WHOLE,
-    Found,
+    Answer,
     Lab,
     Limits,
-    Ran,
+    RobotRun,
     Story,
     ask_robot,
     is_here,
@@ -84,7 +84,7 @@ def test_robots_that_are_far_apart_tell_all_that_odd_runs_leave() -> None:
     rng = np.random.default_rng(0)
     causes = np.repeat([0, 1], 12)
     far = 1000.0 * causes[:, None] * np.ones((1, 5)) + rng.standard_normal((24, 5))
-    told = told_by(far, causes, np.array([0.5, 0.5]), rng)
+    told = information_of(far, causes, np.array([0.5, 0.5]), rng)
     assert told.of_bits == pytest.approx(1.0)
     assert told.bits == pytest.approx(1.0 - ODD_RUN, abs=1e-3)
     assert told.right(0, 1) == pytest.approx(1.0 - 0.5 * ODD_RUN, abs=1e-3)
@@ -96,28 +96,28 @@ def test_one_number_of_two_hundred_is_found_and_its_distance_is_right() -> None:
     causes = np.repeat([0, 1], 12)
     x = rng.standard_normal((24, 200))
     x[:, 17] += 8.0 * causes
-    told = told_by(x, causes, np.array([0.5, 0.5]), rng)
+    told = information_of(x, causes, np.array([0.5, 0.5]), rng)
     assert 3.0 < told.apart[0, 1] < 6.5
 
 
 def test_robots_that_are_alike_tell_nothing() -> None:
     rng = np.random.default_rng(1)
     causes = np.repeat([0, 1, 2], 12)
-    told = told_by(rng.standard_normal((36, 40)), causes, np.array([0.6, 0.3, 0.1]), rng)
+    told = information_of(rng.standard_normal((36, 40)), causes, np.array([0.6, 0.3, 0.1]), rng)
     assert told.bits < 0.05
 
 
 @pytest.mark.parametrize(("share", "is_enough"), [(0.71, False), (0.73, True)])
 def test_four_fifths_of_what_a_run_can_tell_are_enough(share: float, is_enough: bool) -> None:
     """One run in ten is odd: of two bits a run can tell 1.8, and 0.8 · 1.8 = 1.44 = 0.72 · 2."""
-    assert Told(share * 2.0, 2.0, np.zeros((3, 3))).is_enough is is_enough
+    assert Information(share * 2.0, 2.0, np.zeros((3, 3))).is_enough is is_enough
 
 
 def test_what_is_nearly_certain_leaves_little_to_tell() -> None:
     rng = np.random.default_rng(2)
     causes = np.repeat([0, 1], 12)
     far = 1000.0 * causes[:, None] * np.ones((1, 5))
-    told = told_by(far, causes, np.array([0.98, 0.02]), rng)
+    told = information_of(far, causes, np.array([0.98, 0.02]), rng)
     assert told.bits <= told.of_bits < 0.15
 
 
@@ -316,7 +316,9 @@ def made_design(bits: dict[str, float], refused: Sequence[str] = ()) -> Design:
         own = Candidate(name, name, "level ground", squat.free, squat.build)
         apart = np.array([[0.0, 2.0], [2.0, 0.0]])
         reasons = ("1 of 2 simulated robots tip over",) if name in refused else ()
-        made.append(Proposal(own, own.motion(), Told(told, 1.0, apart), "knee up to 30 N·m", reasons, is_proved=True))
+        made.append(
+            Proposal(own, own.motion(), Information(told, 1.0, apart), "knee up to 30 N·m", reasons, is_proved=True)
+        )
     made.sort(key=lambda p: (bool(p.refused), -p.bits_a_second))
     return Design((("torque_gain",), ()), np.array([0.6, 0.4]), tuple(made))
 
@@ -377,7 +379,7 @@ def test_where_one_experiment_is_wanted_the_best_is_proved_and_no_other(monkeypa
 
 @pytest.mark.parametrize("refused", [(), ("1 of 2 simulated robots tip over",)])
 def test_a_users_own_experiment_is_run_whatever_it_tells_if_it_is_safe(refused: tuple[str, ...]) -> None:
-    own = Proposal(given(SQUAT), SQUAT, Told(0.0, 1.0, np.zeros((2, 2))), "", refused, is_proved=True)
+    own = Proposal(given(SQUAT), SQUAT, Information(0.0, 1.0, np.zeros((2, 2))), "", refused, is_proved=True)
     plan = Design((("torque_gain",), ()), np.array([0.6, 0.4]), (own,))
     assert plan.worthwhile == (() if refused else (own,))
     assert ranking_lines(plan, {})[4] == f"1. {SQUAT.name}, from a file", "a file's numbers are not ours to list"
@@ -422,8 +424,8 @@ class FakeLab:
         opened = lambda place: self.found(place, self.odds[int(place.parent.name.removeprefix("round_"))])  # noqa: E731
         self.lab = Lab(folder, self.choose, agreed, self.run, self.diagnose, opened, lambda _: None, self.told)
 
-    def found(self, folder: Path, odds: float) -> Found:
-        return Found(folder, posterior(torque_gain=odds, none=1.0 - odds), "explained", "words")
+    def found(self, folder: Path, odds: float) -> Answer:
+        return Answer(folder, posterior(torque_gain=odds, none=1.0 - odds), "explained", "words")
 
     def choose(self, own: Posterior, seed: int, excluded: Sequence[str], left_s: float) -> Design:
         del own, seed, left_s
@@ -432,13 +434,13 @@ class FakeLab:
         self.excluded.append(list(excluded))
         return made_design({n: b for n, b in (("a", 0.5), ("b", 0.4), ("c", 0.3)) if n not in excluded})
 
-    def run(self, chosen: Proposal, folder: Path) -> Ran:
+    def run(self, chosen: Proposal, folder: Path) -> RobotRun:
         self.ran.append(chosen.candidate.name)
         outcome = self.outcomes[len(self.ran) - 1]
         log = folder / "logs" / "x.mcap" if outcome != "no log" else None
-        return Ran(log, 13.0, outcome, outcome == "interrupted")
+        return RobotRun(log, 13.0, outcome, outcome == "interrupted")
 
-    def diagnose(self, logs: Sequence[Path], out: Path) -> Found:
+    def diagnose(self, logs: Sequence[Path], out: Path) -> Answer:
         if self.stops_at == "diagnose":
             raise KeyboardInterrupt
         return self.found(out, self.odds[len(logs)])
@@ -474,7 +476,7 @@ def test_a_cause_that_stands_already_asks_for_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("status", "n_rounds"), [("no_gap", 0), ("unknown_effect", 1)])
 def test_ordinary_errors_alone_are_an_answer_where_there_is_no_gap(tmp_path: Path, status: str, n_rounds: int) -> None:
     fake = FakeLab(tmp_path, [0.6, 0.97])
-    story = Story(Found(tmp_path, posterior(none=0.97, torque_gain=0.03), status, "words"))
+    story = Story(Answer(tmp_path, posterior(none=0.97, torque_gain=0.03), status, "words"))
     assert len(ask_robot(story, fake.lab, Limits(100.0, 5), 0).rounds) == n_rounds
 
 
@@ -565,7 +567,7 @@ def test_the_number_of_experiments_ends_it(tmp_path: Path) -> None:
 def test_something_unknown_is_never_one_cause(tmp_path: Path) -> None:
     """A half of it all is unknown: a cause that stands at 0.97 among the known ones stands at 0.485."""
     known = posterior(torque_gain=0.97, none=0.03)
-    found = Found(tmp_path, known.model_copy(update={"unknown": 0.5}), "unknown_effect", "words")
+    found = Answer(tmp_path, known.model_copy(update={"unknown": 0.5}), "unknown_effect", "words")
     assert list(found.odds.values()) == pytest.approx([0.5, 0.485, 0.015, 0.0])
 
 
@@ -575,7 +577,7 @@ def test_many_unlikely_rivals_together_are_not_forgotten(tmp_path: Path) -> None
     rival = own.possibilities[1]
     names = [n for n in LIBRARY if n != "torque_gain"][:30]
     rivals = [rival.model_copy(update={"terms": (rival.terms[0].model_copy(update={"effect": n}),)}) for n in names]
-    found = Found(tmp_path, Posterior(possibilities=(own.possibilities[0], *rivals)), "explained", "words")
+    found = Answer(tmp_path, Posterior(possibilities=(own.possibilities[0], *rivals)), "explained", "words")
     assert found.top == ("torque gain", pytest.approx(0.73))
     assert found.odds["others"] == pytest.approx(0.27)
 

@@ -18,7 +18,7 @@ from diagnosis.next.prediction import (
     check_prediction,
     load_prediction,
 )
-from diagnosis.next.rounds import Found
+from diagnosis.next.rounds import Answer
 from diagnosis.next.session import Session
 from diagnosis.session import Inputs
 from diagnosis.verdict.posterior_file import Posterior
@@ -186,7 +186,7 @@ def test_what_is_asked_for_is_looked_at_before_anything_is_simulated(
     told: VelocitySequence, file: str | None, error: str | None, tmp_path: Path
 ) -> None:
     save_sequence(told, tmp_path / "asked.yaml")
-    found = Found(tmp_path, Posterior.model_validate(SOUND), "explained", "")
+    found = Answer(tmp_path, Posterior.model_validate(SOUND), "explained", "")
     session = Session(tmp_path, Inputs(logs=(), nominal="ideal"), found, load_policy(WALK), 0)
     with pytest.raises(BadInputError, match=error or rf"/{file} is not there: a run can only be compared"):
         session.predicted(str(tmp_path / "asked.yaml"), None if error else tmp_path / "log.mcap", None)

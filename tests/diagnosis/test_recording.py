@@ -3,33 +3,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from spot_log.read.run import StateTable
 from spot_log.tools.measures import NEVER_NS
 from trainer.signals.policy_ticks import script_of, scripts_of
 from trainer.signals.recording import RecordingError, record
 
-from .coarse import thinned
 from .planted import QUIET, START_NS, Truth, planted_runs, walk_sequence
+from .stranger import thinned
 
 
 @pytest.fixture(scope="module")
 def run():
     return planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.0))[0]
-
-
-def rows_of(states, keep):
-    """The same table with some rows only; packets of the inertial unit go with their states."""
-    number = np.cumsum(keep) - 1
-    mine = keep[states.imu.state_index]
-    imu = dataclasses.replace(
-        states.imu,
-        **{
-            f.name: getattr(states.imu, f.name)[mine] for f in dataclasses.fields(states.imu) if f.name != "state_index"
-        },
-        state_index=number[states.imu.state_index[mine]],
-    )
-    parts = {f.name: getattr(states, f.name)[keep] for f in dataclasses.fields(StateTable) if f.name != "imu"}
-    return StateTable(imu=imu, **parts)
 
 
 def test_every_state_has_its_row(run):
@@ -44,7 +28,7 @@ def test_every_state_has_its_row(run):
 def test_lost_states_leave_holes_and_nothing_moves(run):
     keep = np.ones(len(run.states), dtype=bool)
     keep[[40, 41, 90]] = False
-    recording = record(dataclasses.replace(run, states=rows_of(run.states, keep)))
+    recording = record(dataclasses.replace(run, states=run.states.rows(keep)))
     assert len(recording) == len(run.states)
     assert np.array_equal(recording.present, keep)
     assert np.isnan(recording.load_nm[40]).all()
@@ -114,7 +98,7 @@ def test_a_missing_signal_is_known_to_be_missing(run):
 
 def test_errors_say_what_is_wrong(run):
     with pytest.raises(RecordingError, match="has 10 states; at least 50"):
-        record(dataclasses.replace(run, states=rows_of(run.states, np.arange(len(run.states)) < 10)))
+        record(dataclasses.replace(run, states=run.states.rows(np.arange(len(run.states)) < 10)))
     stamps = run.states.robot_stamp_ns.copy()
     stamps[60] = stamps[59]
     with pytest.raises(RecordingError, match="does not rise after state 59"):

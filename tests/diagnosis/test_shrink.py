@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.shrink import Compared, _few, compare, shrinkage
+from diagnosis.closed_loop.shrink import SequenceDistances, _few, compare, shrinkage
 from diagnosis.closed_loop.trials import NOMINAL, Trials, measure_shrink
 from diagnosis.verdict.diagnose import _about
 
@@ -14,7 +14,7 @@ def _pairs(n: int, value: float) -> np.ndarray:
 
 
 def test_share_by_hand() -> None:
-    one = Compared("a", _pairs(3, 1.0), {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)})
+    one = SequenceDistances("a", _pairs(3, 1.0), {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)})
     found = shrinkage([one], "before", "after", np.random.default_rng(0))
     assert (found.d0, found.d1, found.floor) == (5.0, 2.0, 1.0)
     assert found.s == pytest.approx(0.75)
@@ -26,7 +26,9 @@ def test_share_by_hand() -> None:
 def test_whose_floor_it_is_is_kept(n_real: int, whose: str) -> None:
     models = {NOMINAL: np.full((3, n_real), 5.0), "best": np.full((3, n_real), 2.0)}
     bench: Any = None
-    trials = Trials(bench, {name: [] for name in models}, (Compared("a", _pairs(n_real, 1.0), models),), False, ())
+    trials = Trials(
+        bench, {name: [] for name in models}, (SequenceDistances("a", _pairs(n_real, 1.0), models),), False, ()
+    )
     found = measure_shrink(trials, "best", np.random.default_rng(0))
     assert found is not None
     assert (found.floor_of, found.held_out) == (whose, ())
@@ -47,7 +49,7 @@ def test_notes_say_what_was_so(runs: dict[str, int], is_crossed: bool, told: lis
 
 
 def test_a_gap_at_its_floor_has_no_share() -> None:
-    one = Compared("a", _pairs(3, 1.0), {"before": np.full((3, 3), 1.0), "after": np.full((3, 3), 1.0)})
+    one = SequenceDistances("a", _pairs(3, 1.0), {"before": np.full((3, 3), 1.0), "after": np.full((3, 3), 1.0)})
     assert shrinkage([one], "before", "after", np.random.default_rng(0)).s is None
 
 
@@ -57,7 +59,7 @@ def test_the_interval_holds_the_share_and_grows_with_scatter() -> None:
     for scatter in (0.1, 1.0):
         before = 5.0 + scatter * rng.standard_normal((4, 1)) + np.zeros((4, 4))
         after = 2.0 + scatter * rng.standard_normal((4, 1)) + np.zeros((4, 4))
-        found = shrinkage([Compared("a", _pairs(4, 1.0), {"b": before, "a": after})], "b", "a", rng)
+        found = shrinkage([SequenceDistances("a", _pairs(4, 1.0), {"b": before, "a": after})], "b", "a", rng)
         assert found.low is not None
         assert found.high is not None
         assert found.low <= found.s <= found.high
@@ -134,7 +136,7 @@ def test_intervals_cover_the_truth_nine_times_in_ten() -> None:
             real, sim = rng.normal(0.0, 0.15, 3), {"b": rng.normal(2.0, 0.15, 3), "a": rng.normal(0.4, 0.15, 3)}
             pairs = (1.0 + 0.5 * (real[:, None] + real[None, :])) * (1.0 - np.eye(3))
             models = {k: 1.0 + v[:, None] + 0.5 * real[None, :] for k, v in sim.items()}
-            compared.append(Compared(name, pairs, models))
+            compared.append(SequenceDistances(name, pairs, models))
         found = shrinkage(compared, "b", "a", rng)
         assert found.low is not None
         assert found.high is not None
@@ -151,14 +153,14 @@ def test_intervals_cover_what_other_sequences_would_say() -> None:
         for name in "abc":
             share = rng.normal(0.8, 0.15)
             models = {"b": np.full((3, 3), 4.0), "a": np.full((3, 3), 4.0 - 3.0 * share)}
-            compared.append(Compared(name, _pairs(3, 1.0), models))
+            compared.append(SequenceDistances(name, _pairs(3, 1.0), models))
         found = shrinkage(compared, "b", "a", rng)
         inside.append(found.low <= 0.8 <= found.high)
     assert np.mean(inside) >= 0.8
 
 
 def test_what_no_resample_holds_widens_the_interval_by_hand() -> None:
-    one = Compared("a", _pairs(3, 1.0), {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)})
+    one = SequenceDistances("a", _pairs(3, 1.0), {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)})
     found = shrinkage([one], "before", "after", np.random.default_rng(0), 0.3)
     # Of S = 0.75: 1.645 · 0.3 / 4.
     assert found.low == pytest.approx(0.75 - 0.1234, abs=1e-3)

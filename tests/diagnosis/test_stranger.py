@@ -19,8 +19,7 @@ from spot_model.io.model_file import RobotModel, load_model
 from spot_model.policy.policy import load_policy
 from trainer.signals.recording import record
 
-from .coarse import thinned, uneven
-from .stranger import SEQUENCES, Errors, Faults, Stranger
+from .stranger import SEQUENCES, Errors, Faults, Stranger, thinned, uneven
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 NOMINAL = RobotModel((CommandDelay(delay_s=0.004),))
@@ -31,7 +30,7 @@ SHORT = {name: SEQUENCES[name] for name in ("forward", "turn")}
 
 
 def _diagnosed(robot: Stranger) -> Diagnosis:
-    runs = robot.walk(SHORT, 3, 4.0)
+    runs = robot.walk(SHORT, 2, 4.0)
     return diagnose(runs, NOMINAL, robot.policy, np.random.default_rng(0), lambda _: None)
 
 

@@ -17,7 +17,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 from trainer.simulate.engine import Engine
 
-from .standing_starts import POLICY, scripts
+from .planted import POLICY, scripts
 
 
 @pytest.fixture(scope="module")

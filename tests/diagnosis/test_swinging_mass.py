@@ -10,10 +10,8 @@ import pytest
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
-from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.search import ranked
 from spot_model.effects.bodies import PayloadMass
 from spot_model.io.model_file import RobotModel
@@ -21,7 +19,7 @@ from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
 from trainer.signals.recording import record
 
-from .cases import NOMINAL
+from .cases import NOMINAL, evidence_over
 from .planted import Truth, _Recorder, walk_sequence
 from .scripted_gait import ScriptedGait
 
@@ -53,13 +51,9 @@ class Swinging(_Recorder):
         super()._step(step)
 
 
-def _board(recorder: type[_Recorder], truth: Truth) -> Board:
+def _board(recorder: type[_Recorder], truth: Truth) -> Evidence:
     runs = recorder(truth, 3, walk_sequence(5.0), ScriptedGait(), 4).runs()
-    logs = stack([record(run) for run in runs])
-    views, _ = build_views(logs, NOMINAL)
-    view = views[Channel.BASE_WRENCH]
-    robot = Robot(logs.recordings[0].joint_names, view.leg_of_joint)
-    return lay_out(views, robot, [0, 1, 2], ["0", "1", "2"], library=LIBRARY, scales=ERROR_SCALES)
+    return evidence_over(runs)
 
 
 def test_a_mass_that_swings_is_no_fixed_one() -> None:

@@ -6,36 +6,28 @@ import numpy as np
 import pytest
 
 from diagnosis.channels import Channel
-from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import stack
-from diagnosis.decision_constants import ERROR_SCALES, GROUP_ODDS
-from diagnosis.library import Robot
+from diagnosis.decision_constants import GROUP_ODDS
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.search import Rival, ranked
 from diagnosis.verdict.advice import cannot_show
 from spot_model.effects.base import Effect
 from spot_model.effects.bodies import GroundFriction
 from spot_model.effects.drivetrain import TorqueOffset, TorqueRipple
 from spot_model.effects.joint_sensors import EncoderOffset, LoadSensorGain
-from trainer.signals.recording import record
 
-from .cases import NOMINAL
+from .cases import evidence_over
 from .planted import Truth, planted_runs, walk_sequence
 
 ALIKE = ("torque_offset", "torque_ripple", "load_sensor_gain", "torque_gain", "encoder_offset", "payload_mass")
 
 
-def _board(*effects: Effect, channels: tuple[Channel, ...] = tuple(Channel), duration_s: float = 3.0) -> Board:
+def _board(*effects: Effect, channels: tuple[Channel, ...] = tuple(Channel), duration_s: float = 3.0) -> Evidence:
     runs = planted_runs(Truth(effects=effects), 2, sequence=walk_sequence(duration_s))
-    logs = stack([record(run) for run in runs])
-    views, _ = build_views(logs, NOMINAL)
-    robot = Robot(logs.recordings[0].joint_names, views[Channel.SET_POINT_TO_LOAD].leg_of_joint)
-    chosen = {name: view for name, view in views.items() if name in channels}
-    return lay_out(chosen, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
+    return evidence_over(runs, channels)
 
 
-def _ranking(board: Board) -> tuple[Rival, ...]:
+def _ranking(board: Evidence) -> tuple[Rival, ...]:
     return ranked(board, (), {name: LIBRARY[name] for name in ALIKE})
 
 

@@ -1,6 +1,12 @@
+"""The keys of verdict.json are a contract with other programs: an example is read, and each of its keys is written."""
+
+from __future__ import annotations
+
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -14,8 +20,13 @@ from diagnosis.document import (
     Verdict,
     load_verdict,
 )
+from diagnosis.library.registry import LIBRARY
 from diagnosis.report.words import joints_in_short
 from diagnosis.terminal import twelve_lines
+from diagnosis.verdict.posterior_file import LEAST, Possibility, Posterior, Term, is_right
+from diagnosis.verdict.probability import Belief
+from spot_model.effects.drivetrain import TorqueGain
+from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
 
 CELL = GapCell(signal="load", joint="fl_kn", regime="motoring", gap=2.0, floor=0.5, ratio=4.0, p_value=0.01)
@@ -79,3 +90,103 @@ def test_joints_in_few_words() -> None:
     assert joints_in_short(("fl_hy", "fr_hy", "hl_hy", "hr_hy", "fl_kn")) == "all forward hips (hy), fl_kn"
     assert joints_in_short(("hip",)) == "hip"
     assert joints_in_short(()) == ""
+
+
+EXAMPLE = """
+{"schema": "spot-rl/verdict/2", "status": "explained",
+ "where": [{"signal": "load", "joint": "fl_kn", "regime": "motoring", "gap": 0.0, "floor": 0.0, "ratio": 0.0, "p_value": 0.0}],
+ "headline": "", "warnings": [],
+ "differences": [{"name": "coulomb_friction", "probability": 0.0, "group": ["coulomb_friction"], "joints": ["fl_kn"], "split_by": "…",
+                  "parameters": {"level_nm": {"value": 0.0, "low": 0.0, "high": 0.0}}, "by_type": {}, "rivals": {},
+                  "consequences": {"loop": "open", "changes": [],
+                                   "gaps": [{"gap": "torque", "unit": "N·m", "before": 0.0, "after": 0.0, "floor": 0.0, "share": 0.0}]}}],
+ "calibration": {"numbers": [{"effect": "torque_gain", "parameter": "gain", "title": "torque gain", "where": "kn", "nominal": 0.0,
+                              "value": 0.0, "low": 0.0, "high": 0.0, "stands_out": false}], "consequences": null},
+ "consequences": {"loop": "closed", "gaps": [], "changes": [{"quantity": "power", "title": "power", "unit": "W", "before": 0.0,
+                                                             "after": 0.0, "robot": 0.0, "low": 0.0, "high": 0.0}]},
+ "remainder": [{"gap": "body motion", "unit": "m/s", "left": 0.0, "floor": 0.0, "ratio": 0.0}],
+ "probability_none": 0.0, "probability_unknown": 0.0,
+ "unknown": {"joints": [], "regime": "", "depends_on": []},
+ "channels": {"set_point_to_load": "used", "battery_power": "off: no battery record"},
+ "shrink": {"metric": "w1_mmd", "d0": 0.0, "d1": 0.0, "floor": 0.0, "s": 0.0, "s_low": 0.0, "s_high": 0.0, "held_out": []},
+ "log_advice": []}
+"""  # noqa: E501 - as a program reads it
+OPTIONAL = ("schema", "headline", "warnings", "calibration", "consequences", "remainder")
+"""Keys with a default."""
+STATUSES = ("explained", "partly_explained", "unknown_effect", "calibration", "no_gap", "cannot_tell")
+
+
+def _within(small: Any, large: Any, path: str = "") -> list[str]:
+    """Where a key or a value of the example is not in what was written."""
+    if isinstance(small, dict):
+        lacking = [f"{path}.{k}" for k in small if k not in large]
+        return lacking + [p for k in small if k in large for p in _within(small[k], large[k], f"{path}.{k}")]
+    if isinstance(small, list):
+        return [p for a, b in zip(small, large, strict=True) for p in _within(a, b, f"{path}[]")]
+    return [] if small == large and type(small) is type(large) else [f"{path}: {small!r} became {large!r}"]
+
+
+def test_the_example_is_read_and_written_with_every_key() -> None:
+    example = json.loads(EXAMPLE)
+    written = json.loads(Verdict.model_validate(example).to_json())
+    assert _within(example, written) == []
+
+
+@pytest.mark.parametrize("status", STATUSES)
+def test_each_status_is_allowed(status: str) -> None:
+    assert Verdict.model_validate(json.loads(EXAMPLE) | {"status": status}).status == status
+
+
+def test_a_key_of_the_contract_that_is_missing_is_an_error() -> None:
+    example = json.loads(EXAMPLE)
+    for key in example:
+        if key in OPTIONAL:
+            continue
+        with pytest.raises(ValueError, match=key):
+            Verdict.model_validate({k: v for k, v in example.items() if k != key})
+
+
+def test_another_schema_is_refused() -> None:
+    with pytest.raises(ValueError, match="spot-rl/verdict/2"):
+        Verdict.model_validate(json.loads(EXAMPLE) | {"schema": "spot-rl/verdict/1"})
+
+
+BASE = RobotModel((TorqueGain(joints=("fl_hx",), gain=1.03),)).to_data()
+
+
+def _friction(weight: float, sd: float) -> Possibility:
+    term = Term(effect="coulomb_friction", joints=("knees",), shape={}, mean=(1.0,), covariance=((sd**2,),))
+    return Possibility(weight=weight, distance_floors=1.2, model=BASE, terms=(term,))
+
+
+def test_sets_come_by_their_weights_and_numbers_by_their_spread() -> None:
+    nothing = Possibility(weight=0.25, distance_floors=3.0, model=BASE, terms=())
+    posterior = Posterior(possibilities=(nothing, _friction(0.75, 0.1)))
+    rng = np.random.default_rng(0)
+    models = [posterior.draw(LIBRARY, rng) for _ in range(400)]
+    assert all(m.effects[0] == TorqueGain(joints=("fl_hx",), gain=1.03) for m in models)
+    levels = [m.effects[1].values["level_nm"] for m in models if len(m.effects) == 2]
+    assert len(levels) == pytest.approx(300, abs=30)
+    assert np.mean(levels) == pytest.approx(1.0, abs=0.02)
+    assert np.std(levels) == pytest.approx(0.1, abs=0.015)
+
+
+def test_numbers_keep_within_their_bounds() -> None:
+    posterior = Posterior(possibilities=(_friction(1.0, 5.0),))
+    rng = np.random.default_rng(1)
+    assert min(posterior.draw(LIBRARY, rng).effects[1].values["level_nm"] for _ in range(50)) >= 0.0
+
+
+def test_a_file_comes_back_as_it_was() -> None:
+    posterior = Posterior(possibilities=(_friction(1.0, 0.1),))
+    assert Posterior.model_validate_json(posterior.model_dump_json(by_alias=True)) == posterior
+
+
+def test_a_set_is_as_likely_as_each_of_its_effects_is_there_and_the_others_are_not() -> None:
+    """Drag, or a gain in its place with half its weight, 0.9; a payload 0.9 beside it."""
+    weights: dict[tuple[str, ...], float] = {("drag", "load"): 2.0, ("gain", "load"): 1.0}
+    belief = Belief(("drag", "load"), {"drag": 0.9, "load": 0.9}, weights)
+    odds = [is_right(belief, frozenset(s)) for s in ({"drag", "load"}, {"gain", "load"}, {"load"}, {"drag"}, set())]
+    assert odds == pytest.approx([0.54, 0.27, 0.09, 0.06, 0.01])
+    sure = Belief(("drag",), {"drag": 1.0}, {("drag",): 1.0})
+    assert is_right(sure, frozenset()) == LEAST

@@ -13,7 +13,7 @@ from diagnosis.channels.dynamics import wrench_of_joints
 from diagnosis.channels.stack import stack
 from diagnosis.library import with_stand_in
 from diagnosis.library.registry import LIBRARY
-from diagnosis.verdict.evidence import Explained, explain
+from diagnosis.verdict.explanation import Explanation, explain
 from spot_log.read.run import Run
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.effects.friction import ViscousFriction
@@ -45,11 +45,11 @@ def views() -> Views:
     return found
 
 
-def _explained(truth: Truth) -> Explained:
+def _explained(truth: Truth) -> Explanation:
     return explain(_without_loads(truth), NOMINAL, None, FEW, lambda _: None)
 
 
-def _joints(found: Explained) -> dict[str, tuple[str, ...]]:
+def _joints(found: Explanation) -> dict[str, tuple[str, ...]]:
     best = found.selection.best
     robot = found.board.robot
     return {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in best.terms}

@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from diagnosis.channels import Array, ChannelOff, Ints, Views
+from diagnosis.channels import Array, ChannelOff, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library import LibraryEffect, Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import learn_scales
-from diagnosis.selection.evidence import Board, lay_out
+from diagnosis.selection.evidence import Evidence, lay_out
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.scoring import Placed, Scorer, null_of
 from diagnosis.selection.search import Selection, search, selection_of
@@ -30,13 +30,13 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Explained:
+class Explanation:
     """Evidence and what was chosen from it."""
 
     stack: Stack
     views: Views
     off: tuple[ChannelOff, ...]
-    board: Board
+    board: Evidence
     selection: Selection
 
     @property
@@ -61,7 +61,7 @@ class Explained:
         explained = best.explained if best.terms else np.zeros(len(self.board.blocks))
         return remainder(self.board, self.stack, self.left_over, explained)
 
-    def with_effects(self, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> Explained:
+    def with_effects(self, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> Explanation:
         """The same evidence with another set of effects, maybe none."""
         if not terms:
             return replace(self, selection=Selection(null_of(self.board), (), (), self.selection.first))
@@ -76,7 +76,7 @@ def explain(
     library: Mapping[str, LibraryEffect],
     say: Say,
     limits_rad: tuple[Array, Array] | None = None,
-) -> Explained:
+) -> Explanation:
     """Channels, evidence, scales of this robot's ordinary errors, and the best set of effects.
 
     Raises:
@@ -85,7 +85,7 @@ def explain(
     with one_thread():
         logs, views, off, board = evidence_of(runs, nominal, policy, library, limits_rad)
         say(f"trying {len(library)} effects on {len(board.blocks)} signals of {len(views)} channels")
-        return Explained(logs, views, off, board, search(board, library, say))
+        return Explanation(logs, views, off, board, search(board, library, say))
 
 
 def evidence_of(
@@ -94,7 +94,7 @@ def evidence_of(
     policy: Policy | None,
     library: Mapping[str, LibraryEffect],
     limits_rad: tuple[Array, Array] | None = None,
-) -> tuple[Stack, Views, tuple[ChannelOff, ...], Board]:
+) -> tuple[Stack, Views, tuple[ChannelOff, ...], Evidence]:
     """Logs on one grid, channels that are on and off, and the evidence with this robot's scales of ordinary errors.
 
     Raises:
@@ -105,7 +105,7 @@ def evidence_of(
     if not views:
         told = "; ".join(f"{c.name}: {c.reason}" for c in off)
         raise BadInputError(f"these logs feed no channel ({told}); map joint velocities, loads or set-points as well")
-    robot = Robot(logs.recordings[0].joint_names, _legs(views))
+    robot = Robot(logs.joint_names, logs.legs)
     names = sorted({r.sequence for r in logs.recordings})
     by_run = len(names) < 2
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
@@ -114,9 +114,3 @@ def evidence_of(
     board = lay_out(views, robot, folds, fold_names, library=every, scales=ERROR_SCALES, period_s=logs.period_s)
     learn_scales(board)
     return logs, views, tuple(off), board
-
-
-def _legs(views: Views) -> Ints:
-    """Leg of each joint, from a channel that knows: those without a body model do not."""
-    every = [view.leg_of_joint for view in views.values()]
-    return next((legs for legs in every if legs.max(initial=-1) >= 0), every[0])
