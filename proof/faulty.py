@@ -23,7 +23,7 @@ from spot_log.write.sink import LogSink
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.pace import Pace
 

@@ -33,7 +33,7 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.journal import Console
 from spot_runtime.session.run import RunRequest, SinkFactory, run
 from spot_runtime.session.summary import RunSummary
-from spot_runtime.sources.base import CommandSource
+from spot_runtime.sources import CommandSource
 from spot_tools.sources import ScriptedSource
 
 CALM: Final[Mapping[str, Mapping[str, Any]]] = {

@@ -20,7 +20,7 @@ from fake_robot.start.process import FakeAddress
 from spot_model.robot import rotation
 from spot_protos import fake_admin_pb2
 from spot_runtime.config import RobotConfig
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 

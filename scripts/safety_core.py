@@ -21,10 +21,7 @@ _WATCHDOGS = "tests/spot_runtime/test_watchdogs.py"
 _HANDOVER = "tests/spot_runtime/test_handover.py"
 
 TESTS_OF = {
-    **{
-        f"spot_runtime/control/safety/{name}.py": (_BOUNDS, _SIGNAL_BOUNDS, _SAFETY)
-        for name in ("states", "commands", "values")
-    },
+    **{f"spot_runtime/control/safety/{name}.py": (_BOUNDS, _SIGNAL_BOUNDS, _SAFETY) for name in ("states", "commands")},
     "spot_runtime/safety_limits.py": (_BOUNDS,),
     "spot_runtime/control/safety/battery.py": (_BOUNDS, _SIGNAL_BOUNDS, _WATCHDOGS, _SAFETY),
     "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),

@@ -18,7 +18,7 @@ from spot_runtime.session.labels import parse_labels
 from spot_tools.client import ARM_TIMEOUT_S, OperatorClient, RefusedError, client_from
 
 if TYPE_CHECKING:
-    from spot_runtime.sources.base import CommandSource
+    from spot_runtime.sources import CommandSource
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 STEER_PERIOD_S = 0.04

@@ -10,7 +10,7 @@ import typer
 
 from spot_model.errors import BadInputError
 from spot_runtime.config import RunConfig, load_config
-from spot_runtime.hal.connection.address import as_people_write_it
+from spot_runtime.hal.address import as_people_write_it
 
 CA_VARIABLE = "SPOT_RL_CA_FILE"
 

@@ -17,14 +17,14 @@ from bosdyn.client.license import LicenseClient
 from bosdyn.client.robot_state import RobotStateClient
 
 from spot_runtime.config import RobotConfig, RunConfig
-from spot_runtime.hal.connection.address import (
+from spot_runtime.hal.address import (
     TLS_NAME,
     Address,
     connect,
     explain_no_connection,
     parse_address,
 )
-from spot_runtime.hal.connection.credentials import trusted_certificates
+from spot_runtime.hal.credentials import trusted_certificates
 from spot_runtime.hal.errors import HalError, NoServiceError
 from spot_runtime.hal.spot.estop import is_alive
 from spot_runtime.hal.spot.session import Session

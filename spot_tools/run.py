@@ -31,7 +31,7 @@ from spot_runtime.session.labels import parse_labels
 from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start
 from spot_runtime.session.run import run as run_once
 from spot_runtime.session.summary import RunSummary
-from spot_runtime.sources.base import CommandSource
+from spot_runtime.sources import CommandSource
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_tools.sources import JointScriptSource, ScriptedSource, manual_source
 

@@ -14,7 +14,7 @@ from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.process.signals import STOP_SIGNALS, answered, exit_on_termination
 from spot_runtime.config import RunConfig, for_lock_step
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.address import parse_address
 from spot_runtime.host.journal import Console, Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.server.server import OperatorServer

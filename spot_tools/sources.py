@@ -18,7 +18,7 @@ from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.joint_script import JointScript
 from spot_model.robot.state import Array
 from spot_runtime.config import OperatorConfig
-from spot_runtime.sources.base import CommandSource, Shaper, Wanted
+from spot_runtime.sources import CommandSource, Shaper, Wanted
 
 HELP: Final = "hold w/s: forward, back · a/d: left, right · q/e: turn · space: stand still · x: stop and sit"
 DIRECTIONS: Final = {

@@ -191,7 +191,7 @@ def is_here(robot: str) -> bool:
         BadInputError: It is no address.
     """
     # Here: a ranking needs no connection, and no gRPC.
-    from spot_runtime.hal.connection.address import parse_address
+    from spot_runtime.hal.address import parse_address
     from spot_runtime.operator.listening import is_loopback, is_unix
 
     address = parse_address(robot)

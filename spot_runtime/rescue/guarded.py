@@ -16,8 +16,8 @@ from spot_log.write.sink import LogSink
 from spot_model.process.child_process import ChildProcess
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RobotConfig, RunConfig
+from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.errors import HalError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.adapter import BosdynHal

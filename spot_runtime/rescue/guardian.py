@@ -150,7 +150,7 @@ def start_rescuer(robot: str, config: RunConfig, folder: Path, *, lock_step: str
 
 def _told(robot: str, config: RunConfig, folder: Path, lock_step: str) -> dict[str, Any]:
     text = config.model_dump_json(by_alias=True)
-    from spot_runtime.hal.connection.credentials import told_credentials
+    from spot_runtime.hal.credentials import told_credentials
 
     login = told_credentials(os.environ)
     return {"robot": robot, "config": text, "folder": str(folder), "lock_step": lock_step, "login": login}

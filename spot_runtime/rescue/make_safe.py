@@ -16,7 +16,7 @@ from typing import Final
 
 from spot_model.errors import SpotRlError
 from spot_runtime.config import RunConfig
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.errors import CertificateError, ClockError, CredentialsError, HalError, LeaseHeldError
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session

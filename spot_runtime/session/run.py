@@ -35,7 +35,7 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
-from spot_runtime.sources.base import CommandSource
+from spot_runtime.sources import CommandSource
 from spot_runtime.stops import WANTED_ENDS, StopReason
 
 

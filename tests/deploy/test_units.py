@@ -124,7 +124,7 @@ def test_the_rights_are_those_that_the_configuration_asks_for() -> None:
 
 
 def test_the_credential_has_the_name_that_the_runtime_looks_for() -> None:
-    from spot_runtime.hal.connection.credentials import SYSTEMD_NAME
+    from spot_runtime.hal.credentials import SYSTEMD_NAME
 
     (credential,) = settings("spot-rl.service")["LoadCredential"]
     assert credential == f"{SYSTEMD_NAME}:/etc/spot-rl/credentials.yaml"

@@ -191,7 +191,7 @@ def sequence_seeds() -> list[bytes]:
 
 def credentials(data: bytes) -> None:
     """User name and password; an error must not quote them."""
-    from spot_runtime.hal.connection.credentials import find_credentials
+    from spot_runtime.hal.credentials import find_credentials
     from spot_runtime.hal.errors import CredentialsError
 
     path = folder() / "credentials.yaml"

@@ -106,7 +106,7 @@ def _call(supervisor: Any, service: Any, caller: Any, calls: Any) -> None:
     from google.protobuf.message_factory import GetMessageClass
 
     from spot_protos import operator_pb2
-    from spot_runtime.operator.refusal import Refusal
+    from spot_runtime.operator.door.access import Refusal
     from spot_runtime.operator.server.server import work_of
 
     methods = operator_pb2.DESCRIPTOR.services_by_name["Operator"].methods

@@ -68,7 +68,7 @@ def joint_command_seeds() -> list[bytes]:
 
 def address(data: bytes) -> None:
     """A robot's address, labels of a log."""
-    from spot_runtime.hal.connection.address import parse_address
+    from spot_runtime.hal.address import parse_address
     from spot_runtime.session.labels import parse_labels
 
     text = data.decode("utf-8", errors="surrogateescape")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_runtime.config import OperatorConfig
-from spot_runtime.sources.base import Shaper
+from spot_runtime.sources import Shaper
 from spot_tools.sources import GamepadSource, KeyboardSource, PadReading, ScriptedSource
 
 MS = 1_000_000

@@ -31,8 +31,8 @@ from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import JointControl, RobotInfo
-from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, MotionError
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import Calls

@@ -32,13 +32,13 @@ from spot_log.write.sink import MemorySink
 from spot_model.robot.state import Gains, JointCommand
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import JointControl
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.connection.time_sync import SyncedCommandClient, TimeSync
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.motions import Helm
+from spot_runtime.hal.time_sync import SyncedCommandClient, TimeSync
 from spot_runtime.host.clock import HostClock
 from spot_runtime.stops import Stop, StopReason
 from tests.spot_runtime.test_hal_parts import _FailedCall

@@ -19,9 +19,9 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
+from spot_runtime.hal.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
 from spot_runtime.hal.errors import CredentialsError, MotionError
 from spot_runtime.hal.registry import Adapter, HalRequest, find_adapter
 from spot_runtime.hal.spot.adapter import BosdynHal

@@ -28,7 +28,7 @@ from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.errors import (
     CredentialsError,
     EstopError,

@@ -19,8 +19,8 @@ from bosdyn.client.robot_command import RobotCommandStreamingClient
 from bosdyn.client.robot_state import RobotStateStreamingClient
 
 from spot_runtime.config import RobotConfig
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
 from spot_runtime.hal.errors import CredentialsError, HalError, LeaseHeldError
 from spot_runtime.hal.spot.calls import BODY, Calls
 from spot_runtime.hal.spot.session import Session

@@ -19,7 +19,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import TAKE_HOLD_S, Mode
 from spot_runtime.hal.base import JointControl
-from spot_runtime.sources.base import Wanted
+from spot_runtime.sources import Wanted
 from spot_runtime.stops import Stop, StopReason
 from spot_tools.sources import ScriptedSource
 from tests.spot_runtime.conftest import STAND_LOAD_NM

@@ -13,8 +13,8 @@ from spot_model.errors import BadInputError
 from spot_model.io.yaml_text import YamlError, parse_yaml
 from spot_model.plant.delay import read_delay_csv
 from spot_runtime.config import load_config
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE, find_credentials
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE, find_credentials
 from spot_runtime.hal.errors import CredentialsError
 from spot_runtime.operator.listening import is_loopback
 from spot_runtime.session.labels import parse_labels

@@ -34,7 +34,7 @@ from spot_runtime.control.memory import Step
 from spot_runtime.control.safety.commands import LimitedSetpoint
 from spot_runtime.control.set_point import Setpoint
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import Address, parse_address
+from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.lock_step import LockStep
@@ -43,7 +43,7 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.journal import Console
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
-from spot_runtime.sources.base import Wanted
+from spot_runtime.sources import Wanted
 from spot_tools.sources import ScriptedSource
 
 ROOT = Path(__file__).parents[2]

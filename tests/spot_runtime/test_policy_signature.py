@@ -20,7 +20,7 @@ from spot_model.policy.policy import load_policy
 from spot_model.policy.signature import check_signature, private_key, public_keys, signature_path, signed_line
 from spot_runtime.admission import admission
 from spot_runtime.config import RunConfig, ServiceConfig
-from spot_runtime.operator.refusal import Refusal
+from spot_runtime.operator.door.access import Refusal
 from spot_runtime.operator.run.run_spec import load_checked
 from spot_runtime.operator.server.policy_folder import PolicyFolder
 from spot_tools.policies import key, show, sign, verify

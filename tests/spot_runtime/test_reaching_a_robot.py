@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import BadInputError
-from spot_runtime.hal.connection.address import Address, explain_no_connection, parse_address
-from spot_runtime.hal.connection.credentials import (
+from spot_runtime.hal.address import Address, explain_no_connection, parse_address
+from spot_runtime.hal.credentials import (
     Credentials,
     find_credentials,
     read_certificates,

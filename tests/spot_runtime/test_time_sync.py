@@ -20,8 +20,8 @@ from bosdyn.api import (
 )
 from bosdyn.client.robot_command import NoTimeSyncError, RobotCommandBuilder
 
-from spot_runtime.hal.connection.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.hal.errors import ClockError
+from spot_runtime.hal.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.host.clock import HostClock
 
 IDENTIFIER = "client-17"

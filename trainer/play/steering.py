@@ -12,7 +12,7 @@ from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot.facts import Array
 from spot_runtime.config import OperatorConfig
-from spot_runtime.sources.base import Shaper
+from spot_runtime.sources import Shaper
 from spot_tools.sources import GamepadSource, Pad
 from trainer.play.walk import VelocityAt
 

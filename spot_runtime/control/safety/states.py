@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import math
-from operator import sub
+from operator import ge, le, sub
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from spot_model.robot import facts
 from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import RobotState
+from spot_model.robot.state import Array, RobotState
 from spot_runtime.control.safety.body_height import body_height_m, is_body_above
-from spot_runtime.control.safety.values import are_finite, is_between
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
+
+_LOWS_RAD: Final = facts.POSITION_LOW_RAD.tolist()
+_HIGHS_RAD: Final = facts.POSITION_HIGH_RAD.tolist()
+
+
+def are_finite(*arrays: Array) -> bool:
+    """Whether all values are: their sum is not as soon as one of them is not."""
+    return math.isfinite(sum(map(sum, map(np.ndarray.tolist, arrays))))
+
+
+def is_between(least_rad: Array, largest_rad: Array) -> bool:
+    """Whether, joint by joint, one value is at most the upper stop and the other at least the lower. Shapes (12,)."""
+    return all(map(le, least_rad.tolist(), _HIGHS_RAD)) and all(map(ge, largest_rad.tolist(), _LOWS_RAD))
+
 
 DOUBTFUL_STATES: Final = 3
 """So many states in a row with a load beyond its bound, or a leap, end the run; fewer are not used. An impact on a

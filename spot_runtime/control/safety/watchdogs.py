@@ -17,10 +17,9 @@ from spot_log.write.sink import SinkHealth
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
-from spot_runtime.control.modes import Mode
+from spot_runtime.control.modes import Mode, Phase, Snapshot
 from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
-from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 

@@ -18,9 +18,9 @@ from spot_log.write.sink import LogSink
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
+from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo
-from spot_runtime.hal.connection.address import Address, parse_address
-from spot_runtime.hal.connection.credentials import find_credentials
+from spot_runtime.hal.credentials import find_credentials
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream

@@ -11,10 +11,10 @@ from bosdyn.client.power import CommandInProgressError, PowerClient
 from bosdyn.client.robot_command import NotPoweredOnError, RobotCommandBuilder
 
 from spot_runtime.config import RobotConfig
-from spot_runtime.hal.connection.time_sync import SyncedCommandClient
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.vendor_errors import enum_word
+from spot_runtime.hal.time_sync import SyncedCommandClient
 
 POLL_S: Final = 0.05
 """Robot time between two looks at the progress of a motion."""

@@ -26,15 +26,15 @@ from bosdyn.client.time_sync import TimeSyncClient
 
 from spot_model.robot.state import SlowState
 from spot_runtime.config import RobotConfig
-from spot_runtime.hal.connection.address import Address, explain_no_connection
-from spot_runtime.hal.connection.credentials import Credentials, find_credentials, trusted_certificates
-from spot_runtime.hal.connection.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
+from spot_runtime.hal.address import Address, explain_no_connection
+from spot_runtime.hal.credentials import Credentials, find_credentials, trusted_certificates
 from spot_runtime.hal.errors import ClockError, CredentialsError, EstopError, FaultError, HalError
 from spot_runtime.hal.spot.calls import BODY, Acquisition, Calls, newest_lease, patiently, retain
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
 from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Pause
 from spot_runtime.hal.spot.slow_state import pressed_estops, refuse_arm, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, enum_word, translate
+from spot_runtime.hal.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import CRITICAL

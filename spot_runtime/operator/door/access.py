@@ -1,4 +1,4 @@
-"""Which calls are let in, by role and rate, and which threads carry them out: a full lane holds up no other."""
+"""Which calls are let in or refused, by role and rate, and which threads carry them out: a full lane holds up no other."""
 
 from __future__ import annotations
 
@@ -14,7 +14,31 @@ from typing import Final, TypeVar
 import grpc
 
 from spot_runtime.operator.door.callers import ROLE_URI, Caller, Role
-from spot_runtime.operator.refusal import Refusal
+
+
+class Refusal(Exception):  # noqa: N818 - an answer, not a failure
+    """The answer to a request that changed nothing."""
+
+    def __init__(self, code: grpc.StatusCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+        self.text = text
+
+
+def bad_request(text: str) -> Refusal:
+    """The request itself is not valid, whatever the state."""
+    return Refusal(grpc.StatusCode.INVALID_ARGUMENT, text)
+
+
+def not_now(text: str) -> Refusal:
+    """The request does not fit the state."""
+    return Refusal(grpc.StatusCode.FAILED_PRECONDITION, text)
+
+
+def unavailable(text: str) -> Refusal:
+    """The service cannot carry it out, through no fault of the request."""
+    return Refusal(grpc.StatusCode.UNAVAILABLE, text)
+
 
 MAX_CLIENTS: Final = 256
 MAX_STREAMS: Final = 32

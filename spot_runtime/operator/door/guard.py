@@ -16,11 +16,10 @@ from typing import Any, Final, NamedTuple
 import grpc
 from grpc import aio
 
-from spot_runtime.operator.door.access import Gate, Lane
+from spot_runtime.operator.door.access import Gate, Lane, Refusal, bad_request
 from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.door.connection import Connection
 from spot_runtime.operator.door.door import DENIED_REST_S, Door
-from spot_runtime.operator.refusal import Refusal, bad_request
 
 MESSAGE_TIMEOUT_S: Final = 1.0
 TOO_OFTEN_REST_S: Final = 0.05

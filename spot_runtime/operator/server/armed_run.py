@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from typing import Final
 
 from spot_protos import operator_pb2, run_link_pb2
-from spot_runtime.operator.refusal import not_now
+from spot_runtime.operator.door.access import not_now
 from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.service_state import State
 from spot_runtime.stops import StopReason

@@ -13,7 +13,7 @@ from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.policy.contract import MAX_POLICY_BYTES, PolicyError, sha256_hex
 from spot_runtime.admission import admission
 from spot_runtime.config import ServiceConfig
-from spot_runtime.operator.refusal import Refusal, bad_request, not_now
+from spot_runtime.operator.door.access import Refusal, bad_request, not_now
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 SUFFIX: Final = ".onnx"

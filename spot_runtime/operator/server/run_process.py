@@ -13,8 +13,8 @@ from typing import Final
 from spot_model.process.child_process import ChildProcess, without_secrets
 from spot_protos import run_link_pb2
 from spot_runtime.config import RunConfig
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.connection.credentials import told_credentials
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.credentials import told_credentials
 from spot_runtime.host.service_manager import PROCESS_VARIABLE
 from spot_runtime.operator.run.link import is_ready, receive
 from spot_runtime.operator.run.run_spec import RunSpec

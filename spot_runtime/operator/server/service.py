@@ -11,9 +11,8 @@ from typing import Final
 from spot_model.version import software_version
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.control.modes import Mode
-from spot_runtime.operator.door.access import Gate
+from spot_runtime.operator.door.access import Gate, bad_request
 from spot_runtime.operator.door.callers import Caller, Role
-from spot_runtime.operator.refusal import bad_request
 from spot_runtime.operator.server.service_state import KEPT, State
 from spot_runtime.operator.server.supervisor import Supervisor
 from spot_runtime.session.labels import RULE, is_label

@@ -15,7 +15,7 @@ from spot_log.format.records import EventRecord, Severity
 from spot_protos import operator_pb2
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.operator.refusal import not_now
+from spot_runtime.operator.door.access import not_now
 
 KEPT: Final = 500
 

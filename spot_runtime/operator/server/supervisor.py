@@ -21,7 +21,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.operator.refusal import Refusal, not_now, unavailable
+from spot_runtime.operator.door.access import Refusal, not_now, unavailable
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.server.armed_run import ArmedRun, SteeringRight
 from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder

@@ -19,7 +19,7 @@ from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import load_policy
 from spot_runtime.config import load_config
-from spot_runtime.hal.connection.credentials import find_credentials, read_certificates
+from spot_runtime.hal.credentials import find_credentials, read_certificates
 from spot_runtime.host.instance_lock import InstanceLock, LockError
 from spot_tools.client import client_from
 

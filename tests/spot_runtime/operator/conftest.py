@@ -21,8 +21,8 @@ from spot_model.policy.policy import load_policy
 from spot_model.robot.state import RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc, operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig, for_lock_step
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock

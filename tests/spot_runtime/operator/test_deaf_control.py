@@ -12,7 +12,7 @@ from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.operator.refusal import Refusal
+from spot_runtime.operator.door.access import Refusal
 from spot_runtime.operator.server.armed_run import PendingRequests
 from spot_runtime.operator.server.service_state import State
 from spot_runtime.operator.server.supervisor import MAX_WAITING, STOP_TIMEOUT_S, Supervisor

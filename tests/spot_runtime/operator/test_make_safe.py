@@ -23,7 +23,7 @@ from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log.write.sink import NullSink
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig, for_lock_step
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.errors import CertificateError, HalError, LeaseHeldError, MotionError
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session

@@ -20,10 +20,9 @@ from spot_model.errors import BadInputError
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig, ServiceConfig
 from spot_runtime.control.modes import Mode
-from spot_runtime.operator.door.access import Buckets, Gate, Lane
+from spot_runtime.operator.door.access import Buckets, Gate, Lane, Refusal
 from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_tls
-from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.run.link import MAX_TAKEN, RunLink
 from spot_runtime.operator.run.requests import BackgroundTask
 from spot_runtime.operator.run.run_status import STANDING_BY

@@ -16,7 +16,7 @@ from spot_model.robot import facts
 from spot_model.robot.state import Array
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window
-from spot_runtime.control.safety.values import is_between
+from spot_runtime.control.safety.states import is_between
 
 _HIPS_M: Final = np.array(
     [

@@ -1,1 +1,0 @@
-"""Reaching a robot: address, credentials, certificates, time sync."""

@@ -1,1 +1,0 @@
-"""What a source of commands to the policy is, and how its velocities are shaped."""
