@@ -1,10 +1,10 @@
-"""The modes of a run and the one function that moves between them.
+"""The modes of a run, the one function that moves between them, and the snapshot on which a step of control decides.
 
 ready ──► activating ──► ramping_in ──► active ──► soft_stop ──► ramping_out ──► standing
-│               │            │            │              │
-└───────────────┴────────────┴─────┬──────┴──────────────┘
-▼
-damping ──► released (nothing is sent)
+             │               │            │            │              │
+             └───────────────┴────────────┴─────┬──────┴──────────────┘
+                                                ▼
+                                damping ──► released (nothing is sent)
 """
 
 from __future__ import annotations

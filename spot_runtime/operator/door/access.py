@@ -1,4 +1,4 @@
-"""Which calls are let in or refused, by role and rate, and which threads carry them out: a full lane holds up no other."""
+"""Which calls are let in or refused, by role and rate, and which threads carry them out."""
 
 from __future__ import annotations
 
