@@ -33,8 +33,8 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.memory import Step
 from spot_runtime.control.safety.commands import LimitedSetpoint
 from spot_runtime.control.set_point import Setpoint
-from spot_runtime.hal.base import Hal
 from spot_runtime.hal.address import Address, parse_address
+from spot_runtime.hal.base import Hal
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.lock_step import LockStep
