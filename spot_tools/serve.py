@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from spot_log.live.process import LiveProcess
+from spot_log.write.live_process import LiveProcess
 from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.process.signals import STOP_SIGNALS, answered, exit_on_termination

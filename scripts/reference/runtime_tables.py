@@ -11,7 +11,7 @@ from types import ModuleType
 from fake_robot.start.process import FakeProcessError
 from proof.demo import DemoError
 from proof.loop_bench import BenchError
-from spot_log.live.process import LiveViewError
+from spot_log.write.live_process import LiveViewError
 from spot_model.errors import SpotRlError
 from spot_runtime.control.safety import battery, states
 from spot_runtime.control.safety.signals import bounds

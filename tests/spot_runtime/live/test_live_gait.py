@@ -1,4 +1,4 @@
-from spot_log.live.live_child import LiveGait
+from spot_log.write.live_child import LiveGait
 from spot_protos import log_pb2
 
 

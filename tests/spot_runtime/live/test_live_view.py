@@ -19,7 +19,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
 from spot_log.format.codec import ALL_TOPICS, SCENE, STATE, TICK
 from spot_log.format.records import EventRecord, RunHeader, Severity
-from spot_log.live.process import FOLDER_PREFIX, SOCKET_NAME, LiveProcess, LiveViewError
+from spot_log.write.live_process import FOLDER_PREFIX, SOCKET_NAME, LiveProcess, LiveViewError
 from spot_log.write.live_tap import SOCKET_VARIABLE, LiveTap
 from spot_log.write.logger_process import LoggerProcess
 from spot_model.process.private_folder import make_private_folder

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed
 
 from spot_log.format.codec import ALL_TOPICS
-from spot_log.live.process import LiveProcess
+from spot_log.write.live_process import LiveProcess
 from spot_model.robot.facts import JOINT_NAMES
 from spot_protos import operator_pb2
 from tests.spot_runtime.live.viewer import Viewer

@@ -68,7 +68,7 @@ class LiveProcess:
                 Path(f"{path}.new").rename(path)
                 arguments = (str(listener.fileno()), str(self.port))
                 self._process = ChildProcess.start(
-                    "spot_log.live.live_child", *arguments, descriptors=(listener.fileno(),), output=HEARD
+                    "spot_log.write.live_child", *arguments, descriptors=(listener.fileno(),), output=HEARD
                 )
             self.port = self._wait_ready(self._process)
         except BaseException:
