@@ -219,9 +219,11 @@ def test_what_it_prints_for_a_person_works_in_a_shell(fake_spot_state_folder: Pa
     words = command("--state-dir", str(fake_spot_state_folder), "--port", "0")
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        lines = []
-        while not lines or "your_program.py" not in lines[-1]:
-            lines.append(process.stdout.readline().strip())
+        lines: list[str] = []
+        for line in process.stdout:
+            lines.append(line.strip())
+            if "your_program.py" in line:
+                break
         exports = [line for line in lines if line.startswith("export ")]
         program = "import bosdyn.client as c, bosdyn.client.util as u, sys; r = c.create_standard_sdk('x')"
         program += ".create_robot(sys.argv[1]); u.authenticate(r); print(len(r.list_services()) > 5)"

@@ -170,8 +170,9 @@ class EstopService(Service):
             return int(CUT if self._is_pressed_elsewhere or not levels else min(levels))
 
     def apply(self) -> None:
-        """Bring the level to the robot."""
-        self._apply_level(LEVELS[self.level()])
+        """Bring the level to the robot; no older one comes after it."""
+        with self.lock:
+            self._apply_level(LEVELS[self.level()])
 
     def _find(self, target: estop_pb2.EstopEndpoint, new_name: str = "") -> Endpoint | None:
         """The endpoint that is meant; of several with one role, which the SDK names alone, the new one's own place."""

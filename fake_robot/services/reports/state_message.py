@@ -5,31 +5,13 @@ from __future__ import annotations
 from bosdyn.api import geometry_pb2, robot_state_pb2
 from bosdyn.client.math_helpers import Quat, SE3Pose
 
-from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, MotorPower, Snapshot, SystemFault
+from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, Snapshot, SystemFault
 from fake_robot.services.calls import duration_from_ns, timestamp_from_ns
 from spot_model.robot.facts import JOINT_NAMES, NS_PER_S
 
 BATTERY_IDENTIFIER = "fake-battery"
 ROOT_FRAME = "body"
 
-_MOTOR_POWER = {
-    MotorPower.OFF: robot_state_pb2.PowerState.STATE_OFF,
-    MotorPower.POWERING_ON: robot_state_pb2.PowerState.STATE_POWERING_ON,
-    MotorPower.ON: robot_state_pb2.PowerState.STATE_ON,
-    MotorPower.POWERING_OFF: robot_state_pb2.PowerState.STATE_POWERING_OFF,
-    MotorPower.ERROR: robot_state_pb2.PowerState.STATE_ERROR,
-}
-_CAUSES = {
-    "fall": robot_state_pb2.BehaviorFault.CAUSE_FALL,
-    "hardware": robot_state_pb2.BehaviorFault.CAUSE_HARDWARE,
-    "lease_timeout": robot_state_pb2.BehaviorFault.CAUSE_LEASE_TIMEOUT,
-    "command_failure": robot_state_pb2.BehaviorFault.CAUSE_COMMAND_FAILURE,
-}
-_SEVERITIES = {
-    "info": robot_state_pb2.SystemFault.SEVERITY_INFO,
-    "warn": robot_state_pb2.SystemFault.SEVERITY_WARN,
-    "critical": robot_state_pb2.SystemFault.SEVERITY_CRITICAL,
-}
 _BEHAVIOR = {
     Mode.STANDING: robot_state_pb2.BehaviorState.STATE_STANDING,
     Mode.FROZEN: robot_state_pb2.BehaviorState.STATE_STANDING,
@@ -71,7 +53,7 @@ def behavior_fault_message(fault: BehaviorFault) -> robot_state_pb2.BehaviorFaul
     return robot_state_pb2.BehaviorFault(
         behavior_fault_id=fault.fault_id,
         onset_timestamp=timestamp_from_ns(fault.onset_robot_stamp_ns),
-        cause=_CAUSES.get(fault.cause, robot_state_pb2.BehaviorFault.CAUSE_UNKNOWN),
+        cause=robot_state_pb2.BehaviorFault.Cause.Value(f"CAUSE_{fault.cause.upper()}"),
         status=status,
     )
 
@@ -84,15 +66,19 @@ def system_fault_message(fault: SystemFault) -> robot_state_pb2.SystemFault:
         code=fault.code,
         error_message=fault.message,
         attributes=fault.attributes,
-        severity=_SEVERITIES[fault.severity],
+        severity=_severity(fault),
     )
+
+
+def _severity(fault: SystemFault) -> int:
+    return int(robot_state_pb2.SystemFault.Severity.Value(f"SEVERITY_{fault.severity.upper()}"))
 
 
 def _fill_power(
     power: robot_state_pb2.PowerState, snapshot: Snapshot, *, is_wifi_on: bool, are_payload_ports_on: bool
 ) -> None:
     power.timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
-    power.motor_power_state = _MOTOR_POWER[snapshot.motor_power]
+    power.motor_power_state = power.MotorPowerState.Value(f"STATE_{snapshot.motor_power.name}")
     power.shore_power_state = power.SHORE_POWER_STATE_OFF
     power.robot_power_state = power.ROBOT_POWER_STATE_ON
     power.payload_ports_power_state = (
@@ -137,7 +123,7 @@ def _fill_faults(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:
     state.system_fault_state.faults.extend(map(system_fault_message, snapshot.system_faults))
     for fault in snapshot.system_faults:
         for attribute in fault.attributes:
-            worst = max(state.system_fault_state.aggregated[attribute], _SEVERITIES[fault.severity])
+            worst = max(state.system_fault_state.aggregated[attribute], _severity(fault))
             state.system_fault_state.aggregated[attribute] = worst
 
 
