@@ -159,7 +159,7 @@ def summary(claims: Mapping[str, Claim], parts: Parts) -> dict[str, Any]:
         told["claims"][name] = {
             "script": claim.script,
             "repeats": len(repeats),
-            "ratios": {label: judged(ratio, repeats) for label, ratio in claim.ratios.items()},
+            "ratios": {label: judge_ratio(ratio, repeats) for label, ratio in claim.ratios.items()},
             "figures": {key: spread([r[key] for r in repeats if key in r]) for key in repeats[0]} if repeats else {},
         }
     return told
@@ -176,7 +176,7 @@ def flat(told: Mapping[str, Any], before: str = "") -> dict[str, float]:
     return found
 
 
-def judged(ratio: Ratio, repeats: list[dict[str, float]]) -> dict[str, Any]:
+def judge_ratio(ratio: Ratio, repeats: list[dict[str, float]]) -> dict[str, Any]:
     """A ratio within each repeat, its median and spread, and whether the median is as asked."""
     values = [r[ratio.over] / (r[ratio.under] if ratio.under else 1.0) for r in repeats]
     found: dict[str, Any] = spread(values) if values else {}

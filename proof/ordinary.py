@@ -118,7 +118,7 @@ class WatchedHal(FaultyHal):
             self.at_stop, self.stopped_ns = self.robot.truth(), self.robot_now_ns()
 
 
-def tried(number: int, seed: int, policies: Sequence[Path], folder: Path, quiet_s: float) -> Iterator[Outcome]:
+def walk_robot(number: int, seed: int, policies: Sequence[Path], folder: Path, quiet_s: float) -> Iterator[Outcome]:
     """A robot that follows from seed and number, and a run of each policy on it; for some robots a quiet one.
 
     One that has fallen, or left its ground, is replaced by one of the same kind.
@@ -138,13 +138,13 @@ def tried(number: int, seed: int, policies: Sequence[Path], folder: Path, quiet_
                 is_quiet = number % QUIET_ONE_IN == QUIET_ONE_IN - 1
                 walk = draw_quiet(rng, quiet_s) if is_quiet else draw_walk(rng, walks.contract)
                 with ending_the_bench():
-                    outcome = _walked(robot, walks, reality, number, walk)
+                    outcome = _walk(robot, walks, reality, number, walk)
                 yield outcome
                 x, y, _ = robot.truth().position_of_body_in_world_m
                 is_good = outcome.verdict == "completed" and max(abs(x), abs(y)) < EDGE_M and not robot.restore()
 
 
-def _walked(robot: Rig, policy: Policy, reality: Reality, number: int, walk: Walk) -> Outcome:
+def _walk(robot: Rig, policy: Policy, reality: Reality, number: int, walk: Walk) -> Outcome:
     """One run. What the checks of the signals find is told, and ends nothing, so that it is seen what comes of it."""
     sink = MemorySink()
     hals: list[WatchedHal] = []
@@ -243,7 +243,7 @@ def ordinary(
                 break
             missing = [path for path in policies if (number, path.stem) not in done]
             with tempfile.TemporaryDirectory(prefix="spot-rl-ordinary-") as folder:
-                for outcome in tried(number, seed, missing, Path(folder), 60.0 * quiet_minutes):
+                for outcome in walk_robot(number, seed, missing, Path(folder), 60.0 * quiet_minutes):
                     done[number, outcome.policy] = outcome
                     file.add(asdict(outcome))
                     is_told = outcome.verdict in _WRONG

@@ -177,7 +177,7 @@ class Rig(FakeRobot):
 
 
 def read_log(path: Path) -> tuple[Run | None, str]:
-    """The log, whole or as a crash left it, and why it does not open."""
+    """Read the log, whole or as a crash left it. Returns it, or why it does not open."""
     for candidate in (path, active_path(path)):
         if candidate.exists():
             try:
@@ -189,7 +189,7 @@ def read_log(path: Path) -> tuple[Run | None, str]:
 
 @contextmanager
 def rig(folder: Path, policy_file: Path, *, is_lock_step: bool = True, scenario: str = "default") -> Iterator[Rig]:
-    """A fake robot in a process of its own, for a while; its keys, its password and the logs go to ``folder``."""
+    """Run a fake robot in a process of its own, for a while; its keys, password and logs go to ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     with (
         FakeProcess(

@@ -149,5 +149,5 @@ class FakeRobot:
 
 
 def tilt_rad(truth: Any) -> float:
-    """How far a simulated body leans."""
+    """Return how far a simulated body leans."""
     return float(rotation.tilt_rad(np.array(truth.world_from_body_wxyz)))

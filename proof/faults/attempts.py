@@ -77,7 +77,7 @@ def row(
 
 
 def reacted(drive: Drive, finding: Finding, ways: tuple[str, ...], since_ns: int) -> None:
-    """Put in how long it took until one of the modes (or events) began."""
+    """Time how long it took until one of the modes (or events) began."""
     came = [(at_ns, way) for way in ways if (at_ns := drive.event_ns(way)) is not None]
     finding.demand(bool(came), f"there was no {ways[0]}")
     if came:
@@ -90,12 +90,12 @@ def reacted(drive: Drive, finding: Finding, ways: tuple[str, ...], since_ns: int
 
 
 def inject(name: str, lasts_s: float = 0.0, /, **parameters: float | str) -> Act:
-    """A fault of the fake robot."""
+    """Make the act of a fault of the fake robot; 0 s: until it is cleared."""
     return lambda rig, _: rig.inject(name, lasts_s, **parameters)
 
 
 def raise_signals(*numbers: signal.Signals) -> Act:
-    """Signals to this process."""
+    """Make the act of signals to this process, in turn."""
 
     def act(_: Rig, __: FaultyHal) -> None:
         for number in numbers:
@@ -105,17 +105,17 @@ def raise_signals(*numbers: signal.Signals) -> Act:
 
 
 def all_of(*acts: Act) -> Act:
-    """Several things in one instant."""
+    """Make one act of several, in one instant."""
     return lambda rig, hal: [act(rig, hal) for act in acts]
 
 
 def spoil(spoilt: Callable[[RobotState], RobotState | None]) -> Act:
-    """From now on states arrive changed, or not at all."""
+    """Make the act from which on states arrive changed, or not at all."""
     return lambda _, hal: hal.spoil(spoilt)
 
 
 def spoil_slow(spoilt: Callable[[SlowState], SlowState], lasts_s: float = 0.0) -> Act:
-    """What is polled arrives changed; 0 s: to the end."""
+    """Make the act from which on what is polled arrives changed; 0 s: to the end."""
     return lambda _, hal: hal.spoil_slow(spoilt, lasts_s)
 
 
@@ -123,7 +123,7 @@ def spoil_slow(spoilt: Callable[[SlowState], SlowState], lasts_s: float = 0.0) -
 
 
 def is_told(event: str, *, is_wanted: bool = True) -> Check:
-    """An event of this name must have come, or must not."""
+    """Make the check that an event of this name has come, or has not."""
 
     def check(_: Rig, drive: Drive, finding: Finding) -> None:
         came = drive.event_ns(event) is not None
@@ -133,17 +133,17 @@ def is_told(event: str, *, is_wanted: bool = True) -> Check:
 
 
 def is_off(rig: Rig, _: Drive, finding: Finding) -> None:
-    """The motors have no power."""
+    """Check that the motors have no power."""
     finding.demand(not rig.is_powered, "the motors still have power")
 
 
 def power_was_cut(_: Rig, drive: Drive, finding: Finding) -> None:
-    """The motors had no power any more when sitting down was asked for."""
+    """Check that the motors had no power any more when sitting down was asked for."""
     finding.demand(drive.hal.was_off, "power was not cut, the robot was asked to sit")
 
 
 def time_damping(log: Run, since_ns: int, finding: Finding) -> None:
-    """Put in how long it took until the first command without stiffness that a log or an incident file holds."""
+    """Time the first command without stiffness that a log or an incident file holds."""
     soft = (log.commands.kp_nm_per_rad == 0.0).all(axis=1)
     first_ns = int(log.commands.robot_stamp_ns[np.argmax(soft)]) if soft.any() else 0
     finding.demand(first_ns >= since_ns, "nothing was damped")

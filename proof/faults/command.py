@@ -15,7 +15,7 @@ from rich.table import Table
 
 from proof.faults import rows_link, rows_log, rows_measured, rows_phases, rows_policy, rows_process, rows_robot
 from proof.faults.rows import Result, Row, tidy, try_row
-from proof.faults.search import searched
+from proof.faults.search import search_cases
 from proof.rig import rig
 from spot_model.console.options import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.console.progress import Progress
@@ -55,7 +55,7 @@ def faults(
     rows = chosen(only, is_real_time=real_time, is_quick=quick)
     results: list[Result] = []
     with Progress("rows", len(rows)) as progress:
-        for result in tried(rows, policy, scenario, is_real_time=real_time):
+        for result in try_rows(rows, policy, scenario, is_real_time=real_time):
             results.append(result)
             mark, words = "ok " if result.ok else "BAD", "; ".join(result.problems)
             progress.update(len(results), f"{mark} {result.fault}: {result.reaction} {words}", is_told=True)
@@ -72,7 +72,7 @@ def search_and_tell(seed: int, minutes: float, policy: Path, scenario: str, as_j
     """Search, and tell of each case. Returns how many broke a law."""
     began_s, count, bad = time.monotonic(), 0, []
     with tempfile.TemporaryDirectory(prefix="spot-rl-search-") as folder:
-        for verdict in searched(seed, minutes, policy, Path(folder), scenario):
+        for verdict in search_cases(seed, minutes, policy, Path(folder), scenario):
             count += 1
             left_min = max(0.0, minutes - (time.monotonic() - began_s) / 60.0)
             mark, words = ("BAD", "; ".join(verdict.problems)) if verdict.problems else ("ok ", "")
@@ -103,7 +103,7 @@ def chosen(only: str, *, is_real_time: bool, is_quick: bool) -> list[Row]:
     return rows
 
 
-def tried(rows: Iterable[Row], policy: Path, scenario: str, *, is_real_time: bool) -> Iterator[Result]:
+def try_rows(rows: Iterable[Row], policy: Path, scenario: str, *, is_real_time: bool) -> Iterator[Result]:
     """Try rows in turn on one robot; a row that has failed, or wants a robot to itself, leaves the next a new one."""
     left = list(rows)
     while left:

@@ -120,7 +120,7 @@ def try_row(rig: Rig, row: Row) -> Result:
 
 
 def where_it_broke(error: Exception) -> str:
-    """An error in a line, with the place that raised it."""
+    """Return an error in a line, with the place that raised it."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({last.filename}:{last.lineno})"
 
@@ -151,7 +151,7 @@ def settle(rig: Rig) -> None:
 
 
 def left_alone(rig: Rig, finding: Finding) -> None:
-    """No row ends with the robot stiff and unattended."""
+    """Check that the robot is not left stiff and unattended."""
     status, truth = rig.status(), rig.truth()
     mode, power = status.mode.lower(), status.motor_power.lower()
     is_attended = bool(status.lease_owner) and not status.lease_owner.startswith("spot-rl")
@@ -163,7 +163,7 @@ def left_alone(rig: Rig, finding: Finding) -> None:
 
 
 def judge(drive: Drive, *outcomes: str, incident: bool = True) -> Finding:
-    """What every run must keep: outcome, a log that opens and says so, limits, keys, end times, an incident file."""
+    """Check what every run must keep: outcome, a log that opens and says so, limits, keys, end times, incident file."""
     summary, finding = drive.summary, Finding(drive.summary.outcome, truth=drive.hal.truth)
     finding.demand(summary.outcome in outcomes, f"ended {summary.outcome}: {summary.sentence}")
     finding.demand(drive.happened_ns > 0, "the fault never happened")
@@ -181,7 +181,7 @@ def judge(drive: Drive, *outcomes: str, incident: bool = True) -> Finding:
 
 
 def keep_invariants(log: Run, finding: Finding) -> None:
-    """Whatever was sent, from first to last."""
+    """Check every command that was sent, from first to last."""
     commands = log.commands
     if len(commands.key) == 0:
         return

@@ -29,20 +29,20 @@ ALL_BACK_DATED: Final = inject("back_dated_states", probability=1.0, shift_s=5.0
 
 
 def last_state_ns(drive: Drive) -> int:
-    """Stamp of the newest state that was used when the fault had happened."""
+    """Return the stamp of the newest state that was used when the fault had happened, ns."""
     commands = drive.log.commands
     return int(commands.state_robot_stamp_ns[commands.robot_stamp_ns <= drive.happened_ns][-1])
 
 
 def _age_ms(log: Run, sent: np.ndarray) -> float:
-    """Median age of the states that these commands answered."""
+    """Return the median age of the states that these commands answered; ``sent`` chooses commands, shape (n,)."""
     commands = log.commands
     chosen = sent & (commands.state_robot_stamp_ns > 0)
     return float(np.median((commands.robot_stamp_ns - commands.state_robot_stamp_ns)[chosen])) / NS_PER_MS
 
 
 def is_aged_by(delay_ms: float) -> Check:
-    """The states' age must be told right: as much higher as they come later."""
+    """Make the check that the states' age is told right: as much higher as they come later."""
 
     def check(_: Rig, drive: Drive, finding: Finding) -> None:
         sent_ns, at_ns = drive.log.commands.robot_stamp_ns, drive.happened_ns
@@ -56,7 +56,7 @@ def is_aged_by(delay_ms: float) -> Check:
 
 
 def tracks(_: Rig, drive: Drive, finding: Finding) -> None:
-    """The joints follow after it happened as they did before: the distance grows by less than half."""
+    """Check that the joints follow as they did before it happened: the distance grows by less than half."""
     states, commands = drive.log.states, drive.log.commands
     at = np.searchsorted(states.robot_stamp_ns, commands.robot_stamp_ns).clip(0, len(states) - 1)
     error_rad = np.abs(commands.position_rad - states.position_rad[at]).mean(axis=1)
@@ -66,7 +66,7 @@ def tracks(_: Rig, drive: Drive, finding: Finding) -> None:
 
 
 def ran(ticks: int) -> Check:
-    """So many ticks must have run."""
+    """Make the check that so many ticks ran."""
 
     def check(_: Rig, drive: Drive, finding: Finding) -> None:
         finding.demand(drive.summary.ticks >= ticks, f"only {drive.summary.ticks} ticks ran")

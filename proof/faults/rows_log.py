@@ -35,21 +35,21 @@ def hold(rig: Rig, hal: FaultyHal) -> None:
 
 
 def fill_disk(rig: Rig, _: FaultyHal) -> None:
-    """From now on the file cannot grow."""
+    """Let the file grow no more from now on."""
     logger = rig.loggers[-1]
     size = active_path(logger.path).stat().st_size
     resource.prlimit(logger.process_id, resource.RLIMIT_FSIZE, (size, size))
 
 
 def says(_: Rig, drive: Drive, finding: Finding) -> None:
-    """The run's own summary or the log counts what was lost, and the run says so."""
+    """Check that the run says what is wrong with its log, and that its summary or its log counts what was lost."""
     summary = drive.summary
     finding.demand(bool(summary.log_problem), "the run does not say what is wrong with its log")
     finding.demand(summary.log_dropped + summary.log_unwritten > 0, "nothing counts what was lost")
 
 
 def counts_states(_: Rig, drive: Drive, finding: Finding) -> None:
-    """The log was closed, and as many states are missing as were counted."""
+    """Check that the log was closed, and that as many states are missing as were counted."""
     finding.demand(drive.log.footer is not None, "the log was not closed")
     lost = int((np.diff(drive.log.states.sequence) - 1).sum())
     finding.reaction = f"completed, {lost} states lost"
@@ -58,20 +58,20 @@ def counts_states(_: Rig, drive: Drive, finding: Finding) -> None:
 
 
 def next_log_opens(rig: Rig, _: Drive, finding: Finding) -> None:
-    """The next run's log is whole where there is room again."""
+    """Check that the next run's log is whole, where there is room again."""
     drive = rig.drive(seconds=0.5)
     finding.demand(drive.summary.outcome == "completed", f"the next run ended {drive.summary.sentence}")
     finding.demand(drive.opened[0] is not None, "the next log does not open")
 
 
 def kill_then_quit(rig: Rig, hal: FaultyHal) -> None:
-    """The operator's e-stop after the log's process has died."""
+    """End the log's process, and press the operator's e-stop soon after."""
     kill(rig, hal)
     hal.plan(0.2, lambda: raise_as_fault(signal.SIGQUIT))
 
 
 def incident_shows_damping(_: Rig, drive: Drive, finding: Finding) -> None:
-    """The log is not in the e-stop's way: when damping began, from the incident file."""
+    """Time the damping from the incident file: the log is not in the e-stop's way."""
     incident = drive.incident
     finding.demand(incident is not None, "there is no incident file")
     if incident is not None:
@@ -80,7 +80,7 @@ def incident_shows_damping(_: Rig, drive: Drive, finding: Finding) -> None:
 
 
 def loses_log(name: str, lose: Callable[[Path], object], outcome: str, is_well: Callable[[Rig, Path], str]) -> Row:
-    """Somebody does something to the log's file: the run goes on to its end, which says what is left."""
+    """Make a row in which somebody does something to the log's file: the run goes on, and its end says what is left."""
 
     def attempt(rig: Rig) -> Finding:
         path = rig.new_log_path().with_suffix("") / "run.mcap"
@@ -97,19 +97,19 @@ def loses_log(name: str, lose: Callable[[Path], object], outcome: str, is_well: 
 
 
 def says_gone(rig: Rig, _: Path) -> str:
-    """What is wrong unless the log's end says that no log is left."""
+    """Return what is wrong unless the log's end says that no log is left."""
     problem = rig.loggers[-1].health().problem
     return "" if "the log c" in problem else f"nobody says that the log is gone: {problem!r}"
 
 
 def kept_both(_: Rig, path: Path) -> str:
-    """What is wrong unless neither the file nor the log was overwritten."""
+    """Return what is wrong unless neither the file nor the log was overwritten."""
     is_kept = path.read_text(encoding="utf-8") == "precious" and active_path(path).exists()
     return "" if is_kept else "a file was overwritten"
 
 
 def no_log(name: str, make: Callable[[Path], Path]) -> Row:
-    """A log that cannot be begun: refused before anything is sent to the robot."""
+    """Make a row of a log that cannot be begun: the run is refused before anything is sent to the robot."""
 
     def attempt(rig: Rig) -> Finding:
         path = make(rig.new_log_path())

@@ -34,7 +34,7 @@ MISPLACED: Final = ("position_refused", "signals_contradict")
 
 
 def first_ns(holds: Callable[[Run], np.ndarray]) -> Callable[[Drive], int]:
-    """Stamp of the first state after it happened in which this holds."""
+    """Find the stamp of the first state after it happened in which something holds, ns."""
 
     def find(drive: Drive) -> int:
         stamps = drive.log.states.robot_stamp_ns
@@ -45,14 +45,14 @@ def first_ns(holds: Callable[[Run], np.ndarray]) -> Callable[[Drive], int]:
 
 
 def is_tilted(log: Run) -> np.ndarray:
-    """Which states tilt by more than 45°."""
+    """Return which states tilt by more than 45°, shape (n,)."""
     x, y = log.states.odom_from_body_wxyz[:, 1], log.states.odom_from_body_wxyz[:, 2]
     tilted: np.ndarray = 1.0 - 2.0 * (x * x + y * y) < np.cos(0.785398)
     return tilted
 
 
 def is_low(log: Run) -> np.ndarray:
-    """Which states show a body below 0.25 m."""
+    """Return which states show a body below 0.25 m, shape (n,)."""
     pairs = zip(log.states.position_rad, log.states.odom_from_body_wxyz, strict=True)
     return np.array([body_height_m(position, wxyz) < 0.25 for position, wxyz in pairs])
 
@@ -103,12 +103,12 @@ def each_third(_: Rig, hal: FaultyHal) -> None:
 
 
 def slow_and(signal: str, way: str) -> Act:
-    """A stream of 100 Hz, and a lie in it."""
+    """Make the act of a stream of 100 Hz with a signal spoilt in it."""
     return all_of(each_third, lambda _, hal: hal.spoil(SpoiltSignal(signal, way, KNEE, 0.0)))
 
 
 def imu_late(late_s: float) -> Callable[[RobotState], RobotState]:
-    """The packets of the inertial unit have other stamps."""
+    """Return a change of the stamps of the inertial unit's packets."""
 
     def spoilt(state: RobotState) -> RobotState:
         packets = [replace(p, robot_stamp_ns=p.robot_stamp_ns + round(late_s * NS_PER_S)) for p in state.imu]
@@ -118,18 +118,18 @@ def imu_late(late_s: float) -> Callable[[RobotState], RobotState]:
 
 
 def unused(fault: str, spoilt: Callable[[RobotState], RobotState]) -> Row:
-    """A signal that nothing in control reads is wrong: that is told, and nothing stops."""
+    """Make a row of a wrong signal that nothing in control reads: it is told, and nothing stops."""
     source = ScriptedSource(BRISK, duration_s=8.0)
     return row(fault, 0.0, spoil(spoilt), "completed", missed=0, checks=(is_told("signal_doubted"),), source=source)
 
 
 def is_upright(rig: Rig, _: Drive, finding: Finding) -> None:
-    """Nobody has overturned the robot."""
+    """Check that nobody has overturned the robot."""
     finding.demand(rig.tilt_rad() < OVERTURNED_RAD, "the robot was overturned")
 
 
 def is_refused(name: str) -> Check:
-    """The policy never gets the joints, and the run says which of them."""
+    """Make the check that the policy never got the joints, and that the run names them."""
 
     def check(_: Rig, drive: Drive, finding: Finding) -> None:
         finding.demand(name in drive.summary.sentence, f"{name} is not named: {drive.summary.sentence}")
@@ -140,7 +140,7 @@ def is_refused(name: str) -> Check:
 
 
 def elsewhere(fault: str, joints: list[int], reported: Callable[[np.ndarray], np.ndarray], name: str) -> Row:
-    """Joints are reported elsewhere than their servos see them, from before the robot stands."""
+    """Make a row of joints that are reported elsewhere than their servos see them, from before the robot stands."""
 
     def spoilt(state: RobotState) -> RobotState:
         position = state.position_rad.copy()
@@ -151,7 +151,7 @@ def elsewhere(fault: str, joints: list[int], reported: Callable[[np.ndarray], np
 
 
 def drift(joints: list[int], rate_rad_s: float) -> Act:
-    """Encoders drift, too slowly for the joints' velocities to tell."""
+    """Make the act of encoders that drift, too slowly for the joints' velocities to tell."""
 
     def act(_: Rig, hal: FaultyHal) -> None:
         began_ns = hal.robot_now_ns()
@@ -167,12 +167,12 @@ def drift(joints: list[int], rate_rad_s: float) -> Act:
 
 
 def polled(fault: str, spoilt: Callable[[SlowState], SlowState]) -> Row:
-    """What is polled cannot follow from what was polled before."""
+    """Make a row in which what is polled cannot follow from what was polled before."""
     return row(fault, 3300.0, spoil_slow(spoilt), "battery_unknown", way="soft_stop", seconds=6.0)
 
 
 def without_battery(slow: SlowState) -> SlowState:
-    """A poll without a battery; some of them are passed over."""
+    """Return a poll without a battery; some of them are passed over."""
     return replace(slow, battery_charge_percent=math.nan, battery_voltage_v=math.nan, motor_temperature_c={})
 
 

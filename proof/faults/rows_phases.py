@@ -43,7 +43,7 @@ ON_THE_WAY_BACK: Final[dict[str, Any]] = {"at_s": 1.45, "seconds": 1.0}
 
 
 def before_start(fault: str, outcome: str, name: str, **parameters: str) -> Row:
-    """Wrong before a run begins: it is refused with a reason, and neither joints nor anybody's lease are taken."""
+    """Make a row of a fault before the run begins, which is refused with a reason, and takes neither joints nor a lease."""
 
     def attempt(rig: Rig) -> Finding:
         rig.inject(fault, **parameters)
@@ -62,13 +62,13 @@ def before_start(fault: str, outcome: str, name: str, **parameters: str) -> Row:
 
 
 def settles_without_power(rig: Rig, drive: Drive, finding: Finding) -> None:
-    """It ends without power, though the vendor's controller had the joints."""
+    """Check that it ends without power, though the vendor's controller had the joints."""
     settle(rig)
     is_off(rig, drive, finding)
 
 
 def term_then_quit(_: Rig, hal: FaultyHal) -> None:
-    """SIGTERM, and the e-stop right after: that still counts."""
+    """Raise SIGTERM, and the e-stop right after, which still counts."""
     hal.plan(0.01, lambda: raise_as_fault(signal.SIGQUIT))
     raise_as_fault(TERM)
 

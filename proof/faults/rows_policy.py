@@ -29,7 +29,7 @@ IS_CUT: Final = is_told("setpoint_cut")
 
 
 def gives(change: Callable[[Actions], Actions]) -> Act:
-    """The network's output is changed from now on."""
+    """Make the act from which on the network's output is changed."""
 
     def act(rig: Rig, _: FaultyHal) -> None:
         rig.policy.change.act = change
@@ -38,34 +38,34 @@ def gives(change: Callable[[Actions], Actions]) -> Act:
 
 
 def all_are(value: float) -> Act:
-    """Every action has this value."""
+    """Make the act from which on every action has this value."""
     return gives(lambda actions: np.full_like(actions, value))
 
 
 def first_is(actions: Actions, value: float) -> Actions:
-    """The same actions, but for the first joint's."""
+    """Return the same actions, but for the first joint's."""
     return np.where(np.arange(actions.shape[1]) == 0, np.float32(value), actions)
 
 
 def jumps(rig: Rig, _: FaultyHal) -> None:
-    """Every set-point jumps from stop to stop, tick by tick."""
+    """Let every set-point jump from stop to stop, tick by tick."""
     offsets = cycle((-9.0, 9.0))
     rig.policy.change.act = lambda actions: np.full_like(actions, next(offsets))
 
 
 def overshoots_twice(rig: Rig, _: FaultyHal) -> None:
-    """One joint is sent beyond its stop for two ticks."""
+    """Send one joint beyond its stop for two ticks."""
     is_wrong = chain((True, True), repeat(False))
     rig.policy.change.act = lambda actions: first_is(actions, JUST_BEYOND) if next(is_wrong) else actions
 
 
 def breaks(_: Actions) -> Actions:
-    """What a defect in the network's library looks like."""
+    """Raise an error, as a defect in the network's library does."""
     raise RuntimeError("the network is broken")
 
 
 def takes_long(rig: Rig, hal: FaultyHal) -> None:
-    """The network takes 45 ms of robot time a tick."""
+    """Let the network take 45 ms of robot time a tick."""
 
     def change(actions: Actions) -> Actions:
         hal.pace.pause(0.045)
@@ -75,14 +75,14 @@ def takes_long(rig: Rig, hal: FaultyHal) -> None:
 
 
 def is_logged_as_asked(_: Rig, drive: Drive, finding: Finding) -> None:
-    """The log holds what the policy asked for before it was cut."""
+    """Check that the log holds what the policy asked for before it was cut."""
     commands = drive.log.commands
     asked_rad = np.abs(commands.requested_position_rad - commands.position_rad).max()
     finding.demand(asked_rad > 0.05, "the log does not hold what was asked")
 
 
 def not_loaded(name: str, change: Callable[[bytes], bytes]) -> Row:
-    """A file that is not what was exported is refused, in words."""
+    """Make a row of a file that is not what was exported: it is refused, in words."""
 
     def attempt(rig: Rig) -> Finding:
         finding = Finding("refused to load")
@@ -98,14 +98,14 @@ def not_loaded(name: str, change: Callable[[bytes], bytes]) -> Row:
 
 
 def with_byte_changed(data: bytes) -> bytes:
-    """One weight's exponent changed in the middle of the file."""
+    """Change one weight's exponent in the middle of the file."""
     changed = bytearray(data)
     changed[len(data) // 2 | 3] ^= 0x7F
     return bytes(changed)
 
 
 def replaced_file(rig: Rig) -> Finding:
-    """The file is replaced while it runs: what was loaded, runs."""
+    """Replace the file while it runs: what was loaded, runs."""
     copy, data = rig.folder / "replaced.onnx", rig.policy_file.read_bytes()
     copy.write_bytes(data)
     drive = rig.drive(lambda _: copy.write_bytes(b"noise" * 1000), policy=load_policy(copy))

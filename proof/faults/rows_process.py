@@ -51,7 +51,7 @@ class Running:
 
 @contextmanager
 def running(rig: Rig) -> Iterator[Running]:
-    """``spot-rl run`` until the policy is in control; whatever happens, it is gone afterwards."""
+    """Start ``spot-rl run`` and wait until the policy is in control; whatever happens, it is gone afterwards."""
     folder = rig.new_log_path().with_suffix("")
     words = ["run", "--robot", rig.address.robot, "--policy", str(rig.policy_file), "--duration", "600"]
     words += ["--log-dir", str(folder), "--ca-file", str(rig.address.ca_file)]
@@ -67,7 +67,7 @@ def running(rig: Rig) -> Iterator[Running]:
 
 
 def start(words: Sequence[str]) -> ChildProcess:
-    """``spot-rl`` with these words."""
+    """Start ``spot-rl`` with these words."""
     return ChildProcess.start("spot_model", *words, told=b"", output=HEARD, errors=subprocess.STDOUT)
 
 
@@ -88,7 +88,7 @@ def await_line(process: ChildProcess, text: str) -> None:
 
 
 def stops_ms(rig: Rig, before_ns: int) -> float:
-    """Time until joint control is over, with no help from the runtime.
+    """Wait until joint control is over, with no help from the runtime. Returns how long that takes, ms.
 
     In lock-step, robot time stands still once the runtime does; in real time it counts from ``before_ns``.
     """
@@ -107,12 +107,12 @@ def stops_ms(rig: Rig, before_ns: int) -> float:
 
 
 def check_words(said: str, finding: Finding) -> None:
-    """What a process said holds no traceback."""
+    """Check that what a process said holds no traceback."""
     finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
 
 
 def check_logs(folder: Path, finding: Finding) -> None:
-    """Every log there opens, after recovery where it was cut."""
+    """Check that every log there opens, after recovery where it was cut."""
     try:
         recover_leftovers(folder)
         logs = [path for path in folder.iterdir() if path.name.endswith((".mcap", ".active"))]
@@ -125,7 +125,7 @@ def check_logs(folder: Path, finding: Finding) -> None:
 
 
 def killed(rig: Rig, *, with_logger: bool) -> Finding:
-    """The runtime is gone from one instant to the next; the robot stops by itself, and a restart moves nothing."""
+    """End the runtime from one instant to the next: the robot stops by itself, and a restart moves nothing."""
     finding = Finding("the robot stops by itself")
     with running(rig) as run:
         children = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text(encoding="ascii")
@@ -149,7 +149,7 @@ def killed(rig: Rig, *, with_logger: bool) -> Finding:
 
 
 def held(rig: Rig) -> Finding:
-    """The runtime stands still for a second, then goes on: it stops, and does not go on walking."""
+    """Let the runtime stand still for a second, then go on: it stops, and does not go on walking."""
     finding = Finding("the robot stops by itself")
     with running(rig) as run:
         before_ns = rig.status().robot_stamp_ns
@@ -169,7 +169,7 @@ def held(rig: Rig) -> Finding:
 
 
 def limited(rig: Rig, what: int, room: Callable[[int], int]) -> Finding:
-    """The system grants the runtime nothing more of something; then it is told to stop."""
+    """Grant the runtime nothing more of something, then tell it to stop."""
     with running(rig) as run:
         limit = room(run.process.pid)
         resource.prlimit(run.process.pid, what, (limit, limit))
@@ -186,13 +186,13 @@ def limited(rig: Rig, what: int, room: Callable[[int], int]) -> Finding:
 
 
 def mapped_bytes(process_id: int) -> int:
-    """What a process has mapped already."""
+    """Return what a process has mapped already."""
     pages = int(Path(f"/proc/{process_id}/statm").read_text(encoding="ascii").split()[0])
     return pages * resource.getpagesize()
 
 
 def signalled(rig: Rig, number: signal.Signals, *, closes_output: bool = False) -> Finding:
-    """A signal ends the run, the robot sits, and the exit code says why."""
+    """Send a signal: it ends the run, the robot sits, and the exit code says why."""
     with running(rig) as run:
         if closes_output:
             run.process.output.close()
@@ -207,7 +207,7 @@ def signalled(rig: Rig, number: signal.Signals, *, closes_output: bool = False) 
 
 
 def second(rig: Rig) -> Finding:
-    """A second runtime of this computer is refused; the first does not notice."""
+    """Start a second runtime on this computer: it is refused, and the first does not notice."""
     with running(rig) as first:
         began_s = time.monotonic()
         with start(first.words) as other:

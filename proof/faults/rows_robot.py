@@ -28,7 +28,7 @@ QUIT: Final = raise_signals(signal.SIGQUIT)
 
 
 def runs_again(outcome: str, **changes: Any) -> Check:
-    """The next run must end so."""
+    """Make the check that the next run ends so."""
 
     def check(rig: Rig, _: Drive, finding: Finding) -> None:
         summary = rig.drive(seconds=1.0, **changes).summary
@@ -38,13 +38,13 @@ def runs_again(outcome: str, **changes: Any) -> Check:
 
 
 def is_left_to_the_thief(rig: Rig, _: Drive, finding: Finding) -> None:
-    """The lease is never taken back."""
+    """Check that the lease is never taken back."""
     owner = rig.status().lease_owner
     finding.demand(owner == "tablet-7", f"the lease is now {owner}'s")
 
 
 def is_damped(rig: Rig, drive: Drive, finding: Finding) -> None:
-    """The operator's own e-stop: damping at once, then no power."""
+    """Check what the operator's own e-stop does: damping at once, then no power."""
     finding.reaction += " → damping"
     damped(rig, drive, finding)
     rig.step(2.0)
@@ -52,12 +52,12 @@ def is_damped(rig: Rig, drive: Drive, finding: Finding) -> None:
 
 
 def is_pressed(rig: Rig, _: Drive, finding: Finding) -> None:
-    """Our own e-stop holds the robot."""
+    """Check that our own e-stop holds the robot."""
     finding.demand(rig.is_estopped, "the e-stop is not pressed")
 
 
 def sits(_: Rig, drive: Drive, finding: Finding) -> None:
-    """A good end: in place, back to the vendor's stand, then it sits."""
+    """Time a good end: in place, back to the vendor's stand, then it sits."""
     hal = drive.hal
     finding.reaction += " → sits"
     finding.reaction_ms = (hal.power_off_ns - hal.happened_ns) / NS_PER_MS
@@ -66,7 +66,7 @@ def sits(_: Rig, drive: Drive, finding: Finding) -> None:
 
 
 def end_times(_: Rig, drive: Drive, finding: Finding) -> None:
-    """Put in the largest jump between the end times of two commands, against the host's clock."""
+    """Measure the largest jump between the end times of two commands, against the host's clock."""
     commands = drive.log.commands
     offset_ns = commands.end_robot_stamp_ns - commands.host_stamp_ns
     finding.reaction_ms = float(np.abs(np.diff(offset_ns)).max()) / NS_PER_MS
@@ -74,7 +74,7 @@ def end_times(_: Rig, drive: Drive, finding: Finding) -> None:
 
 
 def is_reached_again(rig: Rig, _: Drive, finding: Finding) -> None:
-    """Soon after, the robot can be reached again, and nothing moves until somebody asks."""
+    """Check that the robot can be reached again soon after, and that nothing moves until somebody asks."""
     began_s = time.monotonic()
     rig.step(0.2)  # what was on the wire arrives
     commands = rig.status().commands_received
@@ -109,7 +109,7 @@ class SilentPad:
 
 
 def dead_man(rig: Rig) -> Finding:
-    """The operator's pad falls silent: the velocity command is zero soon after."""
+    """Let the operator's pad fall silent: the velocity command is zero soon after."""
     pad = SilentPad()
 
     def fall_silent(hal: FaultyHal) -> None:

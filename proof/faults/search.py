@@ -124,14 +124,14 @@ class Case:
 
 
 def draw(rng: np.random.Generator) -> Case:
-    """A case from scratch."""
+    """Draw a case from scratch."""
     when: When = "control" if rng.random() < 0.8 else ("up" if rng.random() < 0.5 else "down")
     count = 1 + int(rng.integers(MAX_FAULTS)) if rng.random() < 0.6 else 1
     return Case(when, WALK_S, tuple(_draw_fault(rng) for _ in range(count)))
 
 
 def vary(case: Case, rng: np.random.Generator) -> Case:
-    """A case near another: a fault moved, scaled, added, taken away or drawn anew."""
+    """Draw a case near another: a fault moved, scaled, added, taken away or drawn anew."""
     faults, index = list(case.faults), int(rng.integers(len(case.faults)))
     way = rng.random()
     if way < 0.3:
@@ -224,7 +224,7 @@ def judge_case(rig: Rig, case: Case) -> Verdict:
     return Verdict(case, summary.outcome, finding.problems, 100.0 * len(finding.problems) + near + torque)
 
 
-def searched(seed: int, minutes: float, policy: Path, folder: Path, scenario: str = "default") -> Iterator[Verdict]:
+def search_cases(seed: int, minutes: float, policy: Path, folder: Path, scenario: str = "default") -> Iterator[Verdict]:
     """Try cases for some minutes; a robot that a case leaves unusable is replaced by a new one."""
     rng, until_s = np.random.default_rng(seed), time.monotonic() + 60.0 * minutes
     worst: list[Verdict] = []

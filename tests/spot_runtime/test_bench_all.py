@@ -16,7 +16,7 @@ from proof.bench_all import (
     ScriptError,
     all_claims,
     flat,
-    judged,
+    judge_ratio,
     read_claims,
     run_script,
     spread,
@@ -134,7 +134,7 @@ def test_median_and_spread_by_hand() -> None:
     assert spread([3.0, 1.0, 10.0]) == {"median": 3.0, "low": 1.0, "high": 10.0}
     # Ratios of medians would be 6 / 2 = 3; within the repeats they are 6, 2 and 10.
     repeats = [{"a": 6.0, "b": 1.0}, {"a": 4.0, "b": 2.0}, {"a": 30.0, "b": 3.0}]
-    assert judged(Ratio("a", "b"), repeats)["median"] == 6.0
+    assert judge_ratio(Ratio("a", "b"), repeats)["median"] == 6.0
 
 
 def test_every_claim_names_a_script_that_is_there_and_the_whole_takes_under_25_minutes() -> None:
