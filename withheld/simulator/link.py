@@ -67,7 +67,7 @@ def deliveries(
     extra: Array = np.zeros(n_states)
     # Each part draws from a generator of its own: one more of them changes no other draw of the run.
     for part, own in zip(parts, rng.spawn(len(parts)), strict=True):
-        extra = extra + part.extra_s(n_states, own)
+        extra = extra + part(n_states, own)
     is_sent = np.ones(n_states, dtype=np.bool_)
     if link.schedule == "divider":
         is_sent = np.isin(np.arange(n_states), ticks)

@@ -50,25 +50,12 @@ class TorquePart(Protocol):
         """The torque that comes out, shape (n, 12); the argument stays as it is."""
 
 
-class SetpointPart(Protocol):
-    """Something that the program does to set-points."""
-
-    def act(self, setpoint_rad: Array) -> Array:
-        """Shape (n, 12) to the same."""
-
-
-class DelayPart(Protocol):
-    """Something that happens to commands on their way."""
-
-    def extra_s(self, n_commands: int, rng: np.random.Generator) -> Array:
-        """Added to each command's delay, shape (n_commands,); infinity for a lost one."""
-
-
-class BodyForce(Protocol):
-    """An outer force on the body."""
-
-    def force_n(self, velocity_m_s: Array, time_s: float) -> Array:
-        """World frame, at the body's centre of mass, from velocities (n, 3) in the world; shape (n, 3)."""
+SetpointPart = Callable[[Array], Array]
+"""What the program does to set-points, shape (n, 12) to the same."""
+DelayPart = Callable[[int, np.random.Generator], Array]
+"""Seconds that are added to each of some commands' delays, shape (n_commands,); infinity for a lost one."""
+BodyForce = Callable[[Array, float], Array]
+"""Force on the body in the world, N, shape (n, 3), from its velocities, m/s, shape (n, 3), and the time, s."""
 
 
 class ReadingPart(Protocol):

@@ -159,7 +159,7 @@ class _Simulation:
     def _push_body(self, time_s: float) -> None:
         body = self.model.body("body").id
         for part in self.robot.body_forces:
-            self._pushed[:, body, :3] = part.force_n(self.velocity[:, :3], time_s)
+            self._pushed[:, body, :3] = part(self.velocity[:, :3], time_s)
 
     def _foot_force_n(self) -> Array:
         """True normal forces, shape (n, 4)."""
@@ -245,7 +245,7 @@ class _Simulation:
         action = np.concatenate([self.policy.act(row[None]) for row in observation])
         asked = self.policy.setpoint_rad(action)
         for part in self.robot.setpoints:
-            asked = part.act(asked)
+            asked = part(asked)
         if self.policy.session is None:
             # A joint experiment: no network saw or said anything, and nobody asked for a velocity.
             observation, action, command = np.full((3, len(runs), 1), np.nan)

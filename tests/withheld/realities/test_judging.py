@@ -95,7 +95,7 @@ def test_waits_have_their_means_and_losses_their_share() -> None:
     ):
         robot = Robot()
         stated = install(robot, ask())
-        assert reads(robot.delays[0].extra_s(n, rng)) == pytest.approx(stated[word], rel=0.05)
+        assert reads(robot.delays[0](n, rng)) == pytest.approx(stated[word], rel=0.05)
 
 
 def test_averaged_rates_lag_by_the_stated_time() -> None:

@@ -106,7 +106,7 @@ class MixedSetpoints:
     def __init__(self, share: float) -> None:
         self._share = share
 
-    def act(self, setpoint_rad: Array) -> Array:
+    def __call__(self, setpoint_rad: Array) -> Array:
         """With the other side's."""
         out = setpoint_rad.copy()
         off = setpoint_rad - facts.DEFAULT_POSITION_RAD
@@ -128,7 +128,7 @@ class Wind:
     def __init__(self, wind_m_s: Array) -> None:
         self._wind = wind_m_s
 
-    def force_n(self, velocity_m_s: Array, time_s: float) -> Array:
+    def __call__(self, velocity_m_s: Array, time_s: float) -> Array:
         """The same law for every run."""
         against = self._wind - velocity_m_s
         return np.asarray(DRAG_N_S2_PER_M2 * np.linalg.norm(against, axis=1, keepdims=True) * against)

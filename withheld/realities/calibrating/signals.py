@@ -43,7 +43,7 @@ class _Queue:
     WANDER = 0.06
     MEMORY = 0.97
 
-    def extra_s(self, n_commands: int, rng: np.random.Generator) -> Array:
+    def __call__(self, n_commands: int, rng: np.random.Generator) -> Array:
         """A mean and a first-order random walk about it."""
         steps = rng.standard_normal(n_commands) * np.sqrt(1.0 - self.MEMORY**2)
         walk = np.empty(n_commands)
@@ -61,7 +61,7 @@ class _Stutter:
     MEAN_OF_SHAPE = 1.133
     """Of Weibull's distribution with scale 1: Γ(1 + 1/0.8)."""
 
-    def extra_s(self, n_commands: int, rng: np.random.Generator) -> Array:
+    def __call__(self, n_commands: int, rng: np.random.Generator) -> Array:
         """Independent waits."""
         return np.asarray(self.mean_s / self.MEAN_OF_SHAPE * rng.weibull(self.SHAPE, n_commands))
 
@@ -72,7 +72,7 @@ class _Bursts:
     LEAVE = 0.7
     """Chance that a burst ends with each command."""
 
-    def extra_s(self, n_commands: int, rng: np.random.Generator) -> Array:
+    def __call__(self, n_commands: int, rng: np.random.Generator) -> Array:
         """Infinity where a command is lost."""
         enter = self.share * self.LEAVE / (1.0 - self.share)
         draws = rng.random(n_commands).tolist()

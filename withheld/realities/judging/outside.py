@@ -185,7 +185,7 @@ class Tugs:
         self._pull = force_n * np.array([np.cos(towards_rad), np.sin(towards_rad), 0.1])
         self._period_s = period_s
 
-    def force_n(self, velocity_m_s: Array, time_s: float) -> Array:
+    def __call__(self, velocity_m_s: Array, time_s: float) -> Array:
         """The same for every run."""
         strength = 0.3 + 0.7 * max(0.0, np.sin(2.0 * np.pi * time_s / self._period_s)) ** 2
         return np.tile(strength * self._pull, (len(velocity_m_s), 1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,17 +21,6 @@ BEAT_S, BEAT_SHARE = 0.7, 0.15
 SCALE, POSE_RAD, SWAP = 0.25, 0.08, 0.4
 
 
-@dataclass(frozen=True)
-class Wait:
-    """Extra delays by a function of the number of commands and a generator."""
-
-    draw: Callable[[int, np.random.Generator], Array]
-
-    def extra_s(self, n_commands: int, rng: np.random.Generator) -> Array:
-        """Shape (n_commands,), infinity for a lost command."""
-        return self.draw(n_commands, rng)
-
-
 def late(robot: Robot, ask: Ask) -> Parameters:
     """A fixed delay with the sawtooth of two clocks that drift past each other."""
     mean = ask.size * DELAY_S
@@ -41,7 +29,7 @@ def late(robot: Robot, ask: Ask) -> Parameters:
         turns = np.arange(n) * STATE_PERIOD_NS * 1e-9 / BEAT_S + rng.random()
         return np.asarray(mean * (1.0 + BEAT_SHARE * (2.0 * (turns % 1.0) - 1.0)))
 
-    robot.delays.append(Wait(draw))
+    robot.delays.append(draw)
     return {"command_delay.delay_s": mean}
 
 
@@ -52,15 +40,14 @@ def uneven(robot: Robot, ask: Ask) -> Parameters:
     def draw(n: int, rng: np.random.Generator) -> Array:
         return np.asarray(mean * np.exp(TAIL * rng.standard_normal(n) - 0.5 * TAIL**2))
 
-    robot.delays.append(Wait(draw))
+    robot.delays.append(draw)
     return {"command_jitter.mean_s": mean}
 
 
 def lost(robot: Robot, ask: Ask) -> Parameters:
     """Commands that are lost one by one."""
     share = ask.size * LOSS
-    wait = Wait(lambda n, rng: np.where(rng.random(n) < share, np.inf, 0.0))
-    robot.delays.append(wait)
+    robot.delays.append(lambda n, rng: np.where(rng.random(n) < share, np.inf, 0.0))
     return {"command_drop.probability": share}
 
 
@@ -72,7 +59,7 @@ class Program:
     offset: Array
     share: Array
 
-    def act(self, setpoint_rad: Array) -> Array:
+    def __call__(self, setpoint_rad: Array) -> Array:
         """What the program sends."""
         about = facts.DEFAULT_POSITION_RAD
         sent = about + self.scale * (setpoint_rad - about) + self.offset
