@@ -32,8 +32,19 @@ def compare(
     """Compare a log with other logs or simulations: one page, and a ghost Spot in Foxglove."""
     typer.echo("loading the simulator …", err=True)
     from compare.cause import check_verdict, read_verdict
-    from compare.compare import FILES, LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
-    from compare.sources import is_model, read_other, read_reference
+    from compare.compare import (
+        FILES,
+        LAYOUT_NAME,
+        LOG_NAME,
+        PAGE_NAME,
+        Named,
+        compare_runs,
+        is_model,
+        named,
+        read_other,
+        read_reference,
+        write_comparison,
+    )
     from spot_model.io.whole import check_new
 
     check_new(*(out / name for name in FILES))

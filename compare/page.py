@@ -13,7 +13,7 @@ from compare.tracks import SLIP_S, STEP_S, Array, Track
 from spot_log.page.chart import Series, Shade, chart
 from spot_log.page.look import boxed, folded, framed, headed, listed, table
 from spot_log.page.rows import Cell, heat_map, stance
-from spot_log.page.svg import esc, legend
+from spot_log.page.svg import esc, legend, liveliest
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
 CLOSE: Final = 0.10
@@ -124,7 +124,7 @@ def _by_joint(found: Sequence[Differences]) -> str:
 
 def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause]) -> str:
     signal, joint, _ = max(found, key=lambda d: d.largest[2]).largest
-    rows = liveliest(tracks[0], SPAN_S)
+    rows = _shown(tracks[0])
     j, from_s = JOINT_NAMES.index(joint), rows.start * STEP_S
     names = dict.fromkeys((signal, "position_rad", "load_nm"))
     figures = []
@@ -137,7 +137,7 @@ def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: 
 
 
 def _gait(tracks: Sequence[Track]) -> str:
-    rows = liveliest(tracks[0], SPAN_S)
+    rows = _shown(tracks[0])
     parts = []
     for i, track in enumerate(tracks):
         figure = stance(track.foot_contact[rows], LEG_NAMES, COLOURS[i % len(COLOURS)])
@@ -219,10 +219,6 @@ def over_time(
     return chart(series, title, x_unit=" s", height=height, shades=shades)
 
 
-def liveliest(track: Track, span_s: float) -> slice:
-    """The stretch of ``span_s`` in which the joints move most."""
-    length = min(len(track), round(span_s / STEP_S))
-    speed = np.nan_to_num(np.abs(track.velocity_rad_s).sum(axis=1))
-    sums = np.concatenate([[0.0], np.cumsum(speed)])
-    start = int(np.argmax(sums[length:] - sums[:-length]))
-    return slice(start, start + length)
+def _shown(track: Track) -> slice:
+    """The stretch in which the joints move most."""
+    return liveliest(np.abs(track.velocity_rad_s).sum(axis=1), round(SPAN_S / STEP_S))

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from compare.compare import Comparison, Named, compare_runs, named, write_comparison
-from compare.sources import simulate_like
+from compare.compare import Comparison, Named, compare_runs, named, simulate_like, write_comparison
 from diagnosis.closed_loop.simulation import SensorNoise
 from diagnosis.document import Verdict
 from diagnosis.library.registry import chosen_library

@@ -13,7 +13,7 @@ import numpy as np
 from diagnosis.channels import Array
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.chart import Series, chart
-from spot_log.page.svg import HALF, thinned
+from spot_log.page.svg import HALF, liveliest, thinned
 from spot_log.read.run import Run
 from trainer.signals.policy_ticks import policy_ticks
 
@@ -65,10 +65,11 @@ def _time_s(run: Run) -> Array | None:
 def _liveliest_s(run: Run, time_s: Array, joint: int) -> float:
     """Begin of the stretch in which the joint moves most, time under the policy."""
     stamps_ns = run.ticks.robot_stamp_ns[policy_ticks(run)]
-    starts = np.arange(0.0, max(float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 - SPAN_S, 0.0) + 0.25, 0.5)
-    speed = np.nan_to_num(run.states.velocity_rad_s[:, joint]) ** 2
-    energy = [float(speed[(time_s >= s) & (time_s < s + SPAN_S)].sum()) for s in starts]
-    return float(starts[int(np.argmax(energy))])
+    inside = np.flatnonzero((time_s >= 0.0) & (time_s <= float(stamps_ns[-1] - stamps_ns[0]) * 1e-9))
+    if not len(inside):
+        return 0.0
+    length = int(np.searchsorted(time_s[inside], time_s[inside[0]] + SPAN_S))
+    return float(time_s[inside][liveliest(run.states.velocity_rad_s[inside, joint] ** 2, length).start])
 
 
 def in_phase_s(real: Run, other: Run, joint: int, from_s: float) -> float:

@@ -113,6 +113,14 @@ def thinned(values: ArrayLike, at_most: int) -> NDArray[np.intp]:
     return np.unique([0, *peaks, n - 1])
 
 
+def liveliest(sizes: ArrayLike, length: int) -> slice:
+    """The stretch of ``length`` rows, at least one, in which ``sizes``, shape (n,), sum up to most; NaN counts as 0."""
+    sums = np.concatenate([[0.0], np.cumsum(np.nan_to_num(np.asarray(sizes, dtype=np.float64)))])
+    length = max(1, min(length, len(sums) - 1))
+    start = int(np.argmax(sums[length:] - sums[:-length]))
+    return slice(start, start + length)
+
+
 HEAT = ((255, 246, 219), (254, 217, 118), (253, 141, 60), (227, 26, 28), (128, 0, 38))
 """Pale to dark red."""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot_log.page.chart import Series, chart
 from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
-from spot_log.page.svg import HALF, esc, legend
+from spot_log.page.svg import HALF, esc, legend, liveliest
 from spot_model.robot import facts
 from spot_model.text import counted
 from trainer.sysid.identify import Identification
@@ -167,7 +167,7 @@ def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces
     scale = problem.policy.contract.action_scale_rad * facts.POLICY_KP_NM_PER_RAD
     for reference, cases in zip(problem.references, problem.cases, strict=True):
         run = next(r for r in found.preparation.logs.compared if sequence_of(r) == reference.sequence)
-        stretch = _liveliest(run.ticks.velocity_command, len(run.ticks.action), rate_hz)
+        stretch = liveliest(np.linalg.norm(run.ticks.velocity_command, axis=1), round(OVERLAY_S * rate_hz))
         real_torque = _at_ticks(run.ticks.robot_stamp_ns, run.states.robot_stamp_ns, run.states.load_nm)
         traces = [
             (run.ticks.action[:, problem.policy.canonical_from_policy], real_torque),
@@ -190,14 +190,6 @@ def _overlay(sequence: str, stretch: slice, rate_hz: float, traces: Traces) -> s
     about = "Two knees, in the seconds with the largest velocities. The gaits drift out of phase."
     content = legend(RUNS) + f"<div class='two' style='margin:0'>{''.join(figures)}</div>"
     return boxed(f"Robot and simulation: {_plain(sequence)}", about, content)
-
-
-def _liveliest(command: NDArray[np.float64], n_ticks: int, rate_hz: float) -> slice:
-    """The stretch in which the largest velocities are commanded."""
-    length = min(n_ticks, round(OVERLAY_S * rate_hz))
-    size = np.cumsum(np.concatenate([[0.0], np.linalg.norm(command, axis=1)]))
-    start = int(np.argmax(size[length:] - size[:-length]))
-    return slice(start, start + length)
 
 
 def _at_ticks(tick_ns: NDArray[np.int64], state_ns: NDArray[np.int64], values: NDArray[Any]) -> NDArray[Any]:
