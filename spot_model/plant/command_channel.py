@@ -79,6 +79,17 @@ class SentCommand:
     """When it takes effect in each simulation, shape (n,); infinity where it was lost or dropped."""
     command: Any
     """A :class:`ServoCommand` or position set-points, shape (n, 12)."""
+    first_s: float = -math.inf
+    """No simulation receives it earlier; not known on a GPU."""
+    last_s: float = math.inf
+    """None receives it later; not known on a GPU."""
+
+    @classmethod
+    def on_cores(cls, number: int, arrival_s: Array, command: Any) -> SentCommand:
+        """A command with bounds of its arrival, so that most steps need not look at the single simulations."""
+        finite_s = arrival_s[np.isfinite(arrival_s)]
+        first_s, last_s = finite_s.min(initial=math.inf), finite_s.max(initial=-math.inf)
+        return cls(number, arrival_s, command, float(first_s), float(last_s))
 
     def take(self, other: SentCommand) -> None:
         """On a GPU, hold another command from now on."""
@@ -123,13 +134,12 @@ class CommandQueue:
         arrival = xp.astype(arrival_of(self._issued_s + now_s, self._effects, self._rng), xp.float64)
         arrival = xp.maximum(arrival, self._latest_s)
         self._latest_s = moved_on(self._latest_s, xp.where(xp.isfinite(arrival), arrival, self._latest_s))
-        new = SentCommand(number, arrival, command)
         if self.grows:
-            self.sent.append(new)
+            self.sent.append(SentCommand.on_cores(number, arrival, command))
             return
         for older, newer in pairwise(self.sent):
             older.take(newer)
-        self.sent[-1].take(new)
+        self.sent[-1].take(SentCommand(number, arrival, command))
 
     def drop(self, rows: AnyArray) -> None:
         """Drop what is on its way in the simulations of ``rows``, shape (n,)."""
@@ -152,7 +162,7 @@ class CommandQueue:
         self._latest_s = np.array(snapshot["latest_s"])
         n = len(self._latest_s)
         self.sent = [
-            SentCommand(0, np.array(entry["arrival_s"]), ServoCommand(**entry["command"]).copied_for(n))
+            SentCommand.on_cores(0, np.array(entry["arrival_s"]), ServoCommand(**entry["command"]).copied_for(n))
             for entry in snapshot["pending"]
         ]
 
@@ -200,8 +210,9 @@ class CommandChannel:
         if self._is_late and sent:
             until_s = now_s + self._tolerance_s
             for entry in sent:
-                active = _merged(entry.arrival_s <= until_s, entry.command, active)
-            while self._queue.grows and sent and _is_over(sent[0], until_s):
+                if entry.first_s <= until_s:
+                    active = _merged(entry.arrival_s <= until_s, entry.command, active)
+            while sent and sent[0].last_s <= until_s:
                 self._held = _merged(sent[0].arrival_s <= until_s, sent[0].command, self._held)
                 del sent[0]
         return active if isinstance(active, ServoCommand) else replace(self._newest, position_rad=active)
@@ -266,11 +277,6 @@ def _merged(rows: AnyArray, new: Any, old: Any) -> Any:
     if isinstance(new, ServoCommand):
         return new.where(rows, old)
     return namespace_of(new).where(rows[:, None], new, old)
-
-
-def _is_over(sent: SentCommand, until_s: float) -> bool:
-    """Whether a command has arrived in every simulation in which it is not lost."""
-    return bool(((sent.arrival_s <= until_s) | np.isinf(sent.arrival_s)).all())
 
 
 def longest_delay_s(effects: Sequence[CommandEffect], n: int) -> float:
