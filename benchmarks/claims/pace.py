@@ -37,7 +37,7 @@ from identify_fake import scenario_data, truths
 from fake_robot.scenario.scenario import scenario_from_data
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.plant.torque import TorqueChain
+from spot_model.plant.effect_chains import TorqueChain
 from spot_model.robot import facts
 from spot_model.robot.facts import PaperActuator, per_joint
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf

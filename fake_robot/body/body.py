@@ -13,8 +13,8 @@ from fake_robot.body.drive import Drive
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Motion, SensorEffect, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
+from spot_model.plant.effect_chains import EstimateChain, SensorChain
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
-from spot_model.plant.sensing import Sensing
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, Array
 from spot_model.robot.mjcf_options import BEYOND_GEOM, GROUND_GEOM
@@ -69,7 +69,9 @@ class Body:
         self.torque_gain: Array | None = None
         """A fault of the drives: motor torque is multiplied by this, shape (12,)."""
         self._sit_down()
-        self._sensing = Sensing(sensors, estimators, self._true_reading(), self._true_estimate())
+        reading = self._true_reading()
+        self._sensor_chain = SensorChain(sensors, reading.position_rad, reading)
+        self._estimate_chain = EstimateChain(estimators, reading.position_rad, self._true_estimate())
         self._reading: JointReading | None = None
         self._still = self._state()
 
@@ -86,7 +88,7 @@ class Body:
             self.motor_torque_nm[:] = torque if self.torque_gain is None else torque * self.torque_gain
         mujoco.mj_step(self.model, self._data)
         if self.has_sensors:
-            self._reading = self._sensing.read(self._true_reading(), self._dt_s, self._rng)
+            self._reading = self._sensor_chain.read(self._true_reading(), self._dt_s, self._rng)
 
     def push(self, linear_velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
         """Add to the body's velocity at once: linear in the world, angular in the body."""
@@ -120,7 +122,7 @@ class Body:
     def estimate(self, dt_s: float) -> BodyEstimate:
         """What the estimator reports, before the scenario's noise, ``dt_s`` after the last time; first axis 1."""
         truth = self._true_estimate()
-        return self._sensing.estimate(truth, self.reading(), dt_s, self._rng) if self.has_estimators else truth
+        return self._estimate_chain.estimate(truth, self.reading(), dt_s, self._rng) if self.has_estimators else truth
 
     def link_torque_nm(self) -> Array:
         """Torque between gearbox and link, shape (12,)."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from spot_model.effects.base import IdleBox, JointReading, Motion, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.plant.torque import TorqueChain
+from spot_model.plant.effect_chains import TorqueChain
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import KNEE_TABLE_TORQUE_NM, N_JOINTS, Array
@@ -83,7 +83,7 @@ class Drive:
 
     def reset(self) -> None:
         """Start the effects' memories afresh."""
-        self._chain.reset(np.array([True]))
+        self._chain.reset_from_rest(np.array([True]))
 
 
 def _rows(box: IdleBox) -> tuple[Array, Array]:

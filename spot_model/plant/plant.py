@@ -24,11 +24,10 @@ from spot_model.effects.base import (
     TorqueEffect,
 )
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
+from spot_model.plant.effect_chains import EstimateChain, SensorChain, TorqueChain
 from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
 from spot_model.plant.physics import PlantDivergedError, PlantOptions, make_physics
 from spot_model.plant.plant_state import PlantState
-from spot_model.plant.sensing import Sensing
-from spot_model.plant.torque import TorqueChain
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, like, namespace_of
@@ -97,7 +96,8 @@ class Plant(PlantState):
         sensors = [e for e in acting if isinstance(e, SensorEffect)]
         estimators = [e for e in acting if isinstance(e, EstimateEffect)]
         self._has_sensing = bool(sensors or estimators)
-        self._sensing = Sensing(sensors, estimators, self.true_reading(), self.true_estimate())
+        self._sensors = SensorChain(sensors, rest, self.true_reading())
+        self._estimators = EstimateChain(estimators, rest, self.true_estimate())
         self.reset()
 
     @property
@@ -278,12 +278,13 @@ class Plant(PlantState):
         self._write(self._qvel[:, :3], mask, linear_vel_of_body_in_world_m_s)
         self._write(self._qvel[:, 3:6], mask, angular_vel_of_body_in_body_rad_s)
         self._write(self._joint_vel, mask, joint_velocity_rad_s)
-        self._torques.reset(mask)
+        self._torques.reset_from_rest(mask)
         self._channel.reset(mask, ServoCommand(position_rad=copy_of(self._joint_pos)))
         if self._is_on_host or ids is None:
             self.physics.forward(mask)
         if self._has_sensing:
-            self._sensing.reset(mask, self.true_reading(), self.true_estimate())
+            self._sensors.reset(mask, self.true_reading())
+            self._estimators.reset(mask, self.true_estimate())
             self._sense(0.0)
 
     def snapshot(self) -> dict[str, Any]:
@@ -295,7 +296,8 @@ class Plant(PlantState):
             "n_steps": self._n_steps,
             "commands": self._channel.snapshot(),
             "memories": self._torques.snapshot(),
-            "sensing": self._sensing.snapshot(),
+            "sensors": self._sensors.snapshot(),
+            "estimators": self._estimators.snapshot(),
             "reported": leaves((self.reading, self.estimate)),
             "rng": self._rng.bit_generator.state,
         }
@@ -318,7 +320,8 @@ class Plant(PlantState):
             raise ValueError(f"the snapshot has shape {state.shape}, the plant {self.batch.state.shape}")
         self._torques.restore(snapshot["memories"])
         self._channel.restore(snapshot["commands"])
-        self._sensing.restore(snapshot["sensing"])
+        self._sensors.restore(snapshot["sensors"])
+        self._estimators.restore(snapshot["estimators"])
         self._reading, self._estimate = with_leaves((self.reading, self.estimate), snapshot["reported"])
         self._rng.bit_generator.state = snapshot["rng"]
         self._n_steps = int(snapshot["n_steps"])
@@ -331,8 +334,8 @@ class Plant(PlantState):
     # Private ---------------------------------------------------------------------------------------------------------
 
     def _sense(self, dt_s: float) -> None:
-        reading = self._sensing.read(self.true_reading(), dt_s, self._rng)
-        estimate = self._sensing.estimate(self.true_estimate(), reading, dt_s, self._rng)
+        reading = self._sensors.read(self.true_reading(), dt_s, self._rng)
+        estimate = self._estimators.estimate(self.true_estimate(), reading, dt_s, self._rng)
         if self._is_on_host:
             self._reading, self._estimate = reading, estimate
         elif not self._senses:
@@ -350,7 +353,7 @@ class Plant(PlantState):
     def _buffers(self) -> list[Any]:
         """On a GPU, all that moves."""
         reported = tensors_of((self._reading, self._estimate)) if self._has_sensing else []
-        memories = [*self._torques.leaves(), *self._sensing.leaves()]
+        memories = [*self._torques.leaves(), *self._sensors.leaves(), *self._estimators.leaves()]
         return [*self.physics.state(), self._now_s, *self._channel.buffers(), *memories, *reported]
 
     def _write(self, target: AnyArray, mask: AnyArray, values: Any) -> None:

@@ -12,7 +12,7 @@ from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.effects.drivetrain import TorqueBandwidth
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.plant.torque import TorqueChain
+from spot_model.plant.effect_chains import TorqueChain
 from spot_model.robot.facts import DEFAULT_POSITION_RAD
 
 EFFECTS = [e for e in Scenario().robot_model.effects if isinstance(e, TorqueEffect)]

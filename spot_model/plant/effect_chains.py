@@ -1,0 +1,130 @@
+"""Effects of a batch of simulations that act one after the other, with their memories.
+
+A chain of torque effects follows the servo law; chains of sensor and estimator effects turn the true state into what
+the robots report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
+
+from spot_model.effects.base import (
+    BodyEstimate,
+    Draws,
+    EstimateEffect,
+    JointReading,
+    Memory,
+    Motion,
+    SensorEffect,
+    TorqueEffect,
+)
+from spot_model.plant.command_channel import ServoCommand
+from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tensors_of, with_leaves
+from spot_model.robot.arrays import namespace_of
+from spot_model.robot.control import pd_torque
+from spot_model.robot.rotation import AnyArray
+
+Kind = TypeVar("Kind", TorqueEffect, SensorEffect, EstimateEffect)
+
+
+class EffectChain(Generic[Kind]):
+    """Effects of one kind with their memories.
+
+    Args:
+        effects: In the order in which they act.
+        like: An array of the simulations, shape (n_sims, 12).
+        first: What the memories start from: a torque, a reading or an estimate.
+    """
+
+    def __init__(self, effects: Sequence[Kind], like: AnyArray, first: Any) -> None:
+        self._keep = keeper(like)
+        self._effects: tuple[Kind, ...] = tuple(effect.arrays_like(like) for effect in effects)
+        self._memory: list[Memory] = [own_tensors(effect.start(first)) for effect in self._effects]
+
+    def leaves(self) -> list[Any]:
+        """On a GPU, the tensors of all memories."""
+        return tensors_of(self._memory)
+
+    def reset(self, rows: AnyArray, first: Any) -> None:
+        """Start the memories afresh in the simulations of ``rows``, shape (n_sims,)."""
+        self._restart(rows, [effect.start(first) for effect in self._effects])
+
+    def snapshot(self) -> list[list[Any]]:
+        """The memories as plain arrays and numbers, one list an effect."""
+        return [leaves(memory) for memory in self._memory]
+
+    def restore(self, snapshot: list[list[Any]]) -> None:
+        """Continue from a snapshot.
+
+        Raises:
+            ValueError: It was made with other effects.
+        """
+        if len(snapshot) != len(self._effects):
+            raise ValueError(f"the snapshot has memories of {len(snapshot)} effects, the plant {len(self._effects)}")
+        self._memory = [with_leaves(memory, values) for memory, values in zip(self._memory, snapshot, strict=True)]
+
+    def _restart(self, rows: AnyArray, fresh: Sequence[Memory]) -> None:
+        for i, memory in enumerate(fresh):
+            self._memory[i] = self._keep(self._memory[i], restarted(rows, memory, self._memory[i]))
+
+
+class TorqueChain(EffectChain[TorqueEffect]):
+    """Motor torque of the active command: the servo law, then the torque effects, on arrays like ``like``, (n, 12)."""
+
+    def __init__(self, effects: Sequence[TorqueEffect], like: AnyArray) -> None:
+        xp = namespace_of(like)
+        self._where = xp.where
+        super().__init__(effects, like, xp.zeros_like(like))
+        # Made once: what an effect starts with may have to be copied to a GPU, for which no recorded work can wait.
+        self._fresh = [effect.start(xp.zeros_like(like)) for effect in self._effects]
+        self._masks = tuple(None if effect.mask.all() else effect.mask_like(like) for effect in self._effects)
+
+    def torque_nm(self, command: ServoCommand, motion: Motion, reading: JointReading | Motion) -> AnyArray:
+        """Motor torque at this physics step; moves the effects' memories on by one step.
+
+        Returns:
+            Shape (n_sims, 12), N·m.
+        """
+        damped = reading.servo_velocity_rad_s if isinstance(reading, JointReading) else None
+        torque = pd_torque(
+            position_rad=reading.position_rad,
+            velocity_rad_s=reading.velocity_rad_s if damped is None else damped,
+            setpoint_position_rad=command.position_rad,
+            setpoint_velocity_rad_s=command.velocity_rad_s,
+            feedforward_nm=command.load_nm,
+            kp_nm_per_rad=command.kp_nm_per_rad,
+            kd_nm_s_per_rad=command.kd_nm_s_per_rad,
+        )
+        for i, (effect, mask) in enumerate(zip(self._effects, self._masks, strict=True)):
+            # As Effect.apply does, without its look-up of the array library.
+            changed, memory = effect.torque(torque, motion, self._memory[i])
+            self._memory[i] = self._keep(self._memory[i], memory)
+            torque = changed if mask is None else self._where(mask, changed, torque)
+        return torque
+
+    def reset_from_rest(self, rows: AnyArray) -> None:
+        """Start the memories afresh, from no torque, in the simulations of ``rows``, shape (n_sims,)."""
+        self._restart(rows, self._fresh)
+
+
+class SensorChain(EffectChain[SensorEffect]):
+    """What the joints' sensors report."""
+
+    def read(self, truth: JointReading, dt_s: float, rng: Draws) -> JointReading:
+        """The reading after all effects; moves the memories on by ``dt_s``."""
+        for i, effect in enumerate(self._effects):
+            truth, memory = effect.read(truth, dt_s, self._memory[i], rng)
+            self._memory[i] = self._keep(self._memory[i], memory)
+        return truth
+
+
+class EstimateChain(EffectChain[EstimateEffect]):
+    """What the state estimator reports."""
+
+    def estimate(self, truth: BodyEstimate, joints: JointReading, dt_s: float, rng: Draws) -> BodyEstimate:
+        """The estimate after all effects, given what the joints report; moves the memories on by ``dt_s``."""
+        for i, effect in enumerate(self._effects):
+            truth, memory = effect.estimate(truth, joints, dt_s, self._memory[i], rng)
+            self._memory[i] = self._keep(self._memory[i], memory)
+        return truth
