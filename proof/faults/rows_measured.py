@@ -119,7 +119,7 @@ def imu_late(late_s: float) -> Callable[[RobotState], RobotState]:
 
 def unused(fault: str, spoilt: Callable[[RobotState], RobotState]) -> Row:
     """Make a row of a wrong signal that nothing in control reads: it is told, and nothing stops."""
-    source = ScriptedSource(BRISK, duration_s=8.0)
+    source = ScriptedSource(BRISK, duration_s=5.0)
     return row(fault, 0.0, spoil(spoilt), "completed", missed=0, checks=(is_told("signal_doubted"),), source=source)
 
 

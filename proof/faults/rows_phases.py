@@ -43,7 +43,7 @@ ON_THE_WAY_BACK: Final[dict[str, Any]] = {"at_s": 1.45, "seconds": 1.0}
 
 
 def before_start(fault: str, outcome: str, name: str, **parameters: str) -> Row:
-    """Make a row of a fault before the run begins, which is refused with a reason, and takes neither joints nor a lease."""
+    """Make a row of a fault before the run, which is refused with a reason and takes neither joints nor a lease."""
 
     def attempt(rig: Rig) -> Finding:
         rig.inject(fault, **parameters)

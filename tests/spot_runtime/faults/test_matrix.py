@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import signal
+import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -15,8 +17,10 @@ from typer.testing import CliRunner
 from proof.faults import command
 from proof.faults.attempts import row
 from proof.faults.rows import Finding, Row, left_alone, tidy, try_row
+from proof.faults.rows_process import Running
 from proof.rig import CALM, Rig, rig
 from spot_model.errors import BadInputError
+from spot_model.process.child_process import ChildProcess
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
@@ -173,3 +177,16 @@ def test_the_command_prints_the_agreed_json(monkeypatch: pytest.MonkeyPatch) -> 
     assert "1 rows, 0 failed" in table.stdout
     with pytest.raises(BadInputError, match="no row's name holds 'three'; rows: one, two"):
         command.chosen("three", is_real_time=False, is_quick=False)
+
+
+def running(program: str) -> Running:
+    process = subprocess.Popen(["sh", "-c", program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    return Running(ChildProcess(process), Path())
+
+
+def test_what_hangs_is_killed_and_said() -> None:
+    assert running("echo waiting >&2; exec sleep 600").finish(0.5) == (-signal.SIGKILL, "waiting\n", True)
+
+
+def test_what_ends_by_itself_is_left_alone() -> None:
+    assert running("echo done >&2; exit 3").finish() == (3, "done\n", False)
