@@ -55,7 +55,7 @@ class World:
             apply_level=robot.set_estop_level,
             has_operator=config.operator_estop,
         )
-        self.keepalive = KeepaliveService(clock)
+        self.keepalive = KeepaliveService(clock, self.leases.owns)
         self.service_faults = FaultService(self.now_ns)
         self.notes = DataBufferService(self.now_ns)
         self.logs = LogStatusService(self.now_ns)

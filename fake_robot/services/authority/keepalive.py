@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from bosdyn.api import lease_pb2
 from bosdyn.api.keepalive import keepalive_pb2, keepalive_service_pb2
 
 from fake_robot.services.authority.liveness import Heartbeat, LivenessClock
@@ -44,16 +46,21 @@ class KeepaliveService(Service):
 
     modules = (keepalive_service_pb2,)
 
-    def __init__(self, clock: LivenessClock) -> None:
+    def __init__(self, clock: LivenessClock, is_owned: Callable[[lease_pb2.Lease], bool]) -> None:
+        """Measure silence by ``clock``; a policy ends once ``is_owned`` says no of a lease that it is tied to."""
         super().__init__()
-        self._clock = clock
+        self._clock, self._is_owned = clock, is_owned
         self._policies: dict[int, LivePolicy] = {}
         self._last_id = 0
 
     def ModifyPolicy(self, request: Any, response: Any) -> None:  # noqa: N802
         """Remove policies, then add one. Nothing happens when one to remove is unknown."""
+        self._drop_orphans()
         if not set(request.policy_ids_to_remove) <= set(self._policies):
             response.status = response.STATUS_INVALID_POLICY_ID
+            return
+        if not all(map(self._is_owned, request.to_add.associated_leases)):
+            response.status = response.STATUS_INVALID_LEASE
             return
         removed = (self._policies.pop(policy_id, None) for policy_id in request.policy_ids_to_remove)
         response.removed_policies.extend(policy.proto for policy in removed if policy is not None)
@@ -69,6 +76,7 @@ class KeepaliveService(Service):
 
     def CheckIn(self, request: Any, response: Any) -> None:  # noqa: N802
         """Hear a client; its policy's time starts again."""
+        self._drop_orphans()
         policy = self._policies.get(request.policy_id)
         if policy is None:
             response.status = response.STATUS_INVALID_POLICY_ID
@@ -79,6 +87,7 @@ class KeepaliveService(Service):
 
     def GetStatus(self, request: Any, response: Any) -> None:  # noqa: N802
         """List the active policies, and what they do with the robot."""
+        self._drop_orphans()
         response.status.extend(policy.proto for policy in self._policies.values())
         response.active_control_actions.extend(sorted(self._controls()))
 
@@ -86,6 +95,7 @@ class KeepaliveService(Service):
         """The actions whose time has come since the last call; each comes once a silence."""
         actions = []
         with self.lock:
+            self._drop_orphans()
             for policy in self._policies.values():
                 silence_s = self._clock.elapsed_s(policy.heartbeat)
                 for index, action in enumerate(policy.proto.policy.actions):
@@ -97,12 +107,19 @@ class KeepaliveService(Service):
     def holds_motors_off(self) -> bool:
         """Whether a silent client's policy keeps the motors without power."""
         with self.lock:
+            self._drop_orphans()
             return Control.POLICY_CONTROL_ACTION_MOTORS_OFF in self._controls()
 
     def reset(self) -> None:
         """Drop every policy, as a reboot does."""
         with self.lock:
             self._policies.clear()
+
+    def _drop_orphans(self) -> None:
+        """End the policies that are tied to a lease which no longer owns the robot."""
+        for policy_id, policy in list(self._policies.items()):
+            if not all(map(self._is_owned, policy.proto.policy.associated_leases)):
+                del self._policies[policy_id]
 
     def _controls(self) -> set[Any]:
         """What the policies of silent clients do with the robot now, as values of ``PolicyControlAction``."""

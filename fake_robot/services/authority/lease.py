@@ -144,6 +144,12 @@ class LeaseService(Service):
             claim = self._live_claim()
             return lease_pb2.LeaseOwner() if claim is None else claim.owner
 
+    def owns(self, lease: lease_pb2.Lease) -> bool:
+        """Whether a lease, or a part of it, is the newest that was granted; one that went stale still is."""
+        with self.lock:
+            claim = self._claim
+            return claim is not None and (lease.epoch, list(lease.sequence[:1])) == (self._epoch, [claim.root])
+
     def expire(self) -> bool:
         """Revoke the claim if its holder fell silent; True exactly once a claim, when that happens."""
         with self.lock:

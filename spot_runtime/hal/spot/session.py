@@ -14,6 +14,7 @@ from bosdyn.client.auth import AuthClient, InvalidTokenError
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
 from bosdyn.client.exceptions import UnauthenticatedError
+from bosdyn.client.keepalive import KeepaliveClient
 from bosdyn.client.lease import Lease, LeaseClient
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
@@ -57,7 +58,7 @@ SERVICES: Final = (
     RobotStateStreamingClient,
     TimeSyncClient,
 )
-"""The vendor's services that a run uses."""
+"""The vendor's services that a run needs."""
 
 ESTOP_RELEASE_S: Final = 1.0
 ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
@@ -337,7 +338,7 @@ class Session:
         name = self._client_name = generate_client_name(self._config.client_name)
         sdk.request_processors.append(AddRequestHeader(lambda: name))
         sdk.cert = trusted_certificates(self._config.ca_file)
-        for service in SERVICES:
+        for service in (*SERVICES, KeepaliveClient):
             sdk.register_service_client(service)
         self._robot = sdk.create_robot(self._address.sdk_host)
         self._robot.update_secure_channel_port(self._address.port)

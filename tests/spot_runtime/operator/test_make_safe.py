@@ -25,6 +25,7 @@ from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.errors import CertificateError, HalError, LeaseHeldError, MotionError
+from spot_runtime.hal.spot.keepalive import SILENT_S
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
@@ -402,3 +403,34 @@ def test_where_notes_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     note = LeaseNote("192.168.50.3:443", "body", "e", 1, "")
     HeldNote.write(note_path(str(parse_address("192.168.50.3")), tmp_path), note).let_go()
     assert Rescue.is_due("192.168.50.3")
+
+
+def test_a_robot_that_hears_from_nobody_sits_down_by_itself_unless_it_has_been_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scenario.yaml").write_text("services: {on_lease_expiry: nothing, liveness_clock: robot}\n")
+    fake = FakeProcess(is_lock_step=True, scenario=str(tmp_path / "scenario.yaml"), state_dir=tmp_path)
+    with fake as process, grpc.insecure_channel(process.address.admin) as channel:
+        for name, value in process.address.environment.items():
+            monkeypatch.setenv(name, value)
+        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        robot = Robot(process.address, admin, tmp_path)
+        hal = robot.hal()
+        hal.connect()
+        hal.stand()
+        hal._pause(SILENT_S + 5.0)
+        assert robot.is_powered()  # it heard the check-ins
+        hal.close()  # as a process does that dies: nothing is given back
+        robot.step(SILENT_S - 3.0)
+        assert robot.is_powered()
+        robot.step(10.0)
+        assert not robot.is_powered()
+        robot.note.unlink()
+
+        robot.leave_standing()
+        session = robot.session()
+        session.adopt_lease(session.calls.client(LeaseClient).take().lease_proto)
+        robot.step(SILENT_S + 10.0)
+        assert robot.is_powered()  # whoever has it now is answerable
+        session.close()
+        robot.tidy_up()
