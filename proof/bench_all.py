@@ -20,7 +20,7 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from proof.result_file import ResultFile
-from spot_model.console.options import AsJson
+from spot_model.console.command_registry import AsJson
 from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.yaml_text import read_yaml

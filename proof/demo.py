@@ -13,7 +13,7 @@ from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log import read_run
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
-from spot_model.console.options import WALK, PolicyFile, ScenarioName
+from spot_model.console.command_registry import WALK, PolicyFile, ScenarioName
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.velocity_sequence import forward_sequence, save_sequence
 from spot_model.policy.policy import load_policy

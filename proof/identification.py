@@ -13,7 +13,7 @@ import typer
 from numpy.typing import NDArray
 
 from spot_log import Run
-from spot_model.console.options import WALK, AsJson, PolicyFile
+from spot_model.console.command_registry import WALK, AsJson, PolicyFile
 from spot_model.effects.base import CommandEffect
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.plant.plant import Plant, PlantOptions

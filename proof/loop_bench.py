@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_model.console.options import WALK, AsJson, PolicyFile, ScenarioName
+from spot_model.console.command_registry import WALK, AsJson, PolicyFile, ScenarioName
 from spot_model.errors import SpotRlError
 from spot_model.process.child_process import ChildProcess, module_command
 from spot_model.process.signals import exit_on_termination

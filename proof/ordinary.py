@@ -24,7 +24,7 @@ from proof.rig import Rig, rig
 from proof.robot import tilt_rad
 from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink
-from spot_model.console.options import AsJson
+from spot_model.console.command_registry import AsJson
 from spot_model.console.progress import Progress
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.process.signals import exit_on_termination

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from spot_model.console.options import AsJson, Overrides, TorchDevice
+from spot_model.console.command_registry import AsJson, Overrides, TorchDevice
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig, config_from_data, load_config
 
@@ -121,7 +121,7 @@ def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
     """Seconds of one policy period of physics alone, from where training stands."""
     import torch
 
-    from spot_model.plant.gpu.captured import Captured
+    from spot_model.plant.captured import Captured
 
     env = runner.env
     pose = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)

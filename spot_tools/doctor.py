@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from spot_model.console.options import AsJson
+from spot_model.console.command_registry import AsJson
 from spot_tools.checks import Finding, Verdict, is_fit
 from spot_tools.computer_checks import Host, checks_of_computer
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config

@@ -16,7 +16,7 @@ import typer
 
 from proof.attacks.attackers import ATTACKS
 from proof.attacks.certificates import LOOPBACK, Authority, role
-from spot_model.console.options import AsJson
+from spot_model.console.command_registry import AsJson
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.process.child_process import HEARD, ChildProcess
 from spot_protos import operator_pb2

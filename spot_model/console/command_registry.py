@@ -8,6 +8,7 @@ A command is an entry point of group ``spot_rl.commands``::
 The value names a function that Typer can turn into a command, or a ``typer.Typer`` app with sub-commands of its own.
 The extra in brackets is the one to install when a module that the command needs is missing. A name with a dot, such as
 ``bench.train``, is a command of a group, ``spot-rl bench train``, so that several packages can fill one group.
+Options that commands of several packages share stand here, too.
 """
 
 from __future__ import annotations
@@ -17,9 +18,22 @@ import importlib.util
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from spot_model.errors import SpotRlError
 from spot_model.user_code import OWN_PACKAGES
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+PolicyFile = Annotated[Path, typer.Option("--policy", help="ONNX file with its contract.")]
+Overrides = Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")]
+TorchDevice = Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")]
+ScenarioName = Annotated[str, typer.Option("--scenario", help="Scenario of the fake robot.")]
+
+WALK = Path("policies/walk.onnx")
+"""The policy of commands that need any that walks."""
+
 
 COMMAND_GROUP = "spot_rl.commands"
 EXTRAS_FOR_PYTHON_3_10 = frozenset({"runtime", "gamepad"})

@@ -9,18 +9,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from spot_model.effects.base import (
     BodyEstimate,
+    CommandEffect,
     Draws,
+    Effect,
     EstimateEffect,
     JointReading,
     Memory,
+    ModelEffect,
     Motion,
     SensorEffect,
+    SoftwareEffect,
     TorqueEffect,
 )
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tensors_of, with_leaves
+from spot_model.robot import facts
 from spot_model.robot.arrays import namespace_of
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import AnyArray
@@ -128,3 +135,26 @@ class EstimateChain(EffectChain[EstimateEffect]):
             truth, memory = effect.estimate(truth, joints, dt_s, self._memory[i], rng)
             self._memory[i] = self._keep(self._memory[i], memory)
         return truth
+
+
+PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)
+"""Kinds of effect that the plant has a place for."""
+
+
+def check_effects(effects: Sequence[Effect], n_sims: int) -> None:
+    """Refuse effects that so many simulations cannot have.
+
+    Raises:
+        TypeError: An effect acts at no place that the plant has.
+        ValueError: A parameter is neither one number nor one for each simulation or joint.
+    """
+    allowed = ((), (1, 1), (n_sims, 1), (1, facts.N_JOINTS), (n_sims, facts.N_JOINTS))
+    for effect in effects:
+        if not isinstance(effect, PLACES):
+            raise TypeError(f"effect {effect.name} acts at {effect.hook.value}; the plant has no such place")
+        for name, value in effect.values.items():
+            if np.shape(value) not in allowed:
+                raise ValueError(
+                    f"{effect.name}.{name} has shape {np.shape(value)}; allowed for {n_sims} simulations: "
+                    f"a number, ({n_sims}, 1) or ({n_sims}, {facts.N_JOINTS})"
+                )

@@ -189,7 +189,7 @@ def make_physics(model: mujoco.MjModel, n_sims: int, options: PlantOptions) -> P
     if options.device == "cpu":
         return CorePhysics(model, n_sims, _threads(options.n_threads, n_sims))
     try:
-        from spot_model.plant.gpu.warp_physics import WarpPhysics
+        from spot_model.plant.warp_physics import WarpPhysics
     except ModuleNotFoundError as error:
         raise BadInputError(
             f"device {options.device!r}: {error.name} is not installed; install the extra: pip install 'spot-rl[gpu]', "

@@ -24,7 +24,7 @@ from spot_model.effects.base import (
     TorqueEffect,
 )
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
-from spot_model.plant.effect_chains import EstimateChain, SensorChain, TorqueChain
+from spot_model.plant.effect_chains import EstimateChain, SensorChain, TorqueChain, check_effects
 from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
 from spot_model.plant.physics import PlantDivergedError, PlantOptions, make_physics
 from spot_model.plant.plant_state import PlantState
@@ -63,7 +63,7 @@ class Plant(PlantState):
     """
 
     def __init__(self, effects: Sequence[Effect] = (), n_sims: int = 1, options: PlantOptions = USUAL) -> None:
-        _check_effects(effects, n_sims)
+        check_effects(effects, n_sims)
         acting = [effect for effect in effects if not effect.is_null]
         self.options = options
         model = mujoco.MjModel.from_xml_string(spot_mjcf(options.mjcf))
@@ -87,7 +87,7 @@ class Plant(PlantState):
         self._now_s: Any = 0.0
         self._n_steps = 0
         if not self._is_on_host:
-            from spot_model.plant.gpu.captured import TorchDraws
+            from spot_model.plant.captured import TorchDraws
 
             xp = namespace_of(rest)
             self._rng = TorchDraws(options.seed, rest.device)
@@ -126,7 +126,7 @@ class Plant(PlantState):
         """A policy that works on this plant's arrays."""
         if self._is_on_host:
             return policy
-        from spot_model.plant.gpu.torch_policy import TorchPolicy
+        from spot_model.plant.torch_policy import TorchPolicy
 
         return TorchPolicy(policy, self._qpos.device)
 
@@ -134,7 +134,7 @@ class Plant(PlantState):
         """A source of random numbers as arrays of this plant, seeded by ``rng``; itself on the cores."""
         if self._is_on_host:
             return rng
-        from spot_model.plant.gpu.captured import TorchDraws
+        from spot_model.plant.captured import TorchDraws
 
         return TorchDraws(int(rng.integers(2**31)), self._qpos.device)
 
@@ -219,7 +219,7 @@ class Plant(PlantState):
         """
         if self._is_on_host:
             return work
-        from spot_model.plant.gpu.captured import Captured
+        from spot_model.plant.captured import Captured
 
         generators = list(dict.fromkeys([*self.generators(), draws.generator]))
         return Captured(work, generators, is_recorded=self._qpos.is_cuda)
@@ -385,20 +385,3 @@ class Plant(PlantState):
         mask = np.zeros(self.n_sims, dtype=np.bool_)
         mask[numbers] = True
         return mask
-
-
-PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)
-"""Kinds of effect that the plant has a place for."""
-
-
-def _check_effects(effects: Sequence[Effect], n_sims: int) -> None:
-    allowed = ((), (1, 1), (n_sims, 1), (1, facts.N_JOINTS), (n_sims, facts.N_JOINTS))
-    for effect in effects:
-        if not isinstance(effect, PLACES):
-            raise TypeError(f"effect {effect.name} acts at {effect.hook.value}; the plant has no such place")
-        for name, value in effect.values.items():
-            if np.shape(value) not in allowed:
-                raise ValueError(
-                    f"{effect.name}.{name} has shape {np.shape(value)}; allowed for {n_sims} simulations: "
-                    f"a number, ({n_sims}, 1) or ({n_sims}, {facts.N_JOINTS})"
-                )

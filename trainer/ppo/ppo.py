@@ -12,7 +12,7 @@ from rsl_rl.modules.distribution import GaussianDistribution
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
-from spot_model.plant.gpu.captured import Captured
+from spot_model.plant.captured import Captured
 from spot_model.policy.observation import OBSERVATION
 from spot_model.robot import facts
 from trainer.ppo.vec_env import TaskVecEnv

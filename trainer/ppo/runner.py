@@ -14,7 +14,7 @@ import torch
 from rsl_rl.runners import OnPolicyRunner
 
 from spot_model.errors import BadInputError
-from spot_model.plant.gpu.captured import Captured
+from spot_model.plant.captured import Captured
 from trainer.config.train_config import PpoConfig, TrainConfig, config_yaml
 from trainer.ppo.checkpoint import write_checkpoint
 from trainer.ppo.ppo import DeviceGaussian, DevicePpo

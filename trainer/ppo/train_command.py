@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from spot_model.console.options import Overrides, TorchDevice
+from spot_model.console.command_registry import Overrides, TorchDevice
 
 
 def train(
