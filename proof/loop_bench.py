@@ -96,7 +96,7 @@ def robot_beside(busy: int, scenario: str) -> Iterator[tuple[FakeAddress, list[i
     with exit_on_termination(), ExitStack() as stack:
         fake = stack.enter_context(FakeProcess(scenario=scenario, fifo_priority=FAKE_PRIORITY, cpus=fake_cpus))
         for _ in range(busy):
-            process = ChildProcess.start([sys.executable, "-c", BUSY, str(os.getpid())])
+            process = ChildProcess.start([sys.executable, "-Ic", BUSY, str(os.getpid())])
             stack.callback(process.end, 0.0)
         yield fake.address, loop_cpus
 

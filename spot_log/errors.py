@@ -1,10 +1,14 @@
-"""What can be wrong with a log; every message names the file and the next step."""
+"""What can be wrong with a log, and what a damaged one is called; every message names the file and the next step."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from spot_model.errors import BadInputError, SpotRlError
+
+ASIDE_SUFFIX: Final = ".damaged"
+"""Of a leftover while it is recovered, and afterwards where it is damaged inside."""
 
 
 class LogError(SpotRlError):

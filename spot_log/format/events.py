@@ -10,9 +10,6 @@ from spot_log.format.records import Severity
 FOLLOWING_MODE: Final = "active"
 """Mode of the ticks in which the policy follows the velocity command."""
 
-ASIDE_SUFFIX: Final = ".damaged"
-"""Of a leftover while it is recovered, and afterwards where it is damaged inside."""
-
 
 class EventName(Enum):
     """Every event, with its severity and what it means."""

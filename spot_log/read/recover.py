@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from spot_log.errors import LogError, LogReadError, MissingHeaderError, NotAnMcapError
+from spot_log.errors import ASIDE_SUFFIX, LogError, LogReadError, MissingHeaderError, NotAnMcapError
 from spot_log.format.codec import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
-from spot_log.format.events import ASIDE_SUFFIX
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
 from spot_log.read.reader import RECOVERED, header_of, read_log_file, read_run
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from spot_log.format.events import ASIDE_SUFFIX
+from spot_log.errors import ASIDE_SUFFIX
 from spot_model.errors import BadInputError
 
 GB = 1e9

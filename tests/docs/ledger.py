@@ -41,7 +41,7 @@ ELSEWHERE = {
     "spot-rl policy import policy_1.pt --like isaac-lab --joint-order "
     "fl_hx,fl_hy,fl_kn,fr_hx,fr_hy,fr_kn,hl_hx,hl_hy,hl_kn,hr_hx,hr_hy,hr_kn": (
         "trainer/test_foreign_policies.py",
-        'invoke("import", str(tmp_path / "policy_1.pt"), "--like", "isaac-lab", "--joint-order", order',
+        'imported(tmp_path / "policy_1.pt", "--joint-order", order)',
     ),
     "spot-rl export policies/walk.onnx --for mjlab --out walk_mjlab.onnx": (
         "trainer/test_foreign_policies.py",

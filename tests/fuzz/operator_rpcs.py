@@ -182,58 +182,55 @@ def operator_seeds() -> list[bytes]:
     return [in_a_row(row) for row in rows]
 
 
-class StubOperated:
-    """As much of an operated run as requests act on."""
+def operated_stub() -> Any:
+    """As much of an operated run as requests act on: they are the product's own, what they act on is counted."""
+    from types import SimpleNamespace
 
-    def __init__(self) -> None:
-        from types import SimpleNamespace
+    from spot_runtime.config import RunConfig
+    from spot_runtime.operator.run.requests import Requests
 
-        from spot_runtime.config import RunConfig
+    class Operated(Requests):
+        log_path = ""
 
-        self.link = SimpleNamespace(answer=self._answer)
-        self.source = SimpleNamespace(steer=lambda *_: None)
-        self.background = SimpleNamespace(is_busy=False, run=self._carry_out)
-        self.loop: Any = None
-        self.stop: Any = None
-        self.policy: Any = None
-        self.config = RunConfig()
-        self.log_path = ""
-        self.start_asked: Any = None
-        self.keeps_standing = False
-        self.answers = 0
+        def __init__(self) -> None:
+            self.link = SimpleNamespace(answer=self._answer)  # type: ignore[assignment]
+            self.source = SimpleNamespace(steer=lambda *_: None)  # type: ignore[assignment]
+            self.background = SimpleNamespace(is_busy=False, run=self._carry_out)  # type: ignore[assignment]
+            self.loop: Any = None
+            self.policy: Any = None
+            self.config = RunConfig()
+            self.start_asked: Any = None
+            self.keeps_standing = False
+            self.answers = 0
 
-    def _answer(self, request_id: int, *, is_done: bool, text: str) -> None:
-        del request_id, is_done
-        self.answers += 1
-        if not text:
-            raise AssertionError("an answer without a word")
+        def _answer(self, request_id: int, *, is_done: bool, text: str) -> None:
+            del request_id, is_done
+            self.answers += 1
+            if not text:
+                raise AssertionError("an answer without a word")
 
-    def _carry_out(self, work: Any, then: Any) -> None:
-        try:
-            result, problem = work(), None
-        except Exception as error:  # noqa: BLE001 - as the background task does
-            result, problem = None, error
-        then(result, problem)
+        def _carry_out(self, work: Any, then: Any) -> None:
+            try:
+                result, problem = work(), None
+            except Exception as error:  # noqa: BLE001 - as the background task does
+                result, problem = None, error
+            then(result, problem)
 
-    def end(self, stop: Any) -> None:
-        """A stop."""
-        self.stop = stop
+        def end(self, stop: Any) -> None:
+            del stop
 
-    def refuse_start(self, why: str) -> None:
-        """A start that waits for its answer has it."""
-        if self.start_asked is not None:
-            self.start_asked = None
-            self._answer(0, is_done=False, text=why)
+        def open_log(self, labels: dict[str, str]) -> Any:
+            return labels
 
-    def begin_log(self, labels: dict[str, str]) -> Path:
-        """A log."""
-        self.log_path = f"{len(labels)}.mcap"
-        return Path(self.log_path)
+        def begin_log(self, log: Any) -> Path:
+            self.log_path = f"{len(log)}.mcap"
+            return Path(self.log_path)
 
-    def event(self, name: Any, text: str) -> None:
-        """An event."""
-        name.label.encode()
-        text.encode()
+        def event(self, name: Any, text: str) -> None:
+            name.label.encode()
+            text.encode()
+
+    return Operated()
 
 
 def run_link(data: bytes) -> None:
@@ -244,10 +241,8 @@ def run_link(data: bytes) -> None:
 
     from spot_protos import run_link_pb2
     from spot_runtime.control.modes import Mode
-    from spot_runtime.operator.run.requests import Requests
 
-    run = StubOperated()
-    requests = Requests(run)  # type: ignore[arg-type]
+    run = operated_stub()
     for chosen, body in calls_in(data):
         try:
             message = run_link_pb2.ToRun.FromString(body)
@@ -256,7 +251,7 @@ def run_link(data: bytes) -> None:
         modes = list(Mode)
         run.loop = None if chosen[0] % 2 else SimpleNamespace(mode=modes[chosen[0] // 2 % len(modes)], ending=None)
         before = run.answers
-        requests.handle(message, 1)
+        run.handle(message, 1)
         run.refuse_start("the hand-over failed")
         if run.answers != before + 1:
             raise AssertionError(f"{run.answers - before} answers to one request")
