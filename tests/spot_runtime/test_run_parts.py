@@ -22,6 +22,7 @@ import pytest
 
 from spot_log.errors import LogError
 from spot_log.write.run_writer import make_log_folder
+from spot_model.console.command_line import main
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
@@ -344,18 +345,21 @@ def test_a_log_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_bad_words_on_the_command_line(
-    tmp_path: Path, make_policy_bytes: Any, words: list[str], code: int, said: str
+    tmp_path: Path,
+    make_policy_bytes: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    words: list[str],
+    code: int,
+    said: str,
 ) -> None:
     cut = tmp_path / "cut.onnx"
     cut.write_bytes(make_policy_bytes()[:400])
-    command = [sys.executable, "-c", "from spot_model.console.command_line import main; main()", "run"]
-    done = subprocess.run(
-        [*command, *(word.format(cut=cut) for word in words)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-    )
-    assert done.returncode == code, done.stderr
-    assert said in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["spot-rl", "run", *(word.format(cut=cut) for word in words)])
+    with pytest.raises(SystemExit) as left:
+        main()
+    told = capfd.readouterr().err
+    assert left.value.code == code, told
+    assert said in told
+    assert len(told.strip().splitlines()) == 1
