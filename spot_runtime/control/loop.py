@@ -22,8 +22,9 @@ from spot_model.robot.state import Array, JointCommand, RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop_stats import LoopStats
 from spot_runtime.control.memory import NOTHING_ASKED, Act, Memory, Plan, Step, Tick, first_memory
-from spot_runtime.control.modes import Mode, Snapshot
+from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.body_height import check_policy, with_speed_limit
+from spot_runtime.control.snapshot import Snapshot
 from spot_runtime.control.step import after_failure, check_step, control_step, stopped
 from spot_runtime.control.warm_up import WarmReceiver
 from spot_runtime.hal.base import Hal, JointControl

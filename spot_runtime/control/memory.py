@@ -14,12 +14,13 @@ from spot_model.policy.policy import Policy, TickMemory, TickResult
 from spot_model.robot import facts
 from spot_model.robot.state import Array, Gains, JointCommand, RobotState
 from spot_runtime.config import HandoverConfig, RunConfig
-from spot_runtime.control.modes import Mode, Phase
+from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals.check import SignalMemory
 from spot_runtime.control.safety.signals.readers import Doubt
 from spot_runtime.control.safety.watchdogs import WatchMemory
 from spot_runtime.control.set_point import LoadAverage, Setpoint
+from spot_runtime.control.snapshot import Phase
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.sources import Wanted
 from spot_runtime.stops import Ending, Stop

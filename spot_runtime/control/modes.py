@@ -1,4 +1,4 @@
-"""The modes of a run, the one function that moves between them, and the snapshot on which a step of control decides.
+"""The modes of a run and the one function that moves between them.
 
 ready ──► activating ──► ramping_in ──► active ──► soft_stop ──► ramping_out ──► standing
              │               │            │            │              │
@@ -9,18 +9,13 @@ ready ──► activating ──► ramping_in ──► active ──► soft_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import Enum
 from typing import Final, NamedTuple
 
 from typing_extensions import Self
 
-from spot_log.write.sink import SinkHealth
-from spot_model.robot.state import RobotState, SlowState
 from spot_runtime.config import HandoverConfig
-from spot_runtime.hal.base import JointControl
-from spot_runtime.host.pauses import Pause
-from spot_runtime.stops import Reaction, Stop
+from spot_runtime.stops import Reaction
 
 TAKE_HOLD_S: Final = 0.4
 """Robot time in which joint control takes hold: in twenty policy periods a stiffness that becomes tenfold rises by an
@@ -100,35 +95,3 @@ def _forced(mode: Mode, reaction: Reaction) -> Mode:
         Mode.RAMPING_IN: Mode.RAMPING_OUT,
         Mode.ACTIVE: Mode.SOFT_STOP,
     }.get(mode, mode)
-
-
-class Snapshot(NamedTuple):
-    """What a step looks at, read once when it starts."""
-
-    host_ns: int
-    robot_ns: int
-    states: Sequence[RobotState] = ()
-    """What has arrived since the last step, oldest first."""
-    joint_control: JointControl = JointControl.OFF
-    problems: Sequence[Stop] = ()
-    """What went wrong beside the streams since the last step."""
-    slow: SlowState | None = None
-    clock_age_s: float = 0.0
-    """Time since the clocks were compared; 0 between two looks at the log."""
-    log: SinkHealth | None = None
-    """How the log is doing; None between two looks at it."""
-    pause: Pause | None = None
-    """In which this process itself did not look; None where it did, unless states are stale."""
-
-
-class Phase(NamedTuple):
-    """The mode, and since when; robot clock."""
-
-    mode: Mode
-    since_ns: int
-    held_since_ns: int = 0
-    """When the robot confirmed joint control; 0 before."""
-    control_since_ns: int = 0
-    """When the policy began to tick; 0 before."""
-    active_since_ns: int = 0
-    """When the policy came into full control; 0 before."""

@@ -18,12 +18,11 @@ from spot_model.robot import facts
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState
 from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
-from spot_runtime.control.modes import Mode, ModeInputs, Phase, Snapshot, next_mode
+from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.safety import watchdogs
 from spot_runtime.control.safety.commands import check_command, limit_setpoint
 from spot_runtime.control.safety.signals.check import Situation, asked, check_signals
 from spot_runtime.control.safety.signals.readers import relied_on
-from spot_runtime.control.safety.watchdogs import Notes
 from spot_runtime.control.set_point import (
     LoadAverage,
     Setpoint,
@@ -32,6 +31,7 @@ from spot_runtime.control.set_point import (
     taking_hold,
     within_stops,
 )
+from spot_runtime.control.snapshot import Notes, Phase, Snapshot
 from spot_runtime.hal.base import JointControl
 from spot_runtime.hal.errors import HalError
 from spot_runtime.host.pauses import SHARE, Pause

@@ -18,9 +18,10 @@ from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink, SinkHealth
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
-from spot_runtime.control.modes import Mode, Phase, Snapshot
-from spot_runtime.control.safety.watchdogs import WINDOW_KEYS, LossMemory, Notes, WatchMemory, lost_ticks, screen
+from spot_runtime.control.modes import Mode
+from spot_runtime.control.safety.watchdogs import WINDOW_KEYS, LossMemory, WatchMemory, lost_ticks, screen
 from spot_runtime.control.safety.watchdogs import look as watch
+from spot_runtime.control.snapshot import Notes, Phase, Snapshot
 from spot_runtime.control.step import with_own_doing
 from spot_runtime.host.pauses import CpuWait, Pause, Pauses
 from spot_runtime.stops import Stop, StopReason

@@ -6,20 +6,20 @@ look as if the older one were lost, so one or two keys that are passed over say 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from spot_log.format.events import EventName
-from spot_log.format.records import EventRecord
 from spot_log.write.sink import SinkHealth
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
-from spot_runtime.control.modes import Mode, Phase, Snapshot
+from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
+from spot_runtime.control.snapshot import Notes, Phase, Snapshot
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
@@ -59,26 +59,6 @@ def confirm(memory: LossMemory, key: int) -> LossMemory:
 def loss_share(bursts: int, keys: int) -> float:
     """The share p at which so many losses of three or more in a row are expected: p³·(1 − p) = bursts / keys."""
     return float(np.interp(bursts / keys, _BURSTS, _SHARES))
-
-
-class Notes:
-    """Lives as long as one step."""
-
-    def __init__(self, told: frozenset[tuple[EventName, str]], host_ns: int, robot_ns: int) -> None:
-        """Stamp events with these instants; ``told`` holds the once-only events that have been reported."""
-        self.told, self._host_ns, self._robot_ns = told, host_ns, robot_ns
-        self.events: list[EventRecord] = []
-
-    def event(self, name: EventName, text: str, values: Mapping[str, float] | None = None) -> None:
-        """Write an event."""
-        record = EventRecord(self._host_ns, self._robot_ns, name.severity, name.label, text, dict(values or {}))
-        self.events.append(record)
-
-    def once(self, name: EventName, text: str, values: Mapping[str, float] | None = None, *, about: str = "") -> None:
-        """Write an event whose repetitions, of the same name and about the same, would only flood the log."""
-        if (name, about) not in self.told:
-            self.told |= {(name, about)}
-            self.event(name, text, values)
 
 
 LOG_CHECK_PERIOD_NS: Final = NS_PER_S // 2
