@@ -106,6 +106,8 @@ def _constants(module: ModuleType) -> Iterator[tuple[str, str, str]]:
         if not (isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)):
             continue
         name, text = statement.target.id, ""
+        if name.startswith("_"):
+            continue
         if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
             text = plain(str(following.value.value))
         value = getattr(module, name)

@@ -38,6 +38,7 @@ class EventName(Enum):
     INCIDENT = (Severity.INFO, "what led to the stop was written to a file of its own")
     INCIDENT_FAILED = (Severity.WARNING, "the incident file could not be written")
     GUARDIAN_LOST = (Severity.WARNING, "the process that makes the robot safe after a crash has ended")
+    NO_KEEPALIVE = (Severity.INFO, "the robot does not watch for this program's silence; the guardian alone does")
     LEFTOVER = (Severity.INFO, "a log that a crash had left behind was recovered")
     ARMED = (Severity.INFO, "the robot stands under the vendor's control and waits for the operator")
     LABEL = (Severity.INFO, "the operator labelled the log: key=value")

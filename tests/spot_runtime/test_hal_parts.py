@@ -43,6 +43,7 @@ from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import RETRY_PAUSES_S, Calls, patiently
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
+from spot_runtime.hal.spot.keepalive import watch_for_silence
 from spot_runtime.hal.spot.pace import Jobs, RealTime
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
@@ -639,3 +640,21 @@ def test_the_default_pose_is_sent_in_the_sdks_order() -> None:
     joint = decoded(CommandEncoder("me", 35.0).encode(command, STAMP_NS)).joint_command
     assert list(joint.gains.k_q_p)[:3] == [624.0, 936.0, 286.0]
     assert np.allclose(joint.position[:3], [0.1, 0.9, -1.5])
+
+
+@pytest.mark.parametrize("at", ["client", "make"])
+def test_a_robot_that_watches_for_nobodys_silence_is_used_all_the_same(at: str) -> None:
+    class Refusing:
+        def client(self, kind: Any) -> Any:
+            if at == "client":
+                raise NoServiceError("the robot has no keepalive service")
+            return kind
+
+        def make(self, doing: str, _call: Any) -> Any:
+            raise HalError(f"{doing}: refused")
+
+    jobs = Jobs(lambda _name, _error: None)
+    lease = lease_pb2.Lease(resource="body", epoch="a", sequence=[1])
+    why = watch_for_silence(Refusing(), lease, RunConfig().robot, jobs, 0.0)  # type: ignore[arg-type]
+    assert why == ("the robot has no keepalive service" if at == "client" else "adding a keepalive policy: refused")
+    assert jobs.run_due(1e9) == 1.0  # nothing checks in

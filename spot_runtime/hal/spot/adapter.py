@@ -24,7 +24,7 @@ from spot_runtime.hal.credentials import find_credentials
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream
-from spot_runtime.hal.spot.keepalive import CHECK_IN_PERIOD_S, Keepalive
+from spot_runtime.hal.spot.keepalive import watch_for_silence
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.pace import Jobs, Pace, RealTime, States
@@ -103,12 +103,10 @@ class BosdynHal:
         session.acquire_lease()
         self._pace.start(self._jobs)
         self._keep_lease()
-        keepalive = Keepalive(session.calls, robot.rpc_timeout_s)
-        if keepalive.begin(robot.client_name, session.lease):
-            self._jobs.add("keepalive", CHECK_IN_PERIOD_S, keepalive.check_in, now_s=self._pace.chore_now_s())
+        if why := watch_for_silence(session.calls, session.lease, robot, self._jobs, self._pace.chore_now_s()):
+            self._occurred(EventName.NO_KEEPALIVE, why)
         if session.set_up_estop():
-            now_s = self._pace.chore_now_s()
-            self._jobs.add("estop", robot.estop_timeout_s / 3.0, self._check_in, now_s=now_s)
+            self._jobs.add("estop", robot.estop_timeout_s / 3.0, self._check_in, now_s=self._pace.chore_now_s())
         session.check_estop(self._pause)
         now_s = self._pace.chore_now_s()
         self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)

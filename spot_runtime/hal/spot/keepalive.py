@@ -6,8 +6,10 @@ from typing import Any, Final
 
 from bosdyn.client.keepalive import KeepaliveClient, Policy
 
-from spot_runtime.hal.errors import NoServiceError
+from spot_runtime.config import RobotConfig
+from spot_runtime.hal.errors import HalError
 from spot_runtime.hal.spot.calls import Calls
+from spot_runtime.hal.spot.pace import Jobs
 
 SILENT_S: Final = 10.0
 """Robot time without a check-in after which the robot acts: two slow calls and a repetition pass before."""
@@ -15,38 +17,30 @@ SILENT_S: Final = 10.0
 CHECK_IN_PERIOD_S: Final = SILENT_S / 5.0
 
 
-class Keepalive:
-    """One policy of ours on the robot. Every method raises HalError and nothing else.
+def watch_for_silence(calls: Calls, lease: Any, robot: RobotConfig, jobs: Jobs, now_s: float) -> str:
+    """Have the robot watch for our silence while this lease (vendor's message) has it, and check in from now on.
 
-    It is tied to a lease, so it needs no end: the robot drops it once that lease is returned or somebody else has one.
+    The policy is tied to the lease, so it needs no end: the robot drops it once the lease is returned or somebody else
+    has one.
+
+    Returns:
+        Why the robot does not watch, in words; empty: it does. The guardian watches in either case.
     """
-
-    def __init__(self, calls: Calls, timeout_s: float) -> None:
-        """Use these calls; nothing is sent yet."""
-        self._calls, self._timeout_s = calls, timeout_s
-        self._policy_id = 0
-
-    def begin(self, name: str, lease: Any) -> bool:
-        """Have the robot watch for our silence while this lease (vendor's message) has it.
-
-        Returns:
-            Whether it does; a robot with older software has no such service, and the guardian alone watches.
-        """
-        policy = Policy()
-        policy.name = name
-        policy.add_associated_lease(lease)
-        policy.add_controlled_motors_off_action(SILENT_S)
-        try:
-            client = self._calls.client(KeepaliveClient)
-        except NoServiceError:
-            return False
-        answer = self._calls.make(
-            "adding a keepalive policy", lambda: client.modify_policy(to_add=policy, timeout=self._timeout_s)
+    policy = Policy()
+    policy.name = robot.client_name
+    policy.add_associated_lease(lease)
+    policy.add_controlled_motors_off_action(SILENT_S)
+    try:
+        client = calls.client(KeepaliveClient)
+        answer = calls.make(
+            "adding a keepalive policy", lambda: client.modify_policy(to_add=policy, timeout=robot.rpc_timeout_s)
         )
-        self._policy_id = answer.added_policy.policy_id
-        return True
+    except HalError as error:
+        return str(error)
+    policy_id = answer.added_policy.policy_id
 
-    def check_in(self) -> None:
-        """Let the robot hear from us."""
-        client = self._calls.client(KeepaliveClient)
-        self._calls.make("checking in", lambda: client.check_in(self._policy_id, timeout=self._timeout_s))
+    def check_in() -> None:
+        calls.make("checking in", lambda: client.check_in(policy_id, timeout=robot.rpc_timeout_s))
+
+    jobs.add("keepalive", CHECK_IN_PERIOD_S, check_in, now_s=now_s)
+    return ""
