@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from spot_log.format.records import Severity
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import TAKE_HOLD_S, Mode, ModeInputs, next_mode
+from spot_runtime.control.set_point import FIRST_STIFFNESS
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
 
 CONFIG = HandoverConfig()
@@ -254,3 +255,8 @@ def test_an_end_that_an_operator_wanted_is_no_error(reason: StopReason, name: st
 
 def test_the_operator_is_told_how_to_begin_again() -> None:
     assert "'spot-rl ctl arm'" in Stop(StopReason.OPERATOR_STOP).sentence()
+
+
+def test_joint_control_takes_hold_by_an_eighth_a_policy_period() -> None:
+    rise = (1.0 / FIRST_STIFFNESS) ** (0.02 / TAKE_HOLD_S)
+    assert rise == pytest.approx(1.0 + 1.0 / 8.0, abs=0.01)
