@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -76,6 +77,10 @@ class Captured:
         graph = torch.cuda.CUDAGraph()
         for generator in self._generators:
             graph.register_generator_state(generator)
+        # A graph of another plant that the garbage collector frees while this one is recorded would void it.
+        gc.collect()
+        is_collecting = gc.isenabled()
+        gc.disable()
         try:
             # Physics is recorded from the same stream, and its library calls what other modes forbid.
             with torch.cuda.graph(graph, stream=torch.cuda.current_stream(), capture_error_mode="thread_local"):
@@ -86,4 +91,7 @@ class Captured:
                 "values (.item(), if, a mask as index); write it with torch.where; training goes without graphs with "
                 "ppo.cuda_graphs=false"
             ) from error
+        finally:
+            if is_collecting:
+                gc.enable()
         return graph
