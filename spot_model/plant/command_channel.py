@@ -206,13 +206,14 @@ class CommandChannel:
 
     def at(self, now_s: Any) -> ServoCommand:
         """The command in effect in the physics step that starts at ``now_s``."""
-        active, sent = self._held, self._queue.sent
+        active, sent, grows = self._held, self._queue.sent, self._queue.grows
         if self._is_late and sent:
             until_s = now_s + self._tolerance_s
             for entry in sent:
-                if entry.first_s <= until_s:
+                # On a GPU the time is a tensor, and to compare it in Python would wait for the device.
+                if not grows or entry.first_s <= until_s:
                     active = _merged(entry.arrival_s <= until_s, entry.command, active)
-            while sent and sent[0].last_s <= until_s:
+            while grows and sent and sent[0].last_s <= until_s:
                 self._held = _merged(sent[0].arrival_s <= until_s, sent[0].command, self._held)
                 del sent[0]
         return active if isinstance(active, ServoCommand) else replace(self._newest, position_rad=active)
