@@ -68,6 +68,22 @@ def test_every_effect_acts_alike(effect: Effect) -> None:
         )
 
 
+@pytest.mark.parametrize("effect", ACTIVE, ids=lambda e: e.name)
+def test_a_step_looks_at_no_value(effect: Effect, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a GPU a step is recorded, and whoever asks for a value while it is recorded voids the recording."""
+    plant = plants((effect,))[1]
+    for _ in range(2):
+        plant.step(np.tile(facts.DEFAULT_POSITION_RAD, (plant.n_sims, 1)), STEPS)
+
+    def looked_at(*_: object) -> None:
+        raise AssertionError("a step on a GPU must not look at a value")
+
+    setpoint = plant.joint_position_rad.clone()
+    for name in ("__bool__", "__float__", "__int__", "item", "tolist", "nonzero"):
+        monkeypatch.setattr(torch.Tensor, name, looked_at)
+    plant.step(setpoint, STEPS)
+
+
 def test_a_value_for_each_simulation() -> None:
     delays_s = np.array([[0.0], [0.004], [0.021], [0.0405]])
     cores, warp = plants((CommandDelay(delay_s=delays_s), *load_model("paper_identified").effects), 4)
