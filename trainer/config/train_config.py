@@ -101,7 +101,9 @@ class PpoConfig(Settings):
     initial_std: float = Field(default=1.0, gt=0.0)
     """Initial standard deviation of the actions."""
     start_std: float | None = Field(default=None, gt=0.0)
-    """Standard deviation of a run with `start_from`; None keeps the checkpoint's."""
+    """Standard deviation of a run with `start_from`; None keeps the checkpoint's (of a policy: 0.3)."""
+    critic_first_iterations: int = Field(default=0, ge=0)
+    """First iterations, in which only the critic learns: one that starts from a policy knows no values yet."""
     steps_per_iteration: int = Field(default=24, ge=1)
     """Policy steps of each robot per iteration."""
     learning_rate: float = Field(default=1.0e-3, gt=0.0)
@@ -153,7 +155,7 @@ class TrainConfig(Settings):
     seed: int = Field(default=0, ge=0)
     """Random seed."""
     model: str = "paper_identified"
-    """Built-in model name, or a model file; its effects act in training."""
+    """Built-in model name, a model file, or a models file; its effects act in training."""
     n_envs: int = Field(default=4096, ge=1)
     """Robots that are simulated in parallel; per GPU with several."""
     iterations: int = Field(ge=1)
@@ -163,7 +165,7 @@ class TrainConfig(Settings):
     logger: Literal["tensorboard", "wandb"] = "tensorboard"
     """Where metrics go, in addition to metrics.jsonl; ``wandb`` is rsl-rl's writer for Weights & Biases."""
     start_from: str = ""
-    """Checkpoint whose networks this run starts from; empty to start from scratch."""
+    """Checkpoint, or ONNX policy of this project, whose networks this run starts from; empty to start from scratch."""
     task: TaskConfig = TaskConfig()
     ppo: PpoConfig = PpoConfig()
 

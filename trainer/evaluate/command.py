@@ -24,7 +24,9 @@ def evaluate(
     out: Annotated[Path, typer.Option("--out", help="Folder for evaluation.json and evaluation.html.")] = Path(
         "evaluation"
     ),
-    model: Annotated[str, typer.Option("--model", help="Built-in model, or a model file.")] = "paper_identified",
+    model: Annotated[
+        str, typer.Option("--model", help="Built-in model, a model file, or a models file.")
+    ] = "paper_identified",
     n: Annotated[int, typer.Option("--n", help="Robots in the trials that count falls.", min=1)] = 100,
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     timestep: Annotated[float, typer.Option("--timestep", help="Physics step, s; must divide 0.02.")] = 0.005,
@@ -37,7 +39,7 @@ def evaluate(
     import numpy as np
 
     from spot_model.errors import BadInputError
-    from spot_model.io.model_file import load_model
+    from spot_model.io.models_file import load_models
     from spot_model.io.whole import check_new, whole_folder
     from spot_model.policy.policy import load_policy
     from spot_model.robot.mjcf import MjcfOptions
@@ -60,7 +62,8 @@ def evaluate(
     except ValueError as error:
         raise BadInputError(str(error)) from error
     check_device(device)
-    setting = Setting(policy=loaded, model=load_model(model), mjcf=mjcf, seed=seed, device=device)
+    fitted, *possible = load_models(model)
+    setting = Setting(policy=loaded, model=fitted, possible=tuple(possible), mjcf=mjcf, seed=seed, device=device)
     result = _evaluated(setting, n, out / UNFINISHED)
     with whole_folder(out) as part:
         (part / "evaluation.html").write_text(evaluation_page(result, policy.name), encoding="utf-8")

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spot_model.io.model_file import RobotModel, load_model
+from spot_model.io.model_file import RobotModel
+from spot_model.io.models_file import load_models
 from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.contract import StatedGait
 from spot_model.policy.policy import Policy, policy_from_bytes
@@ -57,7 +58,9 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
     """
     check_new(out)
     config, layers, contract = read_actor(find_checkpoint(run), name)
-    measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), load_model(config.model))
+    measured = stated_gaits(
+        policy_from_bytes(onnx_bytes(layers, contract), source="export"), load_models(config.model)[0]
+    )
     data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
     check_agreement(layers, data)
     with whole_file(out) as part:

@@ -25,6 +25,8 @@ TRIALS: Final = {
     "episodes_slow": "slow",
     "episodes_fast": "fast",
     "episodes_beyond": "fastest",
+    "fitted_robot": "fitted robot",
+    "possible_robots": "possible robots",
     "pushes": "push",
     "slippery_patch": "slippery",
 }

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from spot_model.io.model_file import RobotModel, load_model
+from spot_model.io.models_file import side_by_side
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
@@ -25,6 +27,7 @@ class Setting:
     Args:
         policy: The policy.
         model: The robot with its effects.
+        possible: Robots that are as possible as that one; trials of their own show what the policy does on them.
         mjcf: The physics; another step and integrator than training's shows what depends on them.
         seed: Of everything that is drawn.
         randomisation: Ranges for the trials under randomisation.
@@ -35,6 +38,7 @@ class Setting:
 
     policy: Policy
     model: RobotModel = field(default_factory=lambda: load_model("paper_identified"))
+    possible: tuple[RobotModel, ...] = ()
     mjcf: MjcfOptions = field(default_factory=MjcfOptions)
     seed: int = 0
     randomisation: RandomisationConfig = RandomisationConfig()
@@ -42,20 +46,23 @@ class Setting:
     n_threads: int = 0
     device: str = "cpu"
 
-    def plant(self, n: int) -> Plant:
-        """Robots at rest in the default pose."""
-        return Plant(self.model.effects, n, PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads, device=self.device))
+    def plant(self, n: int, models: Sequence[RobotModel] = ()) -> Plant:
+        """Robots at rest in the default pose, of :attr:`model`, or of several models by turns."""
+        options = PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads, device=self.device)
+        return Plant(side_by_side(models or (self.model,), n), n, options)
 
     def grip(self) -> Array:
-        """Factors by which the model's effects change the friction of each foot, shape (4,)."""
-        plant = self.plant(1)
-        feet = [plant.model.geom(name).id for name in FOOT_GEOMS]
-        return np.asarray(plant.fields["geom_friction"][0, feet, 0] / self.mjcf.foot_friction)
+        """Factors by which the model's effects change the friction of each foot, shape (1, 4)."""
+        return self._grip_of(self.plant(1))
 
-    def random_plant(self, n: int, rng: np.random.Generator) -> Plant:
-        """Robots with drawn friction (times the factors of the model), mass and initial state."""
-        plant, r = self.plant(n), self.randomisation
-        set_friction(plant, rng.uniform(*r.foot_friction, n)[:, None] * self.grip())
+    def _grip_of(self, plant: Plant) -> Array:
+        feet = [plant.model.geom(name).id for name in FOOT_GEOMS]
+        return np.asarray(plant.fields["geom_friction"][:, feet, 0] / self.mjcf.foot_friction)
+
+    def random_plant(self, n: int, rng: np.random.Generator, models: Sequence[RobotModel] = ()) -> Plant:
+        """Robots with drawn friction (times the factors of their models), mass and initial state."""
+        plant, r = self.plant(n, models), self.randomisation
+        set_friction(plant, rng.uniform(*r.foot_friction, n)[:, None] * self._grip_of(plant))
         body = plant.model.body("body").id
         mass, inertia = plant.fields["body_mass"], plant.fields["body_inertia"]
         ratio = 1.0 + rng.uniform(*r.added_body_mass_kg, n) / mass[:, body]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant
 from trainer.config.task_config import CommandConfig
 from trainer.evaluate.setting import Setting, set_friction
@@ -87,13 +89,16 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
     }
 
 
-def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: float) -> dict[str, Any]:
+def episodes(
+    setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: float, models: Sequence[RobotModel] = ()
+) -> dict[str, Any]:
     """Episodes of 20 s under randomisation, noise and pushes; commands drawn anew after 10 s.
 
-    ``bottom_m_s`` and ``top_m_s`` bound |V_x|; V_y and ω_z are within the paper's ranges and the policy's.
+    ``bottom_m_s`` and ``top_m_s`` bound |V_x|; V_y and ω_z are within the paper's ranges and the policy's. ``models``
+    are the robots', by turns; the setting's by default.
     """
     rng = np.random.default_rng(setting.seed)
-    plant, rate = setting.random_plant(n, rng), setting.policy.contract.rate_hz
+    plant, rate = setting.random_plant(n, rng, models), setting.policy.contract.rate_hz
     first, second = (random_commands(setting, n, rng, bottom_m_s=bottom_m_s, top_m_s=top_m_s) for _ in range(2))
     push_tick = rng.integers(round(5.0 * rate), round(15.0 * rate), n)
     push = np.concatenate([rng.uniform(*setting.randomisation.push_m_s, (n, 2)), np.zeros((n, 1))], axis=-1)
@@ -257,6 +262,7 @@ def about(setting: Setting) -> dict[str, Any]:
         "policy": setting.policy.contract.name,
         "policy_sha256": setting.policy.sha256,
         "model_sha256": setting.model.digest(),
+        **({"possible_sha256": [model.digest() for model in setting.possible]} if setting.possible else {}),
         "physics": {"timestep_s": setting.mjcf.timestep_s, "integrator": setting.mjcf.integrator},
         "seed": setting.seed,
     }
@@ -275,6 +281,15 @@ def _trials(setting: Setting, n: int) -> dict[str, tuple[float, Trial]]:
     }
     if high[0] > 3.0:
         steps["episodes_fast"] = (20.0 * n, lambda: episodes(setting, n, bottom_m_s=3.0, top_m_s=paper))
+    if setting.possible:
+        # The same draws on both, so that they differ by their models alone.
+        robots: dict[str, Sequence[RobotModel]] = {
+            "fitted_robot": (setting.model,),
+            "possible_robots": setting.possible,
+        }
+        whole = {"bottom_m_s": 0.0, "top_m_s": high[0]}
+        for name, models in robots.items():
+            steps[name] = (20.0 * n, functools.partial(episodes, setting, n, **whole, models=models))
     if high[0] > paper:
         steps["episodes_beyond"] = (20.0 * n, lambda: episodes(setting, n, bottom_m_s=paper, top_m_s=high[0]))
     return steps

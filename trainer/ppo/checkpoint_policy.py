@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,10 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import load_model
+from spot_model.io.models_file import load_models
 from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair, TrainingRecord
-from spot_model.policy.observation import N_OBSERVATION
-from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
+from spot_model.policy.policy import Policy, load_policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint, read_run_record
@@ -27,6 +27,10 @@ NORMALISER_FLOOR = 1.0e-2
 """Added to the deviation by rsl-rl's normaliser."""
 LARGEST_ERROR = 1.0e-5
 """Largest difference between torch and onnxruntime on the check inputs, a share of the largest action if above 1."""
+
+POLICY_STD = 0.3
+"""Standard deviation of the actions of a run that starts from a policy, unless its config says another."""
+PARTS = ("weight", "bias")
 
 Layers = list[tuple[torch.Tensor, torch.Tensor]]
 """Weight (out, in) and bias (out,) of each linear layer; ELU between them."""
@@ -65,6 +69,64 @@ def actor_layers(state: dict[str, torch.Tensor]) -> Layers:
         weight = weight / (std + NORMALISER_FLOOR)
         layers[0] = (weight.float(), (bias - weight @ mean[0]).float())
     return layers
+
+
+def read_layers(data: bytes, source: str) -> Layers:
+    """Weight (out, in) and bias (out,) of each layer of a policy that ``spot-rl export`` wrote.
+
+    Raises:
+        BadInputError: The network is of another kind.
+    """
+    weights = {i.name: numpy_helper.to_array(i) for i in onnx.load_from_string(data).graph.initializer}
+    layers: Layers = []
+    while f"weight_{len(layers)}" in weights and f"bias_{len(layers)}" in weights:
+        k = len(layers)
+        layers.append((torch.tensor(weights[f"weight_{k}"]), torch.tensor(weights[f"bias_{k}"])))
+    if not layers or len(weights) != 2 * len(layers):
+        raise BadInputError(
+            f"policy {source} has the weights {', '.join(sorted(weights)) or 'none'}; "
+            "only networks that spot-rl export wrote can be refined or retrained"
+        )
+    return layers
+
+
+def networks_of_policy(path: Path) -> tuple[dict[str, Any], tuple[int, ...]]:
+    """An ONNX policy's actor in canonical joint order, to start a training from, and the widths of its hidden layers.
+
+    Raises:
+        BadInputError: The network is of another kind, or its actions mean something else to the servos than those of
+            this trainer.
+    """
+    contract = load_policy(path).contract
+    found = {
+        **contract.model_dump(include={"action_scale_rad", "rate_hz", "observation_history"}),
+        "kp_nm_per_rad": set(contract.kp_nm_per_rad),
+        "kd_nm_s_per_rad": set(contract.kd_nm_s_per_rad),
+    }
+    wanted = {
+        "action_scale_rad": facts.ACTION_SCALE_RAD,
+        "rate_hz": facts.POLICY_RATE_HZ,
+        "observation_history": 1,
+        "kp_nm_per_rad": {facts.POLICY_KP_NM_PER_RAD},
+        "kd_nm_s_per_rad": {facts.POLICY_KD_NM_S_PER_RAD},
+    }
+    order = [contract.joint_names.index(name) for name in facts.JOINT_NAMES]
+    if not np.allclose(np.array(contract.default_position_rad)[order], facts.DEFAULT_POSITION_RAD, atol=1e-6):
+        raise BadInputError(f"policy {path} has another default pose than this trainer; it cannot be trained further")
+    for key, value in wanted.items():
+        if found[key] != value:
+            raise BadInputError(f"policy {path} has {key} = {found[key]}; only {value} can be trained further")
+    layers = read_layers(path.read_bytes(), str(path))
+    columns = [i for f in OBSERVATION for i in _columns_of(f.name, order if f.is_of_joints else range(f.width))]
+    layers[0] = (layers[0][0][:, columns], layers[0][1])
+    layers[-1] = (layers[-1][0][order], layers[-1][1][order])
+    actor = {f"mlp.{2 * i}.{name}": v for i, pair in enumerate(layers) for name, v in zip(PARTS, pair, strict=True)}
+    actor["distribution.std_param"] = torch.full((facts.N_JOINTS,), POLICY_STD)
+    return {"algorithm": {"actor_state_dict": actor}}, tuple(len(bias) for _, bias in layers[:-1])
+
+
+def _columns_of(feature: str, indices: Iterable[int]) -> list[int]:
+    return [COLUMNS[feature].start + i for i in indices]
 
 
 def run_torch(layers: Layers, observation: torch.Tensor) -> torch.Tensor:
@@ -138,7 +200,7 @@ def _contract(
             revision=str(record.get("revision", "")),
             command=str(record.get("command", "")),
             seed=config.seed,
-            model_sha256=load_model(config.model).digest(),
+            model_sha256=load_models(config.model)[0].digest(),
         ),
         stored_pair=StoredPair(
             observation=tuple(float(v) for v in inputs[0]), action=tuple(float(v) for v in _torch(layers, inputs)[0])

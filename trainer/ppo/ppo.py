@@ -86,6 +86,7 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
     mirror_weight: float = 0.0
     mirror_from_iteration: int = 0
     settle_iterations: int = 0
+    critic_first_iterations: int = 0
     total_iterations: int = 0
     uses_graphs: bool = False
     entropy_coef: float
@@ -105,6 +106,7 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         self._order = torch.zeros(n - n % self.num_mini_batches, dtype=torch.long, device=self.device)
         self._entropy_weight = torch.zeros((), device=self.device)
         self._kl_target = torch.zeros((), device=self.device)
+        self._actor_learns = torch.ones((), device=self.device)
         self._passes: dict[bool, Captured] = {}
 
     def act(self, obs: Any) -> Tensor:
@@ -124,6 +126,7 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         entropy, desired_kl = self._settled(self.entropy_coef, self.desired_kl)
         self._entropy_weight.fill_(entropy)
         self._kl_target.fill_(desired_kl)
+        self._actor_learns.fill_(float(self.env.iteration >= self.critic_first_iterations))
         self._order.copy_(torch.randperm(len(self._order), device=self.device))
         mirrors = self.mirror_weight > 0.0 and self.env.iteration >= self.mirror_from_iteration
         if mirrors not in self._passes:
@@ -225,9 +228,10 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
             value_error = torch.max(value_error, (near - returns).square())
         value_loss = value_error.mean()
         symmetry = mse_loss(mirrored.float(), mirror_action(mean).detach()) if mirrors else torch.zeros_like(entropy)
-        loss = surrogate + self.value_loss_coef * value_loss - self._entropy_weight * entropy
+        of_actor = surrogate - self._entropy_weight * entropy
         if mirrors:
-            loss = loss + self.mirror_weight * symmetry
+            of_actor = of_actor + self.mirror_weight * symmetry
+        loss = self._actor_learns * of_actor + self.value_loss_coef * value_loss
 
         self.optimizer.zero_grad()
         loss.backward()
@@ -254,5 +258,5 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         rate = self.learning_rate
         slower = (rate / LEARNING_RATE_FACTOR).clamp(min=low)
         faster = (rate * LEARNING_RATE_FACTOR).clamp(max=high)
-        is_small = (mean < self._kl_target / 2.0) & (mean > 0.0)
+        is_small = (mean < self._kl_target / 2.0) & (mean > 0.0) & (self._actor_learns > 0.0)
         rate.copy_(torch.where(mean > self._kl_target * 2.0, slower, torch.where(is_small, faster, rate)))

@@ -38,6 +38,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         self.alg.mirror_weight = ppo.mirror_loss
         self.alg.mirror_from_iteration = ppo.mirror_from_iteration
         self.alg.settle_iterations = ppo.settle_iterations
+        self.alg.critic_first_iterations = ppo.critic_first_iterations
         self.alg.total_iterations = config.iterations
         self.alg.learning_threads = available_threads() if device == "cpu" else 1
         # A normaliser gets a new tensor at each update, and processes exchange gradients; neither is recorded.
@@ -132,15 +133,16 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
             )
 
     def load_networks(self, content: dict[str, Any], source: str) -> None:
-        """Take over a checkpoint's networks only, for a run that starts from another one.
+        """Take over the networks only, the actor's alone where there is no critic, for a run that starts from others.
 
         Raises:
             BadInputError: The networks have other sizes.
         """
         if self.config.ppo.start_std is not None:
             content["algorithm"]["actor_state_dict"]["distribution.std_param"].fill_(self.config.ppo.start_std)
+        has_critic = "critic_state_dict" in content["algorithm"]
         try:
-            self.alg.load(content["algorithm"], {"actor": True, "critic": True}, strict=True)
+            self.alg.load(content["algorithm"], {"actor": True, "critic": has_critic}, strict=True)
         except RuntimeError as error:
             raise BadInputError(
                 f"checkpoint {source}: its networks do not fit the config's ppo.hidden: {error}"

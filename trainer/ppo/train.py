@@ -12,6 +12,7 @@ import torch
 from spot_model.errors import BadInputError
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, make_run_folder, read_checkpoint
+from trainer.ppo.checkpoint_policy import networks_of_policy
 from trainer.ppo.runner import PpoRunner
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.simulate.engine import check_device
@@ -27,7 +28,12 @@ def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") 
     device = local_device(device)
     check_device(device)
     source = find_checkpoint(Path(config.start_from)) if config.start_from else None
-    networks = read_checkpoint(source) if source else None
+    networks = None
+    if source is not None and source.suffix == ".onnx":
+        networks, hidden = networks_of_policy(source)
+        config = config.model_copy(update={"ppo": config.ppo.model_copy(update={"hidden": hidden})})
+    elif source is not None:
+        networks = read_checkpoint(source)
     if is_first_process():
         make_run_folder(folder, config, command, device)
     runner = make_runner(config, folder, device)

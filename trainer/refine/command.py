@@ -34,8 +34,9 @@ def refine(
     check_new(out)
     typer.echo("loading torch …", err=True)
     from trainer.ppo.checkpoint import command_line
+    from trainer.ppo.checkpoint_policy import read_layers
     from trainer.refine.config import load_refine_config
-    from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
+    from trainer.refine.gains import gains_of, policy_of, with_gains
     from trainer.refine.search import Problem, compare, in_words, search
     from trainer.simulate.engine import Place
 

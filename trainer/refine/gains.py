@@ -10,12 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import onnx
 import torch
 from numpy.typing import NDArray
-from onnx import numpy_helper
 
-from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
 from spot_model.policy.observation import COLUMNS, OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
@@ -91,25 +88,6 @@ def with_gains(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
 
 def _joints(names: Sequence[str], end: str, kind: str) -> tuple[int, ...]:
     return tuple(i for i, name in enumerate(names) if name[0] == end[0] and name.endswith(kind))
-
-
-def read_layers(data: bytes, source: str) -> Layers:
-    """Weight (out, in) and bias (out,) of each layer of a policy that ``spot-rl export`` wrote.
-
-    Raises:
-        BadInputError: The network is of another kind.
-    """
-    weights = {i.name: numpy_helper.to_array(i) for i in onnx.load_from_string(data).graph.initializer}
-    layers: Layers = []
-    while f"weight_{len(layers)}" in weights and f"bias_{len(layers)}" in weights:
-        k = len(layers)
-        layers.append((torch.tensor(weights[f"weight_{k}"]), torch.tensor(weights[f"bias_{k}"])))
-    if not layers or len(weights) != 2 * len(layers):
-        raise BadInputError(
-            f"policy {source} has the weights {', '.join(sorted(weights)) or 'none'}; "
-            "only networks that spot-rl export wrote can be refined"
-        )
-    return layers
 
 
 def policy_of(layers: Layers, contract: PolicyContract, record: TrainingRecord | None = None) -> tuple[Policy, bytes]:

@@ -17,8 +17,9 @@ from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import random_commands
+from trainer.ppo.checkpoint_policy import read_layers
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig
-from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
+from trainer.refine.gains import gains_of, policy_of, with_gains
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.walks import hold, record_walks

@@ -11,7 +11,8 @@ import torch
 from spot_model.effects.base import Effect
 from spot_model.effects.registry import effect_class, make_effect
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import RobotModel, load_model
+from spot_model.io.model_file import RobotModel
+from spot_model.io.models_file import load_models, side_by_side
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from trainer.config.task_config import FREE_HEIGHT_M, CommandConfig, RandomisationConfig, Range, TerrainConfig
@@ -104,7 +105,7 @@ def training_effects(
     """All effects that act in training.
 
     Args:
-        model: Built-in model name, model file, or a model.
+        model: Built-in model name, model file, models file, or a model.
         randomisation: Its ``effects`` are added (a parameter may be ``[low, high]``), ``replaced_effects`` left out.
         n: Number of simulations; a drawn parameter has shape (n, 1).
         draws: Where the draws come from.
@@ -112,7 +113,7 @@ def training_effects(
     Raises:
         BadInputError: An effect, key or value is not allowed.
     """
-    own = (model if isinstance(model, RobotModel) else load_model(model)).effects
+    own = model.effects if isinstance(model, RobotModel) else side_by_side(load_models(model), n)
     for name in randomisation.replaced_effects:
         if name not in {effect.name for effect in own}:
             raise BadInputError(
