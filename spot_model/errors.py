@@ -23,3 +23,9 @@ class BadInputError(SpotRlError):
     """Something that came from outside (file, message, flag, environment) is not valid."""
 
     exit_code: int = 2
+
+
+class GpuMemoryError(SpotRlError):
+    """The GPU has too little memory for what was asked."""
+
+    exit_code: int = 75

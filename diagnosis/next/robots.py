@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.ordinary_errors import ErrorKind, error_sets
 from diagnosis.selection.robot_models import with_kind
 from diagnosis.verdict.posterior_file import Possibility, Posterior
-from spot_model.effects.base import Effect, SensorEffect, TorqueEffect
+from spot_model.effects import side_by_side
 from spot_model.effects.bodies import PayloadMass
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
@@ -121,33 +121,5 @@ def with_ordinary_errors(
 
 
 def compact(model: RobotModel) -> RobotModel:
-    """The same robot with effects of one kind at single joints as one effect: a step takes a tenth of the time."""
-    groups: list[list[Effect]] = []
-    for effect in model.effects:
-        if groups and _may_join(groups[-1], effect):
-            groups[-1].append(effect)
-        else:
-            groups.append([effect])
-    return RobotModel(tuple(_joined(own) if len(own) > 1 else own[0] for own in groups), model.robot)
-
-
-def _may_join(own: Sequence[Effect], effect: Effect) -> bool:
-    """Whether an effect is of one kind with others, and at other joints than they."""
-    is_by_joint = isinstance(effect, (TorqueEffect, SensorEffect))
-    taken = np.any([select_joints(e.joints) for e in own], axis=0)
-    return is_by_joint and type(effect) is type(own[0]) and not (taken & select_joints(effect.joints)).any()
-
-
-def _joined(own: Sequence[Effect]) -> Effect:
-    """Effects of one kind as one with a number for each joint.
-
-    It acts at all joints, with null values where there was none: models that differ in places alone stay alike in form.
-    """
-    columns: dict[str, Any] = {}
-    for p in own[0].parameters():
-        column = np.full((1, facts.N_JOINTS), p.null, dtype=np.float64)
-        for effect in own:
-            mask = select_joints(effect.joints)
-            column[:, mask] = np.broadcast_to(getattr(effect, p.name), column.shape)[:, mask]
-        columns[p.name] = column
-    return replace(own[0], joints=("all",), **columns)
+    """The same robot with effects of one kind at single joints as one; see :mod:`spot_model.effects.side_by_side`."""
+    return replace(model, effects=side_by_side.compact(model.effects))

@@ -10,6 +10,7 @@ from diagnosis.report.effect_file import FILE, effect_source
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_model.io.model_file import save_model
+from spot_model.io.models_file import save_models
 from spot_model.io.velocity_sequence import save_sequence
 from spot_model.io.whole import check_new, whole_folder
 from spot_model.robot.facts import JOINT_NAMES
@@ -18,6 +19,7 @@ NAMES = {
     "verdict": "verdict.json",
     "report": "report.html",
     "model": "corrected_model.yaml",
+    "robots": "possible_robots.yaml",
     "posterior": "posterior.json",
 }
 
@@ -52,6 +54,7 @@ def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]
         if result.board.robot.joint_names == JOINT_NAMES:
             # A model file describes Spot; of another robot the verdict's parameters are the result.
             save_model(result.corrected, part / NAMES["model"])
+            save_models((result.corrected, *result.possible), part / NAMES["robots"])
         for d in v.differences:
             if d.split is not None and d.split.sequence_file and d.name in library:
                 file = part / d.split.sequence_file

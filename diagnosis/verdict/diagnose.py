@@ -31,6 +31,7 @@ from diagnosis.verdict.measured import (
     measured_by_simulation,
     open_loop_cells,
 )
+from diagnosis.verdict.possible_robots import possible_robots
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from diagnosis.verdict.probability import unknown_beside
 from spot_log.read.run import Run
@@ -64,6 +65,8 @@ class Diagnosis:
     causes: Causes
     posterior: Posterior | None = None
     """What is still possible, to simulate; None for a robot other than Spot."""
+    possible: tuple[RobotModel, ...] = ()
+    """Robots drawn from what is still possible; none of a robot other than Spot."""
 
 
 def diagnose(
@@ -146,7 +149,8 @@ def diagnose(
         check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
         verdict = verdict.model_copy(update={"synthesis": check})
     posterior = posterior_of(causes, nominal, around, unknown, verdict.distances) if is_spot else None
-    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, causes, posterior)
+    robots = possible_robots(causes, nominal, around, rng) if is_spot else ()
+    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, causes, posterior, robots)
 
 
 def _about(bench: Bench, is_crossed: bool) -> list[str]:

@@ -99,9 +99,7 @@ def posterior_of(
         unknown: Probability of something that no effect of the library is.
         distances: Of closed loops by name of the model, in floors.
     """
-    board, belief = causes.found.board, causes.at_first
-    odds = {name: is_right(belief, frozenset(t.effect.name for t in s.terms)) for name, s in causes.hypotheses.items()}
-    total = sum(odds.values())
+    board, weights = causes.found.board, weights_of_sets(causes)
     found = []
     for name, scored in causes.hypotheses.items():
         base = around.around(by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES))
@@ -116,9 +114,15 @@ def posterior_of(
             for i, (t, own) in enumerate(zip(scored.terms, scored.coefficients, strict=True))
         )
         far = distances.get(name)
-        weight = odds[name] / total
-        found.append(Possibility(weight=weight, distance_floors=far, model=base.to_data(), terms=terms))
+        found.append(Possibility(weight=weights[name], distance_floors=far, model=base.to_data(), terms=terms))
     return Posterior(possibilities=tuple(found), unknown=unknown)
+
+
+def weights_of_sets(causes: Causes) -> dict[str, float]:
+    """Weight of each set of effects that was compared, by name; they add up to 1."""
+    belief, sets = causes.at_first, causes.hypotheses
+    odds = {name: is_right(belief, frozenset(t.effect.name for t in scored.terms)) for name, scored in sets.items()}
+    return {name: own / sum(odds.values()) for name, own in odds.items()}
 
 
 def is_right(belief: Belief, effects: frozenset[str]) -> float:

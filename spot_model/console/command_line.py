@@ -19,7 +19,7 @@ from spot_model.console.command_registry import (
     load_command,
     source_of,
 )
-from spot_model.errors import DISK_FULL, BadInputError, SpotRlError
+from spot_model.errors import DISK_FULL, BadInputError, GpuMemoryError, SpotRlError
 from spot_model.text import plain_lines
 from spot_model.user_code import users_error
 
@@ -32,7 +32,7 @@ PANELS = {
     "Walk": ("demo", "play", "fake-robot", "run", "serve", "ctl", "doctor", "make-safe"),
     "Logs": ("log", "compare", "prune-logs"),
     "Policies": ("train", "export", "evaluate", "refine", "policy"),
-    "From gap to policy": ("collect", "user-sequence", "sysid", "diagnose"),
+    "From gap to policy": ("collect", "user-sequence", "sysid", "diagnose", "improve"),
 }
 """Headings of ``spot-rl --help``, and the commands below each."""
 FOR_DEVELOPERS = ("bench", "withheld")
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(INTERRUPTED_EXIT_CODE) from None
     except Exception as error:  # noqa: BLE001 - the last place where an error can become a line for the user
         told = explain_missing_module(entry, error) if entry and isinstance(error, ModuleNotFoundError) else error
-        told = _opengl_error(error) or users_error(error, source_of(entry.module) if entry else None) or told
+        told = _opengl_error(error) or _gpu_memory_error(error) or users_error(error, source_of(entry.module) if entry else None) or told
         if is_debug:
             traceback.print_exception(error)
         typer.echo(error_line(told, chosen, is_debug=is_debug), err=True)
@@ -84,6 +84,18 @@ def _opengl_error(error: Exception) -> Exception | None:
     return BadInputError(
         f"MUJOCO_GL={chosen}: this drawing library cannot be loaded ({error}); install it (Debian: libegl1 for egl, "
         "libosmesa6 for osmesa), or unset MUJOCO_GL"
+    )
+
+
+def _gpu_memory_error(error: Exception) -> Exception | None:
+    """An allocation on a GPU that failed, in torch's words or in Warp's; neither library is loaded here."""
+    text = str(error)
+    if type(error).__name__ != "OutOfMemoryError" and not ("Failed to allocate" in text and "cuda" in text):
+        return None
+    first = text.splitlines()[0] if text else type(error).__name__
+    return GpuMemoryError(
+        f"the GPU has too little memory ({first}); simulate fewer robots (train: --set n_envs=N), end other programs "
+        "that use it, or work on the cores (--device cpu)"
     )
 
 

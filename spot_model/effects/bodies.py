@@ -158,6 +158,10 @@ class GroundFriction(ModelEffect):
             friction[:, fields.geom_id(f"{leg}_foot"), 0] *= per_sim(self.scale)
 
 
+STIFFEST_S = 1e-3
+"""Shortest time constant of a contact; MuJoCo itself takes no less than two physics steps."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class GroundCompliance(ModelEffect):
     """Another time constant of the contact of the legs of ``joints``: with a longer one it gives way further and later.
@@ -171,9 +175,9 @@ class GroundCompliance(ModelEffect):
     damping_ratio: Any = parameter(null=0.0, low=-0.8, high=4.0, unit="1", source="added to the contact's 1")
 
     def edit(self, fields: ModelFields) -> None:
-        """Add to the feet's contact."""
+        """Add to the feet's contact, which stays above 0: MuJoCo reads a negative one as a stiffness."""
         solref = fields["geom_solref"]
         for leg in legs_of(self.mask):
             foot = fields.geom_id(f"{leg}_foot")
-            solref[:, foot, 0] += per_sim(self.time_constant_s)
+            solref[:, foot, 0] = (solref[:, foot, 0] + per_sim(self.time_constant_s)).clip(min=STIFFEST_S)
             solref[:, foot, 1] += per_sim(self.damping_ratio)

@@ -8,15 +8,12 @@ models:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import numpy as np
 import yaml
 from pydantic import Field, ValidationError
 
-from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import BUILT_IN, RobotModel, load_model, model_from_data
 from spot_model.io.settings import Settings, explain
@@ -59,47 +56,3 @@ def save_models(models: Sequence[RobotModel], path: Path) -> None:
     """
     data = {"schema": SCHEMA, "models": [model.to_data() for model in models]}
     write_new(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
-
-
-def side_by_side(models: Sequence[RobotModel], n_sims: int) -> tuple[Effect, ...]:
-    """The effects of simulations of which number i is a robot of model i modulo the number of models.
-
-    Effects of one name at the same joints become one, whose parameters have shape (n_sims, 1); in simulations whose
-    model lacks it, they have their null values. The order is that of the models.
-    """
-    if len(models) == 1:
-        return models[0].effects
-    keyed = [_numbered(model.effects) for model in models]
-    order: list[Any] = []
-    for effects in keyed:
-        at = 0
-        for key in effects:
-            if key in order:
-                at = order.index(key) + 1
-            else:
-                order.insert(at, key)
-                at += 1
-    which = np.arange(n_sims) % len(models)
-    return tuple(_joined([effects.get(key) for effects in keyed], which) for key in order)
-
-
-def _numbered(effects: Sequence[Effect]) -> dict[Any, Effect]:
-    """Effects by class, joints, and how many of the same came before."""
-    found: dict[Any, Effect] = {}
-    for effect in effects:
-        kind, number = (type(effect), effect.joints), 0
-        while (kind, number) in found:
-            number += 1
-        found[kind, number] = effect
-    return found
-
-
-def _joined(effects: Sequence[Effect | None], which: np.ndarray[Any, Any]) -> Effect:
-    first = next(effect for effect in effects if effect is not None)
-    if all(effect is not None and effect == first for effect in effects):
-        return first
-    columns = {
-        p.name: np.array([p.null if e is None else float(getattr(e, p.name)) for e in effects])[which][:, None]
-        for p in first.parameters()
-    }
-    return replace(first, **columns)

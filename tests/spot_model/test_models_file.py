@@ -11,9 +11,10 @@ from spot_model.effects.base import Effect
 from spot_model.effects.commands import CommandDrop, CommandJitter
 from spot_model.effects.friction import Armature, CoulombFriction, ViscousFriction
 from spot_model.effects.joint_sensors import SensorNoise
+from spot_model.effects.side_by_side import side_by_side
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model
-from spot_model.io.models_file import load_models, save_models, side_by_side
+from spot_model.io.models_file import load_models, save_models
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
 
@@ -34,7 +35,7 @@ def walk(effects: tuple[Effect, ...], n: int) -> np.ndarray:
 def test_a_robot_without_an_effect_does_not_feel_its_neighbours(effect: Effect) -> None:
     paper = load_model("paper_identified")
     models = (paper, paper.with_effects(effect))
-    together = walk(side_by_side(models, 4), 4)
+    together = walk(side_by_side([m.effects for m in models], 4), 4)
     for i, model in enumerate(models):
         alone = walk(model.effects, 1)[0]
         np.testing.assert_allclose(together[i], alone, atol=1e-9)
@@ -43,10 +44,10 @@ def test_a_robot_without_an_effect_does_not_feel_its_neighbours(effect: Effect) 
 
 def test_effects_keep_the_order_of_each_model() -> None:
     a, b, c = CoulombFriction(level_nm=1.0), Armature(inertia_kg_m2=0.1), ViscousFriction(damping_nm_s_per_rad=0.2)
-    names = [e.name for e in side_by_side((RobotModel((a, b)), RobotModel((a, c, b)), RobotModel((a, a))), 3)]
+    names = [e.name for e in side_by_side(((a, b), (a, c, b), (a, a)), 3)]
     assert names == [a.name, a.name, c.name, b.name]
-    first, second = (e for e in side_by_side((RobotModel((a,)), RobotModel((a, a))), 3) if e.name == a.name)
-    np.testing.assert_array_equal(first.level_nm, np.float64(1.0))
+    first, second = (e for e in side_by_side(((a,), (a, a)), 3) if e.name == a.name)
+    np.testing.assert_array_equal(first.level_nm, [[1.0], [1.0], [1.0]])
     np.testing.assert_array_equal(second.level_nm, [[0.0], [1.0], [0.0]])
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spot_model.effects.side_by_side import side_by_side
 from spot_model.io.model_file import RobotModel, load_model
-from spot_model.io.models_file import side_by_side
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
@@ -49,7 +49,7 @@ class Setting:
     def plant(self, n: int, models: Sequence[RobotModel] = ()) -> Plant:
         """Robots at rest in the default pose, of :attr:`model`, or of several models by turns."""
         options = PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads, device=self.device)
-        return Plant(side_by_side(models or (self.model,), n), n, options)
+        return Plant(side_by_side([m.effects for m in models or (self.model,)], n), n, options)
 
     def grip(self) -> Array:
         """Factors by which the model's effects change the friction of each foot, shape (1, 4)."""

@@ -10,9 +10,10 @@ import torch
 
 from spot_model.effects.base import Effect
 from spot_model.effects.registry import effect_class, make_effect
+from spot_model.effects.side_by_side import side_by_side
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
-from spot_model.io.models_file import load_models, side_by_side
+from spot_model.io.models_file import load_models
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from trainer.config.task_config import FREE_HEIGHT_M, CommandConfig, RandomisationConfig, Range, TerrainConfig
@@ -113,7 +114,7 @@ def training_effects(
     Raises:
         BadInputError: An effect, key or value is not allowed.
     """
-    own = model.effects if isinstance(model, RobotModel) else side_by_side(load_models(model), n)
+    own = model.effects if isinstance(model, RobotModel) else side_by_side([m.effects for m in load_models(model)], n)
     for name in randomisation.replaced_effects:
         if name not in {effect.name for effect in own}:
             raise BadInputError(

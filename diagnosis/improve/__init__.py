@@ -1,0 +1,1 @@
+"""From logs to a better policy: diagnose, identify, retrain, evaluate beside the old one, tell."""
