@@ -68,7 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(INTERRUPTED_EXIT_CODE) from None
     except Exception as error:  # noqa: BLE001 - the last place where an error can become a line for the user
         told = explain_missing_module(entry, error) if entry and isinstance(error, ModuleNotFoundError) else error
-        told = _opengl_error(error) or _gpu_memory_error(error) or users_error(error, source_of(entry.module) if entry else None) or told
+        known = _opengl_error(error) or _gpu_memory_error(error)
+        told = known or users_error(error, source_of(entry.module) if entry else None) or told
         if is_debug:
             traceback.print_exception(error)
         typer.echo(error_line(told, chosen, is_debug=is_debug), err=True)

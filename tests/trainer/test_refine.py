@@ -14,10 +14,10 @@ from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.__main__ import commands
-from trainer.ppo.checkpoint_policy import run_torch
+from trainer.ppo.checkpoint_policy import read_layers, run_torch
 from trainer.ppo.ppo import mirror_action, mirror_observation
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig, load_refine_config
-from trainer.refine.gains import gains_of, policy_of, read_layers, with_gains
+from trainer.refine.gains import gains_of, policy_of, with_gains
 from trainer.refine.search import Problem, Steady, judge, run_starts, score_steady, search
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
