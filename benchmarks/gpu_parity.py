@@ -22,6 +22,7 @@ from trainer.config.task_config import RandomisationConfig, TaskConfig
 from trainer.signals.distances import SequenceReference, features_of_run
 from trainer.signals.policy_ticks import Script
 from trainer.task.draws import Draws, draw_initial_state, draw_simulations, training_effects
+from trainer.task.feet import Ground
 from trainer.task.plant_backend import PlantBackend
 
 RANDOMISATION = RandomisationConfig(
@@ -41,7 +42,7 @@ def main(device: str = "cuda:0", n: int = 256, periods: int = 50) -> None:
     config = TaskConfig()
     effects = training_effects("paper_identified", RANDOMISATION, n, draws)
     simulations = draw_simulations(config.randomisation, n, draws)
-    initial = draw_initial_state(config.randomisation, config.terrain, n, draws)
+    initial = draw_initial_state(config.randomisation, Ground(config.terrain, draws.device), n, draws)
     everyone = torch.ones(n, dtype=torch.bool)
     gpu, cpu = PlantBackend(config, effects, simulations, device), PlantBackend(config, effects, simulations)
     cpu.reset(everyone, initial)

@@ -17,8 +17,8 @@ from spot_model.plant.effect_chains import EstimateChain, SensorChain
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, Array
-from spot_model.robot.mjcf_options import BEYOND_GEOM, GROUND_GEOM
 from spot_model.robot.rotation import rotate_inverse_wxyz
+from spot_model.robot.terrain import BEYOND_GEOM, GROUND_GEOM
 
 _FOOT_SENSOR_SIZE = 4
 _TORQUE_AXIS = np.tile([0, 1, 1], N_LEGS)

@@ -10,7 +10,8 @@ from fake_robot.scenario.scenario import Scenario
 from spot_model.plant.model_fields import edit_model
 from spot_model.robot.facts import JOINT_NAMES, Array
 from spot_model.robot.mjcf import spot_mjcf
-from spot_model.robot.mjcf_options import FlatTerrain, MjcfOptions, NoiseTerrain
+from spot_model.robot.mjcf_options import MjcfOptions
+from spot_model.robot.terrain import FlatTerrain, NoiseTerrain
 
 _ACCELEROMETER = '<accelerometer name="imu" site="imu"/>'
 """The last of the sensors: specific force where the inertial unit sits, in the body's axes."""

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 
 from spot_model.robot import facts
-from spot_model.robot.mjcf_options import FlatTerrain, MjcfOptions, NoiseTerrain, Terrain, terrain_asset, terrain_geom
+from spot_model.robot.mjcf_options import MjcfOptions
+from spot_model.robot.terrain import terrain_asset, terrain_geom
 
-__all__ = ["FlatTerrain", "MjcfOptions", "NoiseTerrain", "Terrain", "default_height_m", "spot_mjcf"]
+__all__ = ["MjcfOptions", "default_height_m", "spot_mjcf"]
 
 BODY_HALF_SIZE_M = (0.42, 0.12, 0.085)
 UPPER_LEG_RADIUS_M = 0.045

@@ -1,52 +1,13 @@
-"""Options of the MuJoCo model: solver, contacts, terrain and collisions."""
+"""Options of the MuJoCo model: solver, contacts and collisions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
 from spot_model.errors import BadInputError
-from spot_model.robot.facts import JOINT_NAMES, Array
-
-
-@dataclass(frozen=True)
-class FlatTerrain:
-    """An endless horizontal plane at z = 0."""
-
-
-@dataclass(frozen=True)
-class NoiseTerrain:
-    """Low-poly rough ground: independent uniform heights on a square grid, joined by triangles.
-
-    Args:
-        seed: Seed of the heights; the same seed gives the same ground.
-        amplitude_m: Heights lie in [-amplitude_m, amplitude_m], m, > 0.
-        cell_m: Grid spacing, m, > 0; rounded so that a whole number of cells spans the ground.
-        half_size_m: The ground covers [-half_size_m, half_size_m] in x and y, m.
-        flat_radius_m: Ground nearer than this to the origin stays at z = 0, m, so that a robot starts level.
-        goes_on: Beyond the edge, which is then at the lowest height, a plane goes on; otherwise a robot falls off.
-    """
-
-    seed: int
-    amplitude_m: float = 0.03
-    cell_m: float = 0.25
-    half_size_m: float = 10.0
-    flat_radius_m: float = 0.8
-    goes_on: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("amplitude_m", "cell_m", "half_size_m"):
-            if not getattr(self, name) > 0.0:
-                raise BadInputError(f"NoiseTerrain.{name} is {getattr(self, name)}; it must be above 0 m")
-        if self.cell_m > self.half_size_m:
-            raise BadInputError(
-                f"NoiseTerrain.cell_m is {self.cell_m} m; it must be at most half_size_m = {self.half_size_m} m"
-            )
-
-
-Terrain = FlatTerrain | NoiseTerrain
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.terrain import FlatTerrain, Terrain
 
 
 @dataclass(frozen=True)
@@ -111,45 +72,3 @@ def _check(holds: bool, name: str, value: object, allowed: str) -> None:
 
 def _check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:
     _check(value in allowed, name, value, "one of " + ", ".join(allowed))
-
-
-GROUND_GEOM = "ground"
-BEYOND_GEOM = "beyond"
-_BASE_THICKNESS_M = 0.5
-
-
-def terrain_heights_m(terrain: NoiseTerrain) -> Array:
-    """Heights at the grid points, shape (n, n), rows along +y and columns along +x, m."""
-    n = 2 * round(terrain.half_size_m / terrain.cell_m) + 1
-    heights = np.random.default_rng(terrain.seed).uniform(-terrain.amplitude_m, terrain.amplitude_m, size=(n, n))
-    axis = np.linspace(-terrain.half_size_m, terrain.half_size_m, n)
-    x, y = np.meshgrid(axis, axis)
-    heights[np.hypot(x, y) < terrain.flat_radius_m] = 0.0
-    if terrain.goes_on:
-        edge = np.maximum(np.abs(x), np.abs(y)) > terrain.half_size_m - 0.5 * terrain.cell_m
-        heights[edge] = heights.min()
-    return heights
-
-
-def terrain_asset(terrain: Terrain) -> str:
-    """The height field that the ground needs, or nothing."""
-    if not isinstance(terrain, NoiseTerrain):
-        return ""
-    heights = terrain_heights_m(terrain)
-    # MuJoCo stretches the data to 0..1 and then by the third size; the offset goes into the geom's position.
-    span = float(np.ptp(heights))
-    size = f"{terrain.half_size_m!r} {terrain.half_size_m!r} {span!r} {_BASE_THICKNESS_M!r}"
-    # Inline elevation lists the rows from +y to −y, as a picture seen from above.
-    data = " ".join(repr(float(h)) for h in (heights[::-1] - heights.min()).ravel())
-    n = len(heights)
-    return f'<hfield name="ground" nrow="{n}" ncol="{n}" size="{size}" elevation="{data}"/>'
-
-
-def terrain_geom(terrain: Terrain) -> str:
-    """The ground's geom, and a plane beyond its edge where it goes on; nothing else can be touched by the robot."""
-    common = 'material="ground" contype="1" conaffinity="0" priority="0"'
-    if not isinstance(terrain, NoiseTerrain):
-        return f'<geom name="{GROUND_GEOM}" {common} type="plane" size="0 0 0.05"/>'
-    place = f'pos="0 0 {float(terrain_heights_m(terrain).min())!r}"'
-    plane = f'<geom name="{BEYOND_GEOM}" {common} type="plane" size="0 0 0.05" {place}/>' if terrain.goes_on else ""
-    return f'<geom name="{GROUND_GEOM}" {common} type="hfield" hfield="ground" {place}/>{plane}'

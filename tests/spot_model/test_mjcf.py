@@ -8,8 +8,8 @@ import pytest
 
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
-from spot_model.robot.mjcf import MjcfOptions, NoiseTerrain, default_height_m, spot_mjcf
-from spot_model.robot.mjcf_options import terrain_heights_m
+from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
+from spot_model.robot.terrain import QUANTUM_M, TILE_KINDS, NoiseTerrain, TileTerrain
 
 LINK_FIGURES = {
     # link: mass kg, com m, inertia about the com (xx, yy, zz, xy, xz, yz) kg·m², front-left leg
@@ -202,9 +202,9 @@ def test_a_body_dropped_on_its_belly_touches_only_where_collision_says_so(collis
 
 def test_rough_ground_is_seeded_bounded_and_level_at_the_start() -> None:
     terrain = NoiseTerrain(seed=3, amplitude_m=0.05, half_size_m=3.0)
-    heights = terrain_heights_m(terrain)
-    np.testing.assert_array_equal(heights, terrain_heights_m(terrain))
-    assert not np.array_equal(heights, terrain_heights_m(NoiseTerrain(seed=4, amplitude_m=0.05, half_size_m=3.0)))
+    heights = terrain.heights_m()
+    np.testing.assert_array_equal(heights, terrain.heights_m())
+    assert not np.array_equal(heights, NoiseTerrain(seed=4, amplitude_m=0.05, half_size_m=3.0).heights_m())
     assert heights.shape == (25, 25)
     assert 0.04 < np.abs(heights).max() <= 0.05
     assert heights[12, 12] == 0.0
@@ -221,8 +221,8 @@ def test_rough_ground_that_goes_on_has_no_edge_to_fall_off() -> None:
     heights = [1.0 - mujoco.mj_ray(model, data, start, down, None, True, -1, geom_id) for start in starts]
     assert np.abs(np.diff(heights)).max() < 1.5 * 0.05 * (2 * 0.05 / 0.25)  # the steepest cell rises by two amplitudes
     assert np.ptp(heights[-40:]) == 0.0
-    inner = terrain_heights_m(NoiseTerrain(seed=3, amplitude_m=0.05, half_size_m=3.0))
-    np.testing.assert_array_equal(terrain_heights_m(terrain)[1:-1, 1:-1], inner[1:-1, 1:-1])
+    inner = NoiseTerrain(seed=3, amplitude_m=0.05, half_size_m=3.0).heights_m()
+    np.testing.assert_array_equal(terrain.heights_m()[1:-1, 1:-1], inner[1:-1, 1:-1])
 
 
 def test_rough_ground_lies_where_its_heights_say() -> None:
@@ -230,13 +230,56 @@ def test_rough_ground_lies_where_its_heights_say() -> None:
     model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(terrain=terrain)))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    heights = terrain_heights_m(terrain)
+    heights = terrain.heights_m()
     geom_id = np.zeros(1, np.int32)
     for row, column in [(1, 20), (20, 1), (23, 23), (5, 2)]:
         # A little off the grid point, where the ray would fall between two triangles.
         start = np.array([-3.0 + 0.25 * column + 1e-6, -3.0 + 0.25 * row + 2e-6, 1.0])
         distance = mujoco.mj_ray(model, data, start, np.array([0.0, 0.0, -1.0]), None, True, -1, geom_id)
         assert 1.0 - distance == pytest.approx(heights[row, column], abs=1e-5)
+
+
+def test_tiles_fit_together_and_keep_to_their_bounds() -> None:
+    terrain = TileTerrain(seed=1, half_size_m=12.0, tile_m=6.0, slope_deg=10.0, step_m=0.05, amplitude_m=0.03)
+    heights = terrain.heights_m()
+    assert heights.shape == (481, 481)
+    np.testing.assert_array_equal(heights, terrain.heights_m())
+    assert not np.array_equal(heights, TileTerrain(seed=2, half_size_m=12.0, tile_m=6.0).heights_m())
+    assert not heights[::120].any()
+    assert not heights[:, ::120].any()
+    tiles = {kind: [] for kind in TILE_KINDS}
+    for number, kind in enumerate(terrain.kinds()):
+        row, column = divmod(number, 4)
+        tiles[kind].append(heights[120 * row : 120 * row + 121, 120 * column : 120 * column + 121])
+    assert all(len(found) == 2 * TILE_KINDS.count(kind) for kind, found in tiles.items())
+    most = 0.05 * np.tan(np.radians(10.0)) + QUANTUM_M
+    for tile in tiles["slope up"] + [-tile for tile in tiles["slope down"]]:
+        assert 0.3 * most < np.abs(np.diff(tile, axis=1)).max() <= most
+        assert tile.min() == 0.0
+        assert tile[60, 60] == tile.max() > 0.2
+    for tile in tiles["stairs up"] + [-tile for tile in tiles["stairs down"]]:
+        rises = np.abs(np.diff(tile, axis=1))
+        assert 0.02 < rises.max() <= 0.05 + QUANTUM_M
+        assert (rises < 1e-9).mean() > 0.8
+    for tile in tiles["rough"]:
+        assert 0.01 < np.abs(tile).max() <= 0.03 + QUANTUM_M
+    for tile in tiles["blocks"]:
+        assert tile.min() == 0.0
+        assert 0.04 < tile.max() <= 0.05 + QUANTUM_M
+    assert not np.any(tiles["level"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"slope_deg": 0.0}, "slope_deg is 0.0; it must be above 0 and at most 30"),
+        ({"tile_m": 30.0, "half_size_m": 10.0}, "tile_m is 30.0 m; it must be at most twice half_size_m"),
+        ({"cell_m": 0.0}, "cell_m is 0.0; it must be above 0 m"),
+    ],
+)
+def test_tiles_out_of_bounds_are_refused(wrong: dict[str, float], message: str) -> None:
+    with pytest.raises(BadInputError, match=message):
+        TileTerrain(seed=0, **wrong)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,18 @@
 """The feet in a training: their timers, their motion and the ground below them."""
 
+import mujoco
 import numpy as np
 import torch
 
 from spot_model.plant.plant import Plant
+from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
+from spot_model.robot.rotation import rotate_wxyz
+from spot_model.robot.terrain import TileTerrain
 from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 from trainer.task.draws import Draws, draw_initial_state, draw_simulations
 from trainer.task.feet import FootTimers, Ground, foot_motion
 from trainer.task.plant_backend import PlantBackend
+from trainer.task.task import Task
 
 DT = 0.02
 
@@ -73,7 +78,10 @@ def test_feet_are_where_mujoco_has_them() -> None:
     draws = Draws(torch.Generator().manual_seed(0))
     config = TaskConfig()
     backend = PlantBackend(config, (), draw_simulations(config.randomisation, 4, draws), n_threads=1)
-    backend.reset(torch.ones(4, dtype=torch.bool), draw_initial_state(RandomisationConfig(), config.terrain, 4, draws))
+    backend.reset(
+        torch.ones(4, dtype=torch.bool),
+        draw_initial_state(RandomisationConfig(), Ground(config.terrain, "cpu"), 4, draws),
+    )
     plant: Plant = backend.plant
     feet = foot_motion(backend.read())
     everywhere = plant.batch.bind("site_xpos")
@@ -88,15 +96,62 @@ def test_feet_are_where_mujoco_has_them() -> None:
     np.testing.assert_allclose((after - before) / 1e-6, feet.velocity_in_world_m_s, atol=0.3)
 
 
-def test_ground_height_is_that_of_the_grid_point_and_the_edge_counts_as_outside() -> None:
+def test_ground_height_is_even_between_grid_points_and_the_edge_counts_as_outside() -> None:
     config = TerrainConfig(kind="noise", half_size_m=5.0, cell_m=0.5, seed=3)
     ground = Ground(config, "cpu")
-    points = torch.tensor([[0.0, 0.0], [2.0, -3.0], [2.1, -2.9]])
+    points = torch.tensor([[0.0, 0.0], [2.0, -3.0], [2.5, -3.0], [2.25, -3.0]])
     heights = ground.height_m(points)
+    assert isinstance(heights, torch.Tensor)
     assert float(heights[0]) == 0.0
-    assert float(heights[1]) == float(heights[2]) != 0.0
+    assert float(heights[1]) != float(heights[2]) != 0.0
+    torch.testing.assert_close(heights[3], heights[1:3].mean())
     inside = ground.is_outside(torch.tensor([[0.0, 0.0, 0.5], [4.5, 0.0, 0.5]]))
     assert inside.tolist() == [False, True]
     flat = Ground(TerrainConfig(), "cpu")
     assert flat.height_m(points) == 0.0
     assert not flat.is_outside(torch.full((1, 3), 1e6)).any()
+
+
+TILES = TerrainConfig(kind="tiles", half_size_m=12.0, tile_m=6.0, tile_slope_deg=12.0, seed=2)
+
+
+def test_ground_of_tiles_lies_where_mujoco_has_it() -> None:
+    model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(terrain=TILES.terrain())))
+    data = mujoco.MjData(model)
+    data.qpos[0] = 100.0  # the robot is not in the way
+    mujoco.mj_forward(model, data)
+    down, geom_id = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
+    points = np.random.default_rng(0).uniform(-11.0, 11.0, (200, 2))
+    starts = [np.array([x, y, 3.0]) for x, y in points]
+    expected = [3.0 - mujoco.mj_ray(model, data, start, down, None, True, -1, geom_id) for start in starts]
+    heights = Ground(TILES, "cpu").height_m(torch.tensor(points, dtype=torch.float32))
+    assert np.ptp(expected) > 0.5
+    np.testing.assert_allclose(heights, expected, atol=1e-5)
+
+
+def test_the_way_into_the_ground_follows_a_slope() -> None:
+    terrain = TILES.terrain()
+    assert isinstance(terrain, TileTerrain)
+    row, column = divmod(terrain.kinds().index("slope up"), 4)
+    # Half way from the tile's left edge to its landing, the ground rises along x.
+    point = torch.tensor([[-12.0 + 6.0 * column + 1.4, -12.0 + 6.0 * row + 3.0]])
+    normal = Ground(TILES, "cpu").normal(point)[0]
+    tilt = float(torch.rad2deg(torch.atan2(-normal[0], normal[2])))
+    assert 6.0 <= tilt <= 12.0
+    assert abs(float(normal[1])) < 1e-3
+    torch.testing.assert_close(normal.norm(), torch.tensor(1.0))
+
+
+def test_a_body_parallel_to_a_slope_is_not_tilted_and_a_level_one_on_flat_ground_has_gravity_itself() -> None:
+    for config in (TaskConfig(), TaskConfig(terrain=TILES)):
+        draws = Draws(torch.Generator().manual_seed(0))
+        backend = PlantBackend(config, (), draw_simulations(config.randomisation, 4, draws), n_threads=1)
+        task = Task(config, backend, draws.generator)
+        task.start()
+        state, seen = backend.read(), torch.tensor([[0.0, 0.0, -1.0]]).repeat(4, 1)
+        into = task.into_ground(state, seen)
+        if config.terrain.kind == "flat":
+            assert into is seen
+        else:
+            normal = Ground(TILES, "cpu").normal(state.body_position_m[:, :2])
+            torch.testing.assert_close(rotate_wxyz(state.world_from_body_wxyz, into), -normal)

@@ -9,8 +9,9 @@ import torch
 from torch.overrides import TorchFunctionMode
 
 from spot_model.io.model_file import RobotModel, load_model
-from trainer.config.task_config import RandomisationConfig, TaskConfig
-from trainer.task.draws import Draws, draw_simulations
+from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
+from trainer.task.draws import Draws, draw_initial_state, draw_simulations
+from trainer.task.feet import Ground
 from trainer.task.plant_backend import PlantBackend
 from trainer.task.task import Task
 
@@ -47,6 +48,17 @@ def test_no_value_crosses_between_host_and_device_in_a_step() -> None:
             for _ in range(3):
                 result = task.step(torch.zeros(3, 12))
     assert torch.isfinite(result.observation).all()
+
+
+def test_no_value_crosses_where_robots_start_on_tiles_and_look_up_the_ground() -> None:
+    ground = Ground(TerrainConfig(kind="tiles", half_size_m=14.0), "cpu")
+    draws = Draws(torch.Generator().manual_seed(0))
+    # What is kept on the device is brought there by the first draw.
+    draw_initial_state(RandomisationConfig(), ground, 3, draws)
+    with NothingCrosses():
+        start = draw_initial_state(RandomisationConfig(), ground, 3, draws)
+        normal = ground.normal(start.body_position_m[:, :2])
+    assert torch.isfinite(normal).all()
 
 
 def test_a_crossing_is_seen() -> None:

@@ -9,6 +9,7 @@ from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 from trainer.config.task_config import RandomisationConfig, RewardWeights, TaskConfig, TerrainConfig
 from trainer.task.draws import Draws, draw_initial_state
+from trainer.task.feet import Ground
 from trainer.task.plant_backend import InitialState, PlantBackend, SimulationDraws
 
 N = 3
@@ -22,7 +23,7 @@ def draws(seed: int = 0) -> Draws:
 
 
 def a_start() -> InitialState:
-    return draw_initial_state(RandomisationConfig(), TerrainConfig(), N, draws())
+    return draw_initial_state(RandomisationConfig(), Ground(TerrainConfig(), "cpu"), N, draws())
 
 
 def a_backend(config: TaskConfig | None = None) -> PlantBackend:
@@ -159,12 +160,12 @@ def test_mass_and_friction_reach_the_physics() -> None:
     np.testing.assert_allclose(total, facts.TOTAL_MASS_KG + np.linspace(-2.0, 2.0, N), rtol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["flat", "noise"])
+@pytest.mark.parametrize("kind", ["flat", "noise", "tiles"])
 def test_robots_start_clear_of_the_ground(kind: str) -> None:
-    config = TaskConfig(terrain=TerrainConfig(kind=kind, half_size_m=5.0))
+    config = TaskConfig(terrain=TerrainConfig(kind=kind, half_size_m=16.0))
     simulations = SimulationDraws(torch.full((16,), 0.8), torch.zeros(16))
     backend = PlantBackend(config, (), simulations, n_threads=1)
-    start = draw_initial_state(RandomisationConfig(), config.terrain, 16, draws())
+    start = draw_initial_state(RandomisationConfig(), Ground(config.terrain, "cpu"), 16, draws())
     backend.reset(torch.ones(16, dtype=torch.bool), start)
     state = backend.read()
     assert not state.foot_contact.any()

@@ -19,6 +19,7 @@ def moment(**changes: torch.Tensor) -> Moment:
         linear_vel_m_s=zero3,
         angular_vel_rad_s=zero3,
         gravity=torch.tensor([[0.0, 0.0, -1.0]]),
+        down=torch.tensor([[0.0, 0.0, -1.0]]),
         position_offset_rad=zero12,
         velocity_rad_s=zero12,
         acceleration_rad_s2=zero12,
@@ -112,7 +113,7 @@ BY_HAND = [
         {"linear_vel_m_s": row(9.0, 9.0, 0.5), "angular_vel_rad_s": row(-0.3, 0.2, 9.0)},
         0.8 * 0.25 + 0.2 * 0.5,
     ),
-    ("orientation", {"gravity": row(0.3, -0.4, -0.8)}, 0.5),
+    ("orientation", {"down": row(0.3, -0.4, -0.8)}, 0.5),
     # Of the feet on the ground alone, and of their horizontal speed.
     (
         "foot_slip",

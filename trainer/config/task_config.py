@@ -12,7 +12,7 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 
 from spot_model.io.settings import Settings
 from spot_model.policy.observation import OBSERVATION
-from spot_model.robot.mjcf_options import FlatTerrain, NoiseTerrain, Terrain
+from spot_model.robot.terrain import FlatTerrain, NoiseTerrain, Terrain, TileTerrain
 
 ENTRY_POINT_GROUP: Final = "spot_rl.rewards"
 """Where installed packages name their rewards."""
@@ -230,25 +230,44 @@ class NoiseConfig(Settings):
 
 
 class TerrainConfig(Settings):
-    """The ground; ``noise`` is low-poly rough ground."""
+    """The ground: level, ``noise``, which is low-poly rough ground, or ``tiles`` of slopes, rough ground and steps."""
 
-    kind: Literal["flat", "noise"] = "flat"
-    """`flat`, or `noise`: rough ground."""
+    kind: Literal["flat", "noise", "tiles"] = "flat"
+    """`flat`; `noise`: rough ground; `tiles`: level, rough, slopes, stairs and single blocks, side by side."""
     seed: int = 0
-    """Random seed of the rough ground."""
+    """Random seed of the ground."""
     amplitude_m: float = Field(default=0.03, gt=0.0, le=0.3)
-    """Largest height of the rough ground."""
+    """Largest height of rough ground, up and down; each rough tile has half of it to all of it."""
     cell_m: float = Field(default=0.25, gt=0.0)
-    """Distance between its grid points."""
+    """Distance between the points of rough ground; in tiles the largest, and 0.1 m the smallest."""
     half_size_m: float = Field(default=20.0, gt=0.0)
-    """Half the side of the square of rough ground."""
+    """Half the side of the square of ground."""
+    tile_m: float = Field(default=8.0, ge=2.0)
+    """Side of a tile."""
+    tile_slope_deg: float = Field(default=10.0, gt=0.0, le=30.0)
+    """Steepest slope of a tile; each has half of it to all of it."""
+    tile_step_m: float = Field(default=0.05, gt=0.0, le=0.3)
+    """Highest step of stairs and blocks; each has half of it to all of it."""
+    tile_grid_m: float = Field(default=0.05, gt=0.0)
+    """Grid spacing of the tiles: within it, a step rises. A finer one costs time."""
 
     def terrain(self) -> Terrain:
         """The plant's terrain."""
         if self.kind == "flat":
             return FlatTerrain()
-        return NoiseTerrain(
-            seed=self.seed, amplitude_m=self.amplitude_m, cell_m=self.cell_m, half_size_m=self.half_size_m
+        if self.kind == "noise":
+            return NoiseTerrain(
+                seed=self.seed, amplitude_m=self.amplitude_m, cell_m=self.cell_m, half_size_m=self.half_size_m
+            )
+        return TileTerrain(
+            seed=self.seed,
+            half_size_m=self.half_size_m,
+            tile_m=self.tile_m,
+            slope_deg=self.tile_slope_deg,
+            step_m=self.tile_step_m,
+            amplitude_m=self.amplitude_m,
+            rough_cell_m=self.cell_m,
+            cell_m=self.tile_grid_m,
         )
 
 

@@ -16,7 +16,9 @@ from spot_model.io.model_file import RobotModel
 from spot_model.io.models_file import load_models
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from trainer.config.task_config import FREE_HEIGHT_M, CommandConfig, RandomisationConfig, Range, TerrainConfig
+from spot_model.robot.rotation import rotate_wxyz
+from trainer.config.task_config import FREE_HEIGHT_M, CommandConfig, RandomisationConfig, Range
+from trainer.task.feet import Ground
 from trainer.task.plant_backend import InitialState, SimulationDraws
 
 Tensor = torch.Tensor
@@ -39,15 +41,13 @@ class Draws:
         return torch.randn(*shape, generator=self.generator, device=self.device)
 
 
-def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: int, draws: Draws) -> InitialState:
+def draw_initial_state(config: RandomisationConfig, ground: Ground, n: int, draws: Draws) -> InitialState:
     """Initial states for n robots, one draw each; see :class:`RandomisationConfig` for the ranges."""
     device = draws.device
     c, joints = config, facts.N_JOINTS
     ranges = [(1, c.initial_yaw_rad), (joints, c.initial_position_rad), (2, c.initial_xy_m)]
-    if terrain.kind == "noise":
-        # Spread over the ground, so that robots do not all learn the same few square metres.
-        reach = max(0.0, terrain.half_size_m - 12.0)
-        ranges.append((2, (-reach, reach)))
+    if not ground.is_level:
+        ranges.append((2, (-ground.start_reach_m, ground.start_reach_m)))
     velocities = (c.initial_v_x_m_s, c.initial_v_y_m_s, c.initial_v_z_m_s)
     rates = (c.initial_roll_rate_rad_s, c.initial_pitch_rate_rad_s, c.initial_yaw_rate_rad_s)
     ranges += [(1, bounds) for bounds in (*velocities, *rates)]
@@ -55,19 +55,24 @@ def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: i
     low, width = _columns(tuple(ranges), device)
     blocks = torch.split(draws.uniform((0.0, 1.0), len(low), n) * width + low, [rows for rows, _ in ranges])
     yaw, position, xy = blocks[0][0], blocks[1].view(n, joints), blocks[2].view(n, 2)
-    if terrain.kind == "noise":
+    if not ground.is_level:
         xy = xy + blocks[3].view(n, 2)
     motion = torch.cat(blocks[-7:-1]).T
     half_yaw = 0.5 * yaw
     zero = torch.zeros(n, device=device)
     default, stops = _joint_constants(device)
     position = torch.clamp(default + position, *stops)
-    # The body starts level, so the lowest foot says how high it must be for none to start inside the ground.
-    lowest = foot_position_in_body_m(position)[..., 2].amin(dim=-1)
-    height = facts.FOOT_RADIUS_M + FREE_HEIGHT_M - lowest + (terrain.amplitude_m if terrain.kind == "noise" else 0.0)
+    attitude = torch.stack([half_yaw.cos(), zero, zero, half_yaw.sin()], dim=-1)
+    # The body starts level, so the foot nearest to the ground says how high it must be for none to start inside.
+    feet = foot_position_in_body_m(position)
+    above = feet[..., 2]
+    if not ground.is_level:
+        feet_xy = xy[:, None, :] + rotate_wxyz(attitude[:, None, :].expand(-1, facts.N_LEGS, -1), feet)[..., :2]
+        above = above - ground.height_m(feet_xy)
+    height = facts.FOOT_RADIUS_M + FREE_HEIGHT_M - above.amin(dim=-1)
     return InitialState(
         body_position_m=torch.cat([xy, height[:, None]], dim=-1),
-        world_from_body_wxyz=torch.stack([half_yaw.cos(), zero, zero, half_yaw.sin()], dim=-1),
+        world_from_body_wxyz=attitude,
         linear_vel_of_body_in_world_m_s=motion[:, :3],
         angular_vel_of_body_in_body_rad_s=motion[:, 3:],
         position_rad=position,

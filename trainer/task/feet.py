@@ -3,42 +3,71 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
+import numpy as np
 import torch
 
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
-from spot_model.robot.mjcf_options import NoiseTerrain, terrain_heights_m
 from spot_model.robot.rotation import rotate_wxyz
+from spot_model.robot.terrain import FlatTerrain
 from trainer.config.task_config import TerrainConfig
 from trainer.task.plant_backend import PlantState
 
 Tensor = torch.Tensor
 
+START_FROM_EDGE_M: Final = 12.0
+"""No robot starts nearer to the ground's edge."""
+SLOPE_OVER_M: Final = 0.3
+"""The ground's slope under a robot is that of nine points so far apart, about its footprint."""
+
 
 class Ground:
-    """Looks up ground heights: zero on flat ground, the nearest grid point on rough ground."""
+    """Looks up ground heights: zero on flat ground, elsewhere that of the height field's triangles."""
 
     def __init__(self, config: TerrainConfig, device: torch.device | str) -> None:
-        self.half_size_m = config.half_size_m if config.kind == "noise" else None
         terrain = config.terrain()
-        self._heights: Tensor | None = None
-        if isinstance(terrain, NoiseTerrain):
-            self._heights = torch.tensor(terrain_heights_m(terrain), device=device, dtype=torch.float32)
+        self.is_level = isinstance(terrain, FlatTerrain)
+        """Whether it is a horizontal plane."""
+        self.start_reach_m = max(0.0, config.half_size_m - START_FROM_EDGE_M)
+        """Unless it is, robots start spread over [-start_reach_m, start_reach_m] in x and y, so that they do not all
+        learn the same few square metres."""
+        heights = np.zeros((2, 2)) if isinstance(terrain, FlatTerrain) else terrain.heights_m()
+        self._heights = torch.tensor(heights, device=device, dtype=torch.float32)
+        self._half_size_m = config.half_size_m
+        around = torch.arange(-1.0, 2.0, device=device) * SLOPE_OVER_M
+        self._around = torch.cartesian_prod(around, around)
 
     def height_m(self, xy_m: Tensor) -> Tensor | float:
         """Ground height at points of shape (..., 2); shape (...), or 0.0 on flat ground."""
-        if self._heights is None or self.half_size_m is None:
-            return 0.0
+        return 0.0 if self.is_level else self._on_triangles(xy_m)
+
+    def _on_triangles(self, xy_m: Tensor) -> Tensor:
         n = len(self._heights)
-        cell = 2.0 * self.half_size_m / (n - 1)
-        index = ((xy_m + self.half_size_m) / cell).round().long().clamp(0, n - 1)
-        return self._heights[index[..., 1], index[..., 0]]
+        at = ((xy_m + self._half_size_m) * ((n - 1) / (2.0 * self._half_size_m))).clamp(0.0, n - 1.0)
+        low = at.long().clamp(max=n - 2)
+        (x, y), (along_x, along_y) = low.unbind(dim=-1), (at - low).unbind(dim=-1)
+        # MuJoCo folds a cell along the diagonal from its lowest to its highest x and y.
+        is_upper = (along_y >= along_x).long()
+        first, last = self._heights[y, x], self._heights[y + 1, x + 1]
+        between = self._heights[y + is_upper, x + 1 - is_upper]
+        nearer, further = torch.maximum(along_x, along_y), torch.minimum(along_x, along_y)
+        return first + nearer * (between - first) + further * (last - between)
+
+    def normal(self, xy_m: Tensor) -> Tensor:
+        """The ground's upward normal in the world under robots at points of shape (n, 2); shape (n, 3), of length 1."""
+        heights = self._on_triangles(xy_m[:, None, :] + self._around)
+        # The plane that fits the nine heights best: per axis, the mean of the last three less that of the first three.
+        square = heights.view(-1, 3, 3)
+        ends = [square[:, 2].mean(-1) - square[:, 0].mean(-1), square[..., 2].mean(-1) - square[..., 0].mean(-1)]
+        slope = torch.stack(ends, dim=-1) / (2.0 * SLOPE_OVER_M)
+        return torch.nn.functional.normalize(torch.cat([-slope, torch.ones_like(slope[:, :1])], dim=-1), dim=-1)
 
     def is_outside(self, body_position_m: Tensor, margin_m: float = 1.0) -> Tensor:
         """Which robots have reached the edge, bool (n,); never on flat ground."""
-        if self.half_size_m is None:
+        if self.is_level:
             return torch.zeros(len(body_position_m), dtype=torch.bool, device=body_position_m.device)
-        return (body_position_m[:, :2].abs() > self.half_size_m - margin_m).any(dim=-1)
+        return (body_position_m[:, :2].abs() > self._half_size_m - margin_m).any(dim=-1)
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,8 @@ class Moment:
     """In the body frame, shape (n, 3)."""
     gravity: Tensor
     """Projected gravity, shape (n, 3)."""
+    down: Tensor
+    """Straight into the ground below the robot, in the body frame, shape (n, 3): on level ground, gravity."""
     position_offset_rad: Tensor
     """Joint position minus default pose, shape (n, 12)."""
     velocity_rad_s: Tensor
@@ -173,8 +175,8 @@ def base_motion(m: Moment, _c: RewardShape) -> Tensor:
 
 
 def orientation(m: Moment, _c: RewardShape) -> Tensor:
-    """Tilt, as the horizontal part of gravity in the body frame."""
-    return _norm(m.gravity[:, :2])
+    """Tilt against the ground below, as the horizontal part, in the body frame, of the way into it."""
+    return _norm(m.down[:, :2])
 
 
 def foot_slip(m: Moment, _c: RewardShape) -> Tensor:

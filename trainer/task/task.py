@@ -13,6 +13,7 @@ import torch
 
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT, build_observation
 from spot_model.robot import facts
+from spot_model.robot.rotation import rotate_inverse_wxyz
 from trainer.config.task_config import TaskConfig
 from trainer.config.train_config import TrainConfig
 from trainer.simulate.engine import check_device
@@ -164,6 +165,7 @@ class Task:
             linear_vel_m_s=linear_vel,
             angular_vel_rad_s=seen["angular_vel_of_body_in_body_rad_s"],
             gravity=seen["projected_gravity_in_body"],
+            down=self.into_ground(state, seen["projected_gravity_in_body"]),
             position_offset_rad=seen["joint_position_offset_rad"],
             velocity_rad_s=state.velocity_rad_s,
             acceleration_rad_s2=(state.velocity_rad_s - self._joint_velocity) / PERIOD_S,
@@ -186,6 +188,14 @@ class Task:
             is_moving=commanded | (linear_vel[:, :2].norm(dim=-1) > shape.moving_above_m_s),
         )
 
+    def into_ground(self, state: PlantState, gravity: Tensor) -> Tensor:
+        """Into the ground below each robot, in its body frame: gravity's direction where the ground is level."""
+        if self._ground.is_level:
+            return gravity
+        normal = self._ground.normal(state.body_position_m[:, :2])
+        into: Tensor = rotate_inverse_wxyz(state.world_from_body_wxyz, -normal)
+        return into
+
     def _weighted_rewards(self, moment: Moment) -> Tensor:
         """Each term times its weight and the period, shape (n, terms), in the order of the config's fields."""
         shape = self.config.reward_shape
@@ -194,7 +204,7 @@ class Task:
 
     def _reset(self, mask: Tensor) -> None:
         config = self.config
-        initial = draw_initial_state(config.randomisation, config.terrain, self.n_envs, self._draws)
+        initial = draw_initial_state(config.randomisation, self._ground, self.n_envs, self._draws)
         self.backend.reset(mask, initial)
         self.feet.reset(mask)
         self.episode_steps.masked_fill_(mask, 0)
