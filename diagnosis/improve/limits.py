@@ -39,6 +39,8 @@ class Limit:
     """Of its 90 % interval."""
     is_known: bool
     """Whether the logs determine it."""
+    is_reached: bool
+    """Whether a measured torque depends on it."""
 
     @property
     def differs(self) -> bool:
@@ -93,22 +95,30 @@ def limits_of(found: ResultData, nominal: RobotModel) -> tuple[Limit, ...]:
     for p in found.parameters:
         parameter = p.name.rpartition(".")[2]
         before = float(getattr(curve, parameter)) if curve is not None else float("nan")
-        out.append(Limit(parameter, p.unit, before, p.value, p.low, p.high, p.identified))
+        out.append(Limit(parameter, p.unit, before, p.value, p.low, p.high, p.identified, p.by_torque is not None))
     return tuple(out)
 
 
 def with_limits(
     robots: Sequence[RobotModel], limits: Sequence[Limit], rng: np.random.Generator
 ) -> tuple[RobotModel, ...]:
-    """The fitted robot with known limits, and the others with limits drawn within what is known of them.
+    """The fitted robot with the limits that were found, and the others with limits drawn within what is known of them.
 
-    A limit that the logs do not determine stays the nominal one.
+    A limit that the logs determine is drawn from its interval. One that no torque reached lies between the nominal one
+    and what the search found; all these of a robot alike, as the curve is one. Others are as they were found.
     """
-    known = [limit for limit in limits if limit.is_known]
     fitted, *others = robots
-    out = [_with(fitted, {limit.parameter: limit.value for limit in known})]
+    out = [_with(fitted, {limit.parameter: limit.value for limit in limits})]
     for robot in others:
-        drawn = {k.parameter: float(rng.normal(k.value, (k.high - k.low) / (2.0 * QUANTILE))) for k in known}
+        share = float(rng.uniform())
+        drawn = {}
+        for limit in limits:
+            value = limit.value
+            if limit.is_known:
+                value = float(rng.normal(value, (limit.high - limit.low) / (2.0 * QUANTILE)))
+            elif not limit.is_reached and np.isfinite(limit.nominal):
+                value = limit.nominal + share * (value - limit.nominal)
+            drawn[limit.parameter] = value
         out.append(_with(robot, drawn))
     return tuple(out)
 

@@ -92,29 +92,30 @@ def improve_policy(inputs: Inputs, out: Path, *, workers: int, device: str, say:
     place = step_names(out)
     _keep(inputs, place["inputs"])
     policy, steps = Path(inputs.policy), list[TakenStep]()
-    on_gpu = ("--device", device)
-    spread = ("--workers", str(workers)) if device == "cpu" else on_gpu
-    cores = ("--workers", str(workers))
 
     def done(step: Step, seconds: float | None) -> None:
         steps.append(TakenStep(step.about, step.command, seconds))
 
-    def simple(about: str, words: tuple[str, ...], result: str, *, is_spread: bool = True) -> None:
-        where = spread if is_spread else (on_gpu if device != "cpu" else ())
-        fallback = (*words, *(cores if is_spread else ())) if device != "cpu" else ()
-        step = Step(about, (*words, *where), place[result], fallback)
+    def simple(
+        about: str, words: tuple[str, ...], result: str, *, cores: tuple[str, ...] = (), gpu: str = device
+    ) -> None:
+        step = Step(about, (*words, *cores), place[result])
+        if gpu != "cpu":
+            step = Step(about, (*words, "--device", gpu), place[result], on_cores=step.words)
         done(step, take(step, say))
 
-    # What the logs say of the robot.
+    # What the logs say of the robot; on the cores, where a GPU would not be quicker.
+    in_processes = ("--workers", str(workers))
     diagnosis = out / "diagnosis"
     simple(
         "diagnosis",
         ("diagnose", *inputs.logs, "--nominal", inputs.nominal, "--policy", inputs.policy, "--out", str(diagnosis),
-         "--seed", str(inputs.seed)),
+         "--seed", str(inputs.seed), *in_processes),
         "verdict",
+        gpu="cpu",
     )  # fmt: skip
     verdict = Verdict.model_validate_json(place["verdict"].read_bytes())
-    limits = _identify(inputs, place, device, simple)
+    limits = _identify(inputs, place, device, workers, simple)
     why = worth_training(verdict, limits)
     evaluations: list[dict[str, Any]] = []
     if why is None:
@@ -131,7 +132,7 @@ def improve_policy(inputs: Inputs, out: Path, *, workers: int, device: str, say:
         for name, path in both:
             words = ("evaluate", str(path), "--model", str(place["robots"]), "--n", str(inputs.n),
                      "--seed", str(inputs.seed), "--out", str(place[name].parent))  # fmt: skip
-            simple(f"evaluation of the {name} policy", words, name, is_spread=False)
+            simple(f"evaluation of the {name} policy", words, name)
             evaluations.append(json.loads(place[name].read_text(encoding="utf-8")))
     compared = figures(*evaluations) if evaluations else ()
     outcome = why or outcome_of(compared)
@@ -167,11 +168,13 @@ def _keep(inputs: Inputs, path: Path) -> None:
 class TakeStep(Protocol):
     """Takes a step whose result has a name among the places."""
 
-    def __call__(self, about: str, words: tuple[str, ...], result: str, *, is_spread: bool = True) -> None:
-        """Run the words unless the result is there; ``is_spread`` names the workers, too."""
+    def __call__(
+        self, about: str, words: tuple[str, ...], result: str, *, cores: tuple[str, ...] = (), gpu: str = ""
+    ) -> None:
+        """Run the words unless the result is there, with further words on the cores; "cpu" keeps it off a GPU."""
 
 
-def _identify(inputs: Inputs, place: dict[str, Path], device: str, simple: TakeStep) -> tuple[Limit, ...]:
+def _identify(inputs: Inputs, place: dict[str, Path], device: str, workers: int, simple: TakeStep) -> tuple[Limit, ...]:
     """What the paper's search finds of the knees' limits; nothing where the model has none."""
     data = search_config(load_model(str(place["corrected"])), str(place["corrected"]), device, inputs.seed)
     if data is None:
@@ -181,7 +184,7 @@ def _identify(inputs: Inputs, place: dict[str, Path], device: str, simple: TakeS
     folder = place["identified"].parent
     words = ("sysid", *inputs.logs, "--policy", inputs.policy, "--config", str(place["search"]), "--out", str(folder))
     resumed = ("--resume",) if (folder / "search.jsonl").exists() else ()
-    simple("identification of limits", (*words, *resumed), "identified")
+    simple("identification of limits", (*words, *resumed), "identified", cores=("--workers", str(workers)))
     found = ResultData.model_validate_json(place["identified"].read_bytes())
     return limits_of(found, load_model(inputs.nominal))
 
@@ -208,4 +211,4 @@ def _refine(inputs: Inputs, place: dict[str, Path], workers: int, simple: TakeSt
         write_new(place["refine"], yaml.safe_dump(data, sort_keys=False))
     words = ("refine", inputs.policy, "--config", str(place["refine"]), "--folder", str(place["refined"].parent),
              "--out", str(place["retrained"]), "--jobs", str(workers))  # fmt: skip
-    simple("refinement of gains", words, "refined", is_spread=False)
+    simple("refinement of gains", words, "refined", gpu="cpu")

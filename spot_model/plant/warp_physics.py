@@ -26,7 +26,7 @@ CONTACTS: Final = 24
 CONSTRAINTS: Final = 128
 TRIED: Final = 64
 """Robots by which it is estimated how many fit."""
-UNUSED: Final = ("dof_M0",)
+UNUSED: Final = ("dof_M0", "dof_length", "bvh_aabb")
 """Derived fields that ``mujoco_warp`` has not and does not use."""
 _BODY: Final = facts.N_LEGS
 """Column of everything that is not a foot."""

@@ -9,10 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from spot_model.effects.base import CommandEffect, Effect, parameter
+from spot_model.effects.base import CommandEffect, Effect, ModelEffect, parameter
 from spot_model.effects.commands import CommandDelay, CommandDrop, CommandJitter
 from spot_model.effects.joint_sensors import SensorNoise
 from spot_model.effects.leg_odometry import LegOdometry
+from spot_model.effects.side_by_side import side_by_side
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.plant.closed_loop import ClosedLoop
@@ -66,6 +67,14 @@ def test_every_effect_acts_alike(effect: Effect) -> None:
         np.testing.assert_allclose(
             on_host(getattr(warp.estimate, reported)), getattr(cores.estimate, reported), atol=1e-4, err_msg=reported
         )
+
+
+@pytest.mark.parametrize("effect", [e for e in ACTIVE if isinstance(e, ModelEffect)], ids=lambda e: e.name)
+def test_an_effect_of_the_model_may_differ_between_robots(effect: Effect) -> None:
+    """Also in a field that MuJoCo derives from those that the effect writes."""
+    robots = side_by_side(((effect,), ()), 2)
+    cores, warp = plants(robots)
+    np.testing.assert_allclose(walk(warp), walk(cores), atol=SAME_RAD)
 
 
 @pytest.mark.parametrize("effect", ACTIVE, ids=lambda e: e.name)
