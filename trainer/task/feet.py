@@ -45,7 +45,8 @@ class Ground:
     def _on_triangles(self, xy_m: Tensor) -> Tensor:
         n = len(self._heights)
         at = ((xy_m + self._half_size_m) * ((n - 1) / (2.0 * self._half_size_m))).clamp(0.0, n - 1.0)
-        low = at.long().clamp(max=n - 2)
+        # A diverged robot is nowhere, which is no index.
+        low = at.nan_to_num(0.0).long().clamp(max=n - 2)
         (x, y), (along_x, along_y) = low.unbind(dim=-1), (at - low).unbind(dim=-1)
         # MuJoCo folds a cell along the diagonal from its lowest to its highest x and y.
         is_upper = (along_y >= along_x).long()
