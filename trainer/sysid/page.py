@@ -12,6 +12,7 @@ from spot_log.page.chart import Series, chart
 from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
 from spot_log.page.svg import HALF, esc, legend, liveliest
 from spot_model.robot import facts
+from spot_model.robot.arrays import on_host
 from spot_model.text import counted
 from trainer.sysid.identify import Identification
 from trainer.sysid.logs import sequence_of
@@ -171,7 +172,10 @@ def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces
         real_torque = _at_ticks(run.ticks.robot_stamp_ns, run.states.robot_stamp_ns, run.states.load_nm)
         traces = [
             (run.ticks.action[:, problem.policy.canonical_from_policy], real_torque),
-            *((rollouts.features[i, case][:, 24:] / scale, rollouts.torque_nm[i, case]) for i in range(2)),
+            *(
+                (on_host(rollouts.features[i, case][:, 24:]) / scale, on_host(rollouts.torque_nm[i, case]))
+                for i in range(2)
+            ),
         ]
         yield reference.sequence, stretch, rate_hz, traces
         case += len(cases)
