@@ -170,10 +170,10 @@ def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces
         run = next(r for r in found.preparation.logs.compared if sequence_of(r) == reference.sequence)
         stretch = liveliest(np.linalg.norm(run.ticks.velocity_command, axis=1), round(OVERLAY_S * rate_hz))
         real_torque = _at_ticks(run.ticks.robot_stamp_ns, run.states.robot_stamp_ns, run.states.load_nm)
-        traces = [
+        traces: list[tuple[NDArray[Any], NDArray[Any]]] = [
             (run.ticks.action[:, problem.policy.canonical_from_policy], real_torque),
             *(
-                (on_host(rollouts.features[i, case][:, 24:]) / scale, on_host(rollouts.torque_nm[i, case]))
+                (np.asarray(on_host(rollouts.features[i, case][:, 24:])) / scale, on_host(rollouts.torque_nm[i, case]))
                 for i in range(2)
             ),
         ]
