@@ -190,3 +190,14 @@ def _figures(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for name, words in (("pushes", "pushes of 1 m/s"), ("slippery_patch", "a patch of μ 0.3")):
         if name in told:
             yield words, f"{told[name]['survived']} of {told[name]['trials']} walk on"
+    yield from _holds(told.get("holds", {}))
+
+
+def _holds(holds: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Where it was tried at up to 1 m/s and how many held, a line for each kind of condition."""
+    by_group: dict[str, list[str]] = {}
+    for c in holds.get("conditions", ()):
+        by_group.setdefault(c["group"], []).append(f"{c['name']} {c['held']}")
+    for group, words in by_group.items():
+        robots = holds["conditions"][0]["robots"]
+        yield f"holds, {group}", f"of {robots}: {'; '.join(words)}"

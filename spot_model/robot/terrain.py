@@ -159,7 +159,57 @@ class TileTerrain:
         return heights
 
 
-Terrain = FlatTerrain | NoiseTerrain | TileTerrain
+RISE_WITHIN_M: Final = 0.02
+"""A step of a ramp rises within this length."""
+RAMP_CELL_M: Final = 0.2
+"""Grid spacing of ramps across, and along where they have no steps."""
+
+
+@dataclass(frozen=True)
+class RampTerrain:
+    """Ground that rises along +x from z = 0, evenly or in steps.
+
+    Args:
+        slope_deg: Of an even ramp, degrees.
+        step_m: Height of the steps, m; 0 for an even ramp.
+        tread_m: Their depth, m.
+        half_size_m: The ground covers [-half_size_m, half_size_m] in x and y, m.
+    """
+
+    slope_deg: float = 0.0
+    step_m: float = 0.0
+    tread_m: float = 0.5
+    half_size_m: float = 17.0
+
+    def heights_m(self) -> Array:
+        """Heights at the grid points, shape (rows along +y, columns along +x), m."""
+        cell_m = RISE_WITHIN_M if self.step_m else RAMP_CELL_M
+        rows, columns = (2 * round(self.half_size_m / cell) + 1 for cell in (RAMP_CELL_M, cell_m))
+        along = np.linspace(0.0, 2.0 * self.half_size_m, columns)
+        steps = self.step_m * np.floor(along / self.tread_m + 1e-9)
+        return np.tile(np.tan(np.radians(self.slope_deg)) * along + steps, (rows, 1))
+
+
+@dataclass(frozen=True)
+class CourseTerrain:
+    """Several grounds in one model: an endless plane at z = 0 and height fields above it, far from the origin.
+
+    Args:
+        fields: The height fields; see :meth:`centre_m` for where they lie.
+    """
+
+    fields: tuple[NoiseTerrain | RampTerrain, ...]
+
+    def centre_m(self, number: int) -> tuple[float, float, float]:
+        """Where the middle of the field's z = 0 lies, m."""
+        return (0.0, COURSE_SPACING_M * (number + 1), COURSE_HEIGHT_M)
+
+
+COURSE_SPACING_M: Final = 60.0
+COURSE_HEIGHT_M: Final = 0.5
+"""The fields of a course lie so far from each other and from the origin, and so high that nothing reaches the plane."""
+HeightField = NoiseTerrain | TileTerrain | RampTerrain
+Terrain = FlatTerrain | NoiseTerrain | TileTerrain | CourseTerrain
 GROUND_GEOM: Final = "ground"
 BEYOND_GEOM: Final = "beyond"
 _BASE_THICKNESS_M: Final = 0.5
@@ -177,25 +227,41 @@ def _check_sizes(terrain: NoiseTerrain | TileTerrain, *names: str) -> None:
 
 
 def terrain_asset(terrain: Terrain) -> str:
-    """The height field that the ground needs, or nothing."""
-    if isinstance(terrain, FlatTerrain):
-        return ""
-    heights = terrain.heights_m()
+    """The height fields that the ground needs, or nothing."""
+    if isinstance(terrain, CourseTerrain):
+        return "".join(_field_asset(f"field{i}", field) for i, field in enumerate(terrain.fields))
+    return "" if isinstance(terrain, FlatTerrain) else _field_asset(GROUND_GEOM, terrain)
+
+
+def _field_asset(name: str, field: HeightField) -> str:
+    heights = field.heights_m()
     # MuJoCo stretches the data to 0..1 and then by the third size; the offset goes into the geom's position.
     span = float(np.ptp(heights))
-    size = f"{terrain.half_size_m!r} {terrain.half_size_m!r} {span!r} {_BASE_THICKNESS_M!r}"
+    size = f"{field.half_size_m!r} {field.half_size_m!r} {span!r} {_BASE_THICKNESS_M!r}"
     # Inline elevation lists the rows from +y to −y, as a picture seen from above.
     data = " ".join(map(repr, (heights[::-1] - heights.min()).ravel().tolist()))
-    n = len(heights)
-    return f'<hfield name="ground" nrow="{n}" ncol="{n}" size="{size}" elevation="{data}"/>'
+    rows, columns = heights.shape
+    return f'<hfield name="{name}" nrow="{rows}" ncol="{columns}" size="{size}" elevation="{data}"/>'
 
 
 def terrain_geom(terrain: Terrain) -> str:
     """The ground's geom, and a plane beyond its edge where it goes on; nothing else can be touched by the robot."""
     common = 'material="ground" contype="1" conaffinity="0" priority="0"'
-    if isinstance(terrain, FlatTerrain):
-        return f'<geom name="{GROUND_GEOM}" {common} type="plane" size="0 0 0.05"/>'
-    place = f'pos="0 0 {float(terrain.heights_m().min())!r}"'
+    if isinstance(terrain, (FlatTerrain, CourseTerrain)):
+        placed = ""
+        if isinstance(terrain, CourseTerrain):
+            numbered = enumerate(terrain.fields)
+            placed = "".join(_field_geom(f"field{i}", f, common, terrain.centre_m(i)) for i, f in numbered)
+        return f'<geom name="{GROUND_GEOM}" {common} type="plane" size="0 0 0.05"/>{placed}'
     goes_on = isinstance(terrain, NoiseTerrain) and terrain.goes_on
+    place = f'pos="0 0 {float(terrain.heights_m().min())!r}"'
     plane = f'<geom name="{BEYOND_GEOM}" {common} type="plane" size="0 0 0.05" {place}/>' if goes_on else ""
-    return f'<geom name="{GROUND_GEOM}" {common} type="hfield" hfield="ground" {place}/>{plane}'
+    return _field_geom(GROUND_GEOM, terrain, common) + plane
+
+
+def _field_geom(
+    name: str, field: HeightField, common: str, centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> str:
+    x, y, z = centre_m
+    place = f"{x!r} {y!r} {z + float(field.heights_m().min())!r}"
+    return f'<geom name="{name}" {common} type="hfield" hfield="{name}" pos="{place}"/>'

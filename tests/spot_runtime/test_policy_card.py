@@ -18,6 +18,13 @@ FIGURES = {
     "tracking": {"mean_forward_error_m_s": 0.0114, "mean_yaw_error_rad_s": 0.0523},
     "episodes_slow": {"falls": 3, "episodes": 100},
     "pushes": {"survived": 99, "trials": 100},
+    "holds": {
+        "conditions": [
+            {"group": "slope", "name": "5° up", "robots": 100, "held": 98},
+            {"group": "slope", "name": "10° up", "robots": 100, "held": 71},
+            {"group": "payload", "name": "10 kg", "robots": 100, "held": 96},
+        ]
+    },
 }
 
 
@@ -51,7 +58,14 @@ def test_a_card_is_written_from_an_evaluation_and_shown(policy: Path, capsys: py
         "0.011 m/s on average",
         "0.052 rad/s on",
     )
-    for line in (*told, "3 of 100 randomised episodes", "99 of 100 walk on", "the fake", "kp 60 N·m/rad"):
+    for line in (
+        *told,
+        "3 of 100 randomised episodes",
+        "99 of 100 walk on",
+        "of 100: 5° up 98; 10° up 71",
+        "the fake",
+        "kp 60 N·m/rad",
+    ):
         assert line in out
     assert run(*words) == 2
     assert "nothing is overwritten" in capsys.readouterr().err

@@ -84,13 +84,13 @@ def test_a_whole_evaluation_and_its_page() -> None:
     result = evaluate(
         Setting(slow, n_threads=1), n=3, tell=told.__setitem__, keep=lambda figures: kept.append(dict(figures))
     )
-    assert list(told) == ["tracking", "top_speed", "episodes_slow", "pushes", "slippery_patch"]
+    assert list(told) == ["tracking", "top_speed", "episodes_slow", "pushes", "slippery_patch", "holds"]
     assert list(told.values()) == sorted(told.values())
     assert told["tracking"] == 0.0
-    assert told["slippery_patch"] < 1.0
+    assert told["holds"] < 1.0
     again: list[str] = []
-    resumed = evaluate(Setting(slow, n_threads=1), n=3, done=kept[3], tell=lambda name, _: again.append(name))
-    assert again == ["slippery_patch"]  # what had ended is not run again
+    resumed = evaluate(Setting(slow, n_threads=1), n=3, done=kept[4], tell=lambda name, _: again.append(name))
+    assert again == ["holds"]  # what had ended is not run again
     assert resumed == result == kept[-1]
     assert json.loads(json.dumps(result)) == result
     assert result["top_speed"]["sustained_m_s"] == pytest.approx(0.5, abs=0.15)

@@ -28,6 +28,12 @@ def evaluate(
         str, typer.Option("--model", help="Built-in model, a model file, or a models file.")
     ] = "paper_identified",
     n: Annotated[int, typer.Option("--n", help="Robots in the trials that count falls.", min=1)] = 100,
+    each: Annotated[
+        int | None,
+        typer.Option(
+            "--each", help="Robots in each condition of where it holds; a quarter of --n if not given.", min=1
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     timestep: Annotated[float, typer.Option("--timestep", help="Physics step, s; must divide 0.02.")] = 0.005,
     integrator: Annotated[str, typer.Option("--integrator", help="Euler, implicitfast, implicit or RK4.")] = "Euler",
@@ -35,7 +41,7 @@ def evaluate(
     video: Annotated[bool, typer.Option("--video", help="Also write video.mp4 (needs EGL or OSMesa).")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Measure a policy in simulation: tracking, top speed, gait, falls, pushes, a slippery patch, power."""
+    """Measure a policy in simulation: tracking, top speed, gait, falls, power, and on which ground it holds."""
     import numpy as np
 
     from spot_model.errors import BadInputError
@@ -64,7 +70,7 @@ def evaluate(
     check_device(device)
     fitted, *possible = load_models(model)
     setting = Setting(policy=loaded, model=fitted, possible=tuple(possible), mjcf=mjcf, seed=seed, device=device)
-    result = _evaluated(setting, n, out / UNFINISHED)
+    result = _evaluated(setting, n, out / UNFINISHED, each)
     with whole_folder(out) as part:
         (part / "evaluation.html").write_text(evaluation_page(result, policy.name), encoding="utf-8")
         (part / "evaluation.json").write_text(_json(result), encoding="utf-8")
@@ -81,7 +87,7 @@ def evaluate(
         typer.echo(f"wrote {out / 'evaluation.json'} and {out / 'evaluation.html'}")
 
 
-def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
+def _evaluated(setting: Setting, n: int, unfinished: Path, each: int | None = None) -> dict[str, Any]:
     """Run the trials, each kept in ``unfinished`` as soon as it ends; those that it holds are not run again."""
     from spot_model.console.progress import Progress
     from spot_model.errors import BadInputError
@@ -89,7 +95,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
     from trainer.evaluate.trials import about
     from trainer.evaluate.trials import evaluate as run_trials
 
-    same = {**about(setting), "robots": n}
+    same = {**about(setting), "robots": [n, each]}
     try:
         done = json.loads(unfinished.read_text(encoding="utf-8")) if unfinished.exists() else same
     except ValueError as error:
@@ -97,7 +103,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
     if not isinstance(done, dict) or {key: done.get(key) for key in same} != same:
         raise BadInputError(
             f"--out {unfinished.parent} holds an interrupted evaluation of another policy or model, or with another "
-            "--n, --seed, --timestep or --integrator: name another folder"
+            "--n, --each, --seed, --timestep or --integrator: name another folder"
         )
     write_over(unfinished, _json(done))
     try:
@@ -105,6 +111,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
             result = run_trials(
                 setting,
                 n=n,
+                n_each=each,
                 done=done,
                 tell=lambda name, share: progress.update(round(100 * share), name.replace("_", " "), is_told=True),
                 keep=lambda figures: write_over(unfinished, _json(figures)),

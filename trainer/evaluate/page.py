@@ -11,9 +11,10 @@ from scipy.stats import chi2
 
 from spot_log.page.chart import Series, chart
 from spot_log.page.look import boxed, facts, folded, framed, headed
-from spot_log.page.rows import stance
+from spot_log.page.rows import Bar, bars, stance
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot.facts import LEG_NAMES
+from trainer.evaluate.holds import HOLDS
 
 STEADY: Final = 0.01
 """Share of randomised episodes that may end in a fall for a policy that is called steady."""
@@ -61,6 +62,7 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
             "Friction, masses and starts are drawn at random, one robot per trial.",
             _trials(result),
         ),
+        _holds(result["holds"]),
         _gait(result),
         boxed("Power", "Positive work of all motors.", _power(result)),
         boxed("Where this comes from", about, data),
@@ -144,6 +146,30 @@ def _trials(result: Mapping[str, Any]) -> str:
     if falls[SHOWN:]:
         why += folded(f"{len(falls) - SHOWN} more", facts(falls[SHOWN:]))
     return f"<table>{cells}</table>{why}"
+
+
+def _holds(figures: Mapping[str, Any]) -> str:
+    """A bar for each condition: as long as the share of robots that hold, and coloured by whether enough do."""
+    parts = []
+    for group in dict.fromkeys(c["group"] for c in figures["conditions"]):
+        rows = [(c["name"], "", [_held_bar(c)]) for c in figures["conditions"] if c["group"] == group]
+        parts.append(f"<div><h3>{esc(group)}</h3>{bars(rows, f'Robots that hold: {group}', left=185)}</div>")
+    low, high = figures["speed_m_s"]
+    about = (
+        f"Robots that stay up for {figures['seconds']:g} s at commands of {low:g} to {high:g} m/s, and get on at "
+        f"{100 * figures['progress_needed']:g} % of the command or more; then the mean speed of those that stay up, in "
+        f"percent of it. On slopes and steps they walk straight on. Red: fewer than {100 * HOLDS:g} %."
+    )
+    return boxed("Where it holds", about, f"<div class='two'>{''.join(parts)}</div>")
+
+
+def _held_bar(c: Mapping[str, Any]) -> Bar:
+    share = c["held"] / c["robots"]
+    speed = "" if c["progress"] is None else f" · {100 * c['progress']:.0f} %"
+    tip = f"{c['stayed_up']} of {c['robots']} stayed up, {c['held']} of them got on"
+    return Bar(
+        0.8 * share, "var(--good)" if share >= HOLDS else "var(--bad)", f"{c['held']} of {c['robots']}{speed}", tip
+    )
 
 
 def _an_hour(trial: Mapping[str, Any]) -> str:

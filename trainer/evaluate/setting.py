@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spot_model.effects.base import Effect
 from spot_model.effects.side_by_side import side_by_side
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.plant.plant import Plant, PlantOptions
@@ -46,10 +47,10 @@ class Setting:
     n_threads: int = 0
     device: str = "cpu"
 
-    def plant(self, n: int, models: Sequence[RobotModel] = ()) -> Plant:
-        """Robots at rest in the default pose, of :attr:`model`, or of several models by turns."""
+    def plant(self, n: int, models: Sequence[RobotModel] = (), added: tuple[Effect, ...] = ()) -> Plant:
+        """Robots at rest in the default pose, of :attr:`model`, or of several models by turns, with effects added."""
         options = PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads, device=self.device)
-        return Plant(side_by_side([m.effects for m in models or (self.model,)], n), n, options)
+        return Plant(side_by_side([m.effects for m in models or (self.model,)], n) + added, n, options)
 
     def grip(self) -> Array:
         """Factors by which the model's effects change the friction of each foot, shape (1, 4)."""

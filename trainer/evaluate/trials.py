@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant
 from trainer.config.task_config import CommandConfig
+from trainer.evaluate.holds import CONDITIONS, SECONDS, holds
 from trainer.evaluate.setting import Setting, set_friction
 from trainer.simulate.walks import Array, WalkRecord, hold, record_walks
 
@@ -222,6 +224,8 @@ def _worst(values: Any) -> float | None:
 
 
 SCHEMA = "spot-rl/evaluation/1"
+LEAN = 0.5
+"""Time that a robot second of *holds*, which records no feet, takes against one of the other trials."""
 Trial = Callable[[], dict[str, Any]]
 
 
@@ -229,6 +233,7 @@ def evaluate(
     setting: Setting,
     *,
     n: int = 100,
+    n_each: int | None = None,
     done: Mapping[str, Any] | None = None,
     tell: Callable[[str, float], None] = lambda _name, _share: None,
     keep: Callable[[dict[str, Any]], None] = lambda _: None,
@@ -238,11 +243,12 @@ def evaluate(
     Args:
         setting: Policy and robots.
         n: Robots in each trial that counts survivors.
+        n_each: Robots in each condition of where the policy holds; a quarter of ``n`` if None.
         done: What ``keep`` was given in an evaluation that was interrupted; its trials are not run again.
         tell: Called before each trial with its name and the share of the work that is done.
         keep: Called after each trial with all that there is.
     """
-    steps = _trials(setting, n)
+    steps = _trials(setting, n, n_each or math.ceil(n / 4))
     result: dict[str, Any] = {**about(setting), **(done or {})}
     whole = sum(robot_s for robot_s, _ in steps.values())
     past = 0.0
@@ -268,7 +274,7 @@ def about(setting: Setting) -> dict[str, Any]:
     }
 
 
-def _trials(setting: Setting, n: int) -> dict[str, tuple[float, Trial]]:
+def _trials(setting: Setting, n: int, n_each: int) -> dict[str, tuple[float, Trial]]:
     """Each trial by name, with the seconds that its robots walk, roughly: they say how long it takes."""
     high, paper = setting.policy.contract.velocity_command_high, PAPER.v_x_m_s[1]
     steady_s = high[0] / RAMP_M_S2 + 10.0
@@ -278,6 +284,7 @@ def _trials(setting: Setting, n: int) -> dict[str, tuple[float, Trial]]:
         "episodes_slow": (20.0 * n, lambda: episodes(setting, n, bottom_m_s=0.0, top_m_s=3.0)),
         "pushes": (10.0 * n, lambda: pushes(setting, n, v_x_m_s=min(1.0, high[0]))),
         "slippery_patch": (12.0 * n, lambda: slippery_patch(setting, n, v_x_m_s=min(2.0, high[0]))),
+        "holds": (LEAN * SECONDS * len(CONDITIONS) * n_each, lambda: holds(setting, n_each)),
     }
     if high[0] > 3.0:
         steps["episodes_fast"] = (20.0 * n, lambda: episodes(setting, n, bottom_m_s=3.0, top_m_s=paper))

@@ -10,7 +10,7 @@ import torch
 
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import rotate_wxyz
-from spot_model.robot.terrain import FlatTerrain
+from spot_model.robot.terrain import NoiseTerrain, TileTerrain
 from trainer.config.task_config import TerrainConfig
 from trainer.task.plant_backend import PlantState
 
@@ -27,12 +27,12 @@ class Ground:
 
     def __init__(self, config: TerrainConfig, device: torch.device | str) -> None:
         terrain = config.terrain()
-        self.is_level = isinstance(terrain, FlatTerrain)
+        self.is_level = config.kind == "flat"
         """Whether it is a horizontal plane."""
         self.start_reach_m = max(0.0, config.half_size_m - START_FROM_EDGE_M)
         """Unless it is, robots start spread over [-start_reach_m, start_reach_m] in x and y, so that they do not all
         learn the same few square metres."""
-        heights = np.zeros((2, 2)) if isinstance(terrain, FlatTerrain) else terrain.heights_m()
+        heights = terrain.heights_m() if isinstance(terrain, NoiseTerrain | TileTerrain) else np.zeros((2, 2))
         self._heights = torch.tensor(heights, device=device, dtype=torch.float32)
         self._half_size_m = config.half_size_m
         around = torch.arange(-1.0, 2.0, device=device) * SLOPE_OVER_M
