@@ -157,3 +157,26 @@ def test_the_drawn_friction_keeps_that_of_the_models_effects():
 
     plain, icy = feet(()), feet((GroundFriction(joints=("fl", "hr"), scale=0.25),))
     np.testing.assert_array_equal(icy, plain * [0.25, 1.0, 1.0, 0.25])
+
+
+@pytest.mark.parametrize("device", ["cpu", "warp-cpu"])
+def test_pushes_and_patches_reach_robots_on_any_device(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if device != "cpu":
+        pytest.importorskip("mujoco_warp")
+    speeds: list[np.ndarray] = []
+
+    def disturbed(*args: Any, **settings: Any) -> WalkRecord:
+        plant = args[1]
+        for tick in range(800):
+            settings["disturb"](plant, tick)
+        speeds.append(np.linalg.norm(np.asarray(plant.linear_vel_of_body_in_world_m_s), axis=-1))
+        return recording()
+
+    monkeypatch.setattr(trials, "hold", disturbed)
+    monkeypatch.setattr(trials, "record_walks", disturbed)
+    setting = Setting(policy=load_policy(POLICY), device=device)
+    trials.pushes(setting, n=3)
+    np.testing.assert_allclose(speeds[0], 1.0, rtol=1e-6)
+    trials.slippery_patch(setting, n=3)
+    trials.episodes(setting, n=3, bottom_m_s=0.0, top_m_s=1.0)
+    assert len(speeds) == 3

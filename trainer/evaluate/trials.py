@@ -108,7 +108,7 @@ def episodes(
     def shove(robots: Plant, tick: int) -> None:
         rows = push_tick == tick
         if rows.any():
-            robots.push(rows, linear_vel_in_world_m_s=push[rows])
+            robots.push(linear_vel_in_world_m_s=np.where(rows[:, None], push, 0.0))
 
     recording = record_walks(
         setting.policy,
@@ -142,7 +142,7 @@ def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: floa
     def shove(robots: Plant, tick: int) -> None:
         rows = when == tick
         if rows.any():
-            robots.push(rows, linear_vel_in_world_m_s=delta[rows])
+            robots.push(linear_vel_in_world_m_s=np.where(rows[:, None], delta, 0.0))
 
     return _survival(setting, n, v_x_m_s, 10.0, shove, rng)
 
