@@ -72,6 +72,10 @@ class StatedGait(Settings):
     """The highest such share of the other pairs."""
     flight_share: float = Field(ge=0.0, le=1.0)
     """Share of time with no foot on the ground."""
+    turn_commanded_rad_s: float | None = None
+    """A turn that was commanded at this speed, too; None if that was not measured."""
+    turn_held_rad_s: float | None = None
+    """Yaw rate that it then held; None if it fell."""
 
 
 class PolicyContract(Settings):
@@ -214,11 +218,27 @@ def gait_sentence(contract: PolicyContract) -> str:
     told = ", ".join(f"{name} at {_speeds(low, high)}" for name, low, high in spans)
     hops = sorted({name for name, *_ in spans} & HOPS)
     if not hops:
-        return f"policy {contract.name}, measured in simulation at export: {told}"
+        return f"policy {contract.name}, measured in simulation at export: {told}{_turns(contract)}"
     return (
         f"warning: policy {contract.name} hops ({' and '.join(hops)}): {told}. The feet of a pair leave the ground "
         "together, which is hard on a robot's legs and on what it carries; a trot is what the policies here do"
+        f"{_turns(contract)}"
     )
+
+
+TURNS: Final = 0.9
+"""Share of a commanded turn that a policy must hold for its turning to go without saying."""
+
+
+def _turns(contract: PolicyContract) -> str:
+    """Where the policy turns less than commanded, or falls; empty where it turns, or nobody measured it."""
+    told: dict[float, list[str]] = {}
+    for stated in contract.gait:
+        asked, held = stated.turn_commanded_rad_s, stated.turn_held_rad_s
+        if asked is not None and (held is None or held < TURNS * asked):
+            what = "falls" if held is None else f"turns at {held:.2f} rad/s"
+            told.setdefault(asked, []).append(f"{what} at {stated.v_x_m_s:g} m/s")
+    return "".join(f"; commanded to turn at {asked:g} rad/s, it {', '.join(words)}" for asked, words in told.items())
 
 
 def _speeds(low: float, high: float) -> str:

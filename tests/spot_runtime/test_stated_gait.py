@@ -36,6 +36,19 @@ def test_speeds_of_one_gait_are_told_together() -> None:
     assert "warning" not in told
 
 
+def test_it_is_told_where_a_policy_turns_less_than_commanded_or_falls() -> None:
+    stated = contract((1.0, "trot"), (2.0, "trot"), (3.0, "trot"))
+    turns = ((1.0, 0.95), (1.0, 0.724), (1.0, None))
+    gait = tuple(
+        g.model_copy(update={"turn_commanded_rad_s": asked, "turn_held_rad_s": held})
+        for g, (asked, held) in zip(stated.gait, turns, strict=True)
+    )
+    told = gait_sentence(stated.model_copy(update={"gait": gait}))
+    assert told.endswith(
+        "trot at 1 to 3 m/s; commanded to turn at 1 rad/s, it turns at 0.72 rad/s at 2 m/s, falls at 3 m/s"
+    )
+
+
 @pytest.mark.parametrize("hop", ["pronk", "bound"])
 def test_a_hop_is_a_warning_that_names_it(hop: str) -> None:
     event, told = gait_event(contract((0.5, "trot"), (1.0, hop)))

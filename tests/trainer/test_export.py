@@ -100,3 +100,14 @@ def test_layers_by_hand() -> None:
     # 1 − 4 + 0.5 = −2.5; ELU: e^−2.5 − 1; times 3, plus 1.
     got = run_torch(layers, torch.tensor([[1.0, 2.0]]))
     assert float(got) == pytest.approx(3.0 * (np.exp(-2.5) - 1.0) + 1.0)
+
+
+def test_a_policys_file_is_measured_anew(tmp_path: Path) -> None:
+    walk = Path(__file__).parents[2] / "policies" / "walk.onnx"
+    before, after = load_policy(walk), load_policy(export_policy(walk, tmp_path / "again.onnx"))
+    observation = np.random.default_rng(0).normal(size=(5, N_OBSERVATION)).astype(np.float32)
+    np.testing.assert_array_equal(after.act(observation), before.act(observation))
+    assert after.contract.model_copy(update={"gait": ()}) == before.contract.model_copy(update={"gait": ()})
+    turning = {g.v_x_m_s: g for g in after.contract.gait}[1.0]
+    assert turning.turn_commanded_rad_s == 1.0
+    assert turning.turn_held_rad_s == pytest.approx(1.0, abs=0.1)

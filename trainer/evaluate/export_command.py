@@ -11,7 +11,7 @@ from spot_model.errors import BadInputError
 
 
 def export(
-    run: Annotated[Path, typer.Argument(help="Run folder, a checkpoint, or (with --for) a policy's ONNX file.")],
+    run: Annotated[Path, typer.Argument(help="Run folder, a checkpoint, or a policy's ONNX file: measured anew.")],
     out: Annotated[Path, typer.Option("--out", help="ONNX file to write.")] = Path("policy.onnx"),
     networks: Annotated[
         Path | None, typer.Option("--networks", help="Also write the networks alone, for start_from.")
@@ -37,7 +37,7 @@ def export(
     from trainer.evaluate.export import export_policy
     from trainer.ppo.checkpoint import find_checkpoint, save_networks
 
-    typer.echo("measuring the gait at each speed", err=True)
+    typer.echo("measuring gait and turning at each speed", err=True)
     path = export_policy(run, out, name)
     if networks is not None:
         save_networks(find_checkpoint(run), networks)
