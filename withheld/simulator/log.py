@@ -52,6 +52,7 @@ class LogSetting:
     detail: Detail = "stream"
     echoes_last_run: bool = False
     """Whether the first states still echo the last command of another run."""
+    outcome: str = "completed"
 
 
 def write_log(
@@ -112,8 +113,11 @@ def write_log(
             add("slow_state", records.slow_state(state))
         if state % FLUSH_STATES == FLUSH_STATES - 1:
             writer.flush()
-    add("event", records.event("completed", "completed: the command sequence is done", n_states - 1))
-    writer.close(dict.fromkeys(TOPICS, 0), "completed")
+    if setting.outcome == "completed":
+        add("event", records.event("completed", "completed: the command sequence is done", n_states - 1))
+    else:
+        add("event", records.event("stop", setting.outcome, n_states - 1))
+    writer.close(dict.fromkeys(TOPICS, 0), setting.outcome)
 
 
 class _Records:
