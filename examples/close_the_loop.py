@@ -1,223 +1,167 @@
-"""The paper's story in one command, on the fake robot: deploy, log, identify, retrain, deploy again.
+"""The paper's story in one command: walk, log, find out what the robot is like, train again, walk faster.
 
-    python examples/close_the_loop.py --out loop-output                       # retrains on this machine's CPU
-    python examples/close_the_loop.py --out loop-output --identified NEW.onnx --oracle ORACLE.onnx
-    python examples/close_the_loop.py --out loop-output --truth harsher       # more friction, less torque and speed
+    python examples/close_the_loop.py --robot paper --out OUT --device cuda
+    python examples/close_the_loop.py --robot weak_knees --out OUT --improved IMPROVED.onnx --oracle ORACLE.onnx
 
-1. *baseline* runs the paper's four command sequences, five times each, on fake robots whose truth it does not know.
-2. ``spot-rl sysid`` finds the truth's parameters from those logs.
-3. A policy is trained on the identified model, and an oracle on the truth itself, by the same config; a policy that is
-   given (``--identified``, ``--oracle``) is taken instead, and the table says so.
-4. All three run on the fake robot: highest sustained speed, tracking error, knee torque.
+1. *before*, a policy that was trained without knowing the robot, walks the paper's four command sequences.
+2. ``spot-rl improve`` makes *after* from these logs, and the *oracle* is trained the same way on the robot's own truth.
+   A policy that is given (``--improved``, ``--oracle``) is taken instead; without a GPU there is no other oracle.
+3. All three climb stairs of speeds, run the paper's forward sequence, and walk ten times at random.
 
-Every step leaves its files in ``--out``; a step whose files are there is not done again.
+``OUT/loop.html`` shows it. Every step leaves its files in OUT; a step whose files are there is not done again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
+import multiprocessing
 import subprocess
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from typing import Final
 
-import yaml
-from collect_on_fakes import collect_on_fakes
-from loop_measures import (
-    Deployment,
-    knee_shortage,
-    knee_torque,
-    stairs,
-    sustained_speed,
-    tracking_error,
-)
-from loop_picture import write_overlay
+import numpy as np
+from loop_measures import Deployment, deployment, jumps, stairs
+from loop_page import Walked, loop_page
+from loop_robots import ROBOTS, robot_of, walk
 
-from fake_robot.scenario.scenario import load_scenario
-from fake_robot.start.process import FakeProcess
+from diagnosis.improve.retraining import RETRAIN, train_words
 from spot_log import Run, read_run
-from spot_model.io.velocity_sequence import save_sequence
-from spot_model.robot import facts
-from trainer.collect.collect_run import Collection
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import save_model
+from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
+from spot_model.policy.policy import Policy, load_policy
+from trainer.collect.collect_run import PAPER_SEQUENCES, sequence_sources
 
-HERE = Path(__file__).resolve().parent
-TRUTHS = {"paper": HERE / "loop_paper.yaml", "harsher": HERE / "loop_harsher.yaml"}
-PAPERS_RATIO = 5.2 / 3.8
+WALKS: Final = 10
+WIDER: Final = "task.commands.v_x_m_s=[-2, 6.5]"
+"""A policy that knows its robot may be asked for more than before."""
 
 
 def main() -> None:
     """Run the loop and print its table."""
-    options = _options()
-    options.out.mkdir(parents=True, exist_ok=True)
-    scenario = TRUTHS.get(options.truth, Path(options.truth))
-    found = options.out / "sysid"
-    if not (found / "identified.yaml").exists() and options.identified is None:
-        collect(scenario, options.baseline, options.out, options.runs_at_once)
-        words = ["sysid", str(options.out / "logs"), "--policy", str(options.baseline), "--out", str(found)]
-        _spot_rl([*words, "--workers", "2"] + (["--resume"] if (found / "search.jsonl").exists() else []))
-    policies = {
-        "baseline": (options.baseline, "given: trained on the paper's initial model"),
-        "identified": trained(options, "identified", found / "identified.yaml"),
-        "oracle": trained(options, "oracle", write_truth_model(scenario, options.out / "truth_model.yaml")),
-    }
-    record_all(scenario, {n: p for n, (p, _) in policies.items()}, options.out / "deploy", options.runs_at_once)
-    forwards, table = {}, []
-    for name, (policy, origin) in policies.items():
-        row, forwards[name] = deploy(scenario, name, policy, origin, options.out / "deploy" / name)
-        table.append(row)
-    write_overlay(forwards, options.out / "overlay.svg", f"Knees at 4 m/s commanded, truth: {options.truth}")
-    text = report(table)
-    (options.out / "loop.json").write_text(json.dumps([asdict(row) for row in table], indent=1) + "\n")
-    (options.out / "loop.txt").write_text(text + "\n", encoding="utf-8")
-    print(text)
+    given = _options()
+    out: Path = given.out
+    out.mkdir(parents=True, exist_ok=True)
+    policies = {"before": given.before, "after": improved(given), "oracle": oracle(given)}
+    there = {name: load_policy(path) for name, path in policies.items() if path is not None}
+    record({name: policies[name] for name in there}, there, given)
+    walked = [measured(name, policy, out / "walks" / name) for name, policy in there.items()]
+    table = [one.row for one in walked]
+    (out / "loop.json").write_text(json.dumps([asdict(row) for row in table], indent=1) + "\n", encoding="utf-8")
+    (out / "loop.html").write_text(loop_page(given.robot, robot_of(given.robot).truth(), walked), encoding="utf-8")
+    print("\n".join(lines(table)))
+    print(f"page {out / 'loop.html'}")
 
 
-def collect(scenario: Path, policy: Path, out: Path, at_once: int) -> None:
-    """Record the paper's four sequences five times each; what falls is used as far as it goes."""
-    collection = Collection.prepare(policy=policy, folder=out / "logs", sequences="all", repeats=5, other_gains=None)
-    left = collect_on_fakes(scenario, collection, out / "fakes", at_once=at_once, say=print)
-    if left:
-        print(f"{len(left)} of {collection.n_planned} runs did not complete; their logs are used as far as they go")
+def improved(given: argparse.Namespace) -> Path | None:
+    """*after*: the policy that was given, or what ``spot-rl improve`` makes of *before*'s logs."""
+    if given.improved is not None:
+        return Path(given.improved)
+    logs, out = given.out / "logs", given.out / "improve"
+    asked = [load_sequence(source) for source in sequence_sources(",".join(PAPER_SEQUENCES))]
+    make([(given.robot, given.before, s, 0, logs / f"{s.name}.mcap") for s in asked], given.runs_at_once)
+    words = ["improve", str(logs), "--policy", str(given.before), "--nominal", given.nominal, "--out", str(out)]
+    spot_rl([*words, "--device", given.device, "--set", WIDER])
+    made: Path = out / "improved.onnx"
+    return made if made.exists() else None
 
 
-def trained(options: argparse.Namespace, name: str, model: Path) -> tuple[Path, str]:
-    """The policy that was given for ``name``, or one trained on ``model`` now."""
-    given: Path | None = getattr(options, name)
-    if given is not None:
-        return given, f"given: {given}"
-    policy = options.out / f"{name}.onnx"
-    if not policy.exists():
-        run = options.out / f"train-{name}"
-        words = ["--resume", str(run)] if run.exists() else ["--config", str(options.config), "--out", str(run)]
-        settings = [] if run.exists() else ["--set", f"model={model}", "--set", f"name={name}", *_sets(options.set)]
-        _spot_rl(["train", *words, *settings, "--device", options.device])
-        _spot_rl(["export", str(run), "--out", str(policy)])
-    return policy, f"trained on {model.name} with {options.config.name}"
+def oracle(given: argparse.Namespace) -> Path | None:
+    """The policy that was given, or one trained by the same config on the robot's own truth; None without a GPU."""
+    if given.oracle is not None:
+        return Path(given.oracle)
+    made: Path = given.out / "oracle.onnx"
+    if given.device != "cpu" and not made.exists():
+        truth, run = given.out / "truth.yaml", given.out / "train-oracle"
+        truth.unlink(missing_ok=True)
+        save_model(robot_of(given.robot).truth(), truth)
+        contract = load_policy(given.before).contract
+        words = train_words(truth, given.before, contract, RETRAIN, (WIDER, "name=oracle"), run, given.device)
+        spot_rl(["train", "--resume", str(run), "--device", given.device] if run.exists() else list(words))
+        spot_rl(["export", str(run), "--out", str(made)])
+    return made if made.exists() else None
 
 
-def write_truth_model(scenario: Path, path: Path) -> Path:
-    """The scenario's truth as a model file, with its inertia and its delay, for the oracle."""
-    data = yaml.safe_load(scenario.read_text(encoding="utf-8"))
-    physics = data["physics"]
-    effects = [
-        *data["model"]["effects"],
-        {"effect": "armature", "joints": ["hips"], "inertia_kg_m2": physics["armature_hip_kg_m2"]},
-        {"effect": "armature", "joints": ["knees"], "inertia_kg_m2": physics["armature_knee_kg_m2"]},
-        {"effect": "command_delay", "delay_s": facts.TRAINING_COMMAND_DELAY_S},
-    ]
-    model = {"schema": "spot-rl/model/1", "robot": "spot", "effects": effects}
-    path.write_text(yaml.safe_dump(model, sort_keys=False), encoding="utf-8")
-    return path
+Job = tuple[str, Path, VelocitySequence, int, Path]
+"""Robot, policy, what is asked for, seed, and the log's place."""
 
 
-def record_all(scenario: Path, policies: dict[str, Path], folder: Path, at_once: int) -> None:
-    """Make all runs that :func:`deploy` looks at, several at a time; their logs do not depend on how many."""
-    jobs = [(policy, folder / name, label) for name, policy in policies.items() for label in ("stairs", "forward")]
-    with ThreadPoolExecutor(at_once) as pool:
-        list(pool.map(lambda job: record(scenario, *job), jobs))
+def record(files: dict[str, Path], policies: dict[str, Policy], given: argparse.Namespace) -> None:
+    """Make all walks that the table needs and that are not there."""
+    jobs: list[Job] = []
+    for name, policy in policies.items():
+        folder = given.out / "walks" / name
+        top_m_s = float(policy.contract.velocity_command_high[0])
+        asked = [("stairs", 0, stairs(top_m_s)), ("forward", 0, load_sequence("forward"))]
+        asked += [("jumps", seed, jumps(np.random.default_rng(seed))) for seed in range(1, WALKS + 1)]
+        jobs += [(given.robot, files[name], s, seed, folder / f"{label}-{seed}.mcap") for label, seed, s in asked]
+    make(jobs, given.runs_at_once)
 
 
-def record(scenario: Path, policy: Path, folder: Path, label: str) -> Run:
-    """One run, the forward sequence or the stairs of speeds, on a fresh fake robot; read, where it is there."""
-    found = sorted(folder.glob(f"*-{label}-r*.mcap"))
-    if not found:
-        folder.mkdir(parents=True, exist_ok=True)
-        sequence = "forward"
-        if label == "stairs":
-            sequence = str(folder / "stairs.yaml")
-            Path(sequence).unlink(missing_ok=True)
-            save_sequence(stairs(), Path(sequence))
-        with FakeProcess(scenario=str(scenario), is_lock_step=True) as fake:
-            words = ["run", "--robot", fake.address.robot, "--policy", str(policy), "--sequence", sequence]
-            words += ["--log-dir", str(folder), "--lock-step", fake.address.admin]
-            _spot_rl(words, fake.address.environment, may_fail=True)
-        found = sorted(folder.glob(f"*-{label}-r*.mcap"))
-    return read_run(found[-1])
+def make(jobs: Sequence[Job], at_once: int) -> None:
+    """Make the logs that are missing, some at a time; a log does not depend on how many."""
+    missing = [job for job in jobs if not job[-1].exists()]
+    with ProcessPoolExecutor(at_once, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for job, _ in zip(missing, pool.map(walk, *zip(*missing, strict=True)) if missing else (), strict=True):
+            print(f"walked {job[-1]}", flush=True)
 
 
-def deploy(scenario: Path, name: str, policy: Path, origin: str, folder: Path) -> tuple[Deployment, Run]:
-    """How one policy does in the forward sequence and up the stairs of speeds."""
-    forward, climb = (record(scenario, policy, folder, label) for label in ("forward", "stairs"))
-    speed, commanded = sustained_speed(climb)
-    truth = {e.name: e for e in load_scenario(scenario).robot_model.effects}
-    row = Deployment(
-        policy=name,
-        origin=origin,
-        sustained_m_s=speed,
-        commanded_m_s=commanded,
-        tracking_error_m_s=tracking_error(forward),
-        knee_torque_nm=knee_torque(forward),
-        knee_shortage_nm=knee_shortage(forward, truth["torque_speed_curve"], truth["position_torque_limit"]),
-        ends=f"forward {forward.outcome}, stairs {climb.outcome}",
-    )
-    return row, forward
+def measured(name: str, policy: Policy, folder: Path) -> Walked:
+    """What the logs of one policy say.
+
+    Raises:
+        BadInputError: They are of another policy.
+    """
+
+    def read(path: Path) -> Run:
+        run = read_run(path)
+        if run.header.policy_sha256 != policy.sha256:
+            raise BadInputError(f"{path} is a walk of another policy; name another folder with --out, or remove it")
+        return run
+
+    climb, forward = read(folder / "stairs-0.mcap"), read(folder / "forward-0.mcap")
+    walks = [read(folder / f"jumps-{seed}.mcap") for seed in range(1, WALKS + 1)]
+    return Walked(deployment(name, climb, forward, walks), climb)
 
 
-def report(table: Sequence[Deployment]) -> str:
-    """The table, the ratio beside the paper's, and how much of the way to the oracle is covered."""
-    rows = {row.policy: row for row in table}
-    lines = [
-        f"{'policy':<11} {'sustained':>9} {'(asked)':>8} {'error':>9} {'knee rms':>9} {'shortage':>9}  ends; origin"
-    ]
-    lines += [
-        f"{r.policy:<11} {r.sustained_m_s:>5.2f} m/s {r.commanded_m_s:>9.1f} {r.tracking_error_m_s:>5.3f} m/s "
-        f"{r.knee_torque_nm:>5.1f} N·m {r.knee_shortage_nm:>5.2f} N·m  {r.ends}; {r.origin}"
+def lines(table: Sequence[Deployment]) -> list[str]:
+    """The table as text."""
+    head = f"{'policy':<8} {'held (asked)':>17} {'error':>10} {'cost':>6} {'falls':>8}  stairs"
+    rows = [
+        f"{r.policy:<8} {r.held_m_s:>5.2f} ({r.commanded_m_s:.1f}) m/s {r.tracking_error_m_s:>6.3f} m/s "
+        f"{r.cost_of_transport:>6.2f} {r.falls:>3} of {r.walks}  {r.stairs_end}"
         for r in table
     ]
-    base, found, oracle = rows["baseline"], rows["identified"], rows["oracle"]
-    lines.append(f"identified / oracle   {_ratio(found.sustained_m_s, oracle.sustained_m_s)} of its sustained speed")
-    lines.append(
-        f"identified / baseline {_ratio(found.sustained_m_s, base.sustained_m_s)} "
-        f"(the paper: 5.2 / 3.8 = {PAPERS_RATIO:.2f})"
-    )
-    for label, key in (
-        ("speed", "sustained_m_s"),
-        ("tracking error", "tracking_error_m_s"),
-        ("knee torque", "knee_torque_nm"),
-        ("knee shortage", "knee_shortage_nm"),
-    ):
-        between = getattr(oracle, key) - getattr(base, key)
-        covered = getattr(found, key) - getattr(base, key)
-        share = "nothing lies between" if abs(between) < 1e-9 else f"{100.0 * covered / between:.0f} %"
-        lines.append(f"from baseline to oracle, {label}: {share} covered (the whole way is {between:+.3f})")
-    return "\n".join(lines)
+    return [head, *rows]
 
 
-def _ratio(over: float, under: float) -> str:
-    return f"{over / under:.3f}" if under > 0.0 else "no number (the other never held a step)"
+def spot_rl(words: list[str]) -> None:
+    """Run one of our commands.
 
-
-def _spot_rl(arguments: list[str], environment: dict[str, str] | None = None, *, may_fail: bool = False) -> None:
-    print("spot-rl", " ".join(arguments), flush=True)
-    command = [sys.executable, "-m", "spot_model", *arguments]
-    code = subprocess.run(command, env={**os.environ, **(environment or {})}, check=False).returncode  # noqa: S603
-    if code != 0 and not may_fail:
-        raise SystemExit(f"spot-rl {arguments[0]} ended with exit code {code}; what went wrong stands above")
-
-
-def _sets(values: list[str] | None) -> list[str]:
-    return [word for value in values or [] for word in ("--set", value)]
+    Raises:
+        SystemExit: It failed; what went wrong stands above.
+    """
+    print("spot-rl", " ".join(words), flush=True)
+    code = subprocess.run([sys.executable, "-m", "spot_model", *words], check=False).returncode  # noqa: S603
+    if code != 0:
+        raise SystemExit(f"spot-rl {words[0]} ended with exit code {code}; what went wrong stands above")
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robot", default="paper", help=f"{', '.join(ROBOTS)}, or a scenario file")
     parser.add_argument("--out", type=Path, required=True, help="folder of all files; finished steps are kept")
-    parser.add_argument("--truth", default="paper", help="paper, harsher, or a scenario file")
-    parser.add_argument("--baseline", type=Path, default=Path("policies/baseline.onnx"), help="policy to begin with")
-    parser.add_argument(
-        "--identified", type=Path, help="policy trained on the identified model; identified and trained if not given"
-    )
-    parser.add_argument("--oracle", type=Path, help="policy trained on the truth; trained now if not given")
-    parser.add_argument(
-        "--config", type=Path, default=HERE / "loop" / "train_paper_identified.yaml", help="training config"
-    )
+    parser.add_argument("--before", type=Path, default=Path("policies/baseline.onnx"), help="policy to begin with")
+    parser.add_argument("--nominal", default="paper_initial", help="model that it was trained on")
+    parser.add_argument("--improved", type=Path, help="policy to take as after")
+    parser.add_argument("--oracle", type=Path, help="policy to take as oracle")
     parser.add_argument("--runs-at-once", type=int, default=2, help="logs made at a time")
     parser.add_argument("--device", default="cpu", help="cpu, cuda or cuda:N, for training")
-    parser.add_argument("--set", action="append", help="training override, key.path=value; may repeat")
     return parser.parse_args()
 
 

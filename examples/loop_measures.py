@@ -1,50 +1,68 @@
-"""What the loop's table holds, read off logs of one policy on one robot."""
+"""What the loop's table holds, read off the logs of one policy on one robot, and the walks that they come from."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot_log import Run
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_log.format.events import FOLLOWING_MODE
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, sequence_of
 from spot_model.robot import facts
 
 Array = NDArray[np.float64]
 
-SPEEDS_M_S: Final = (3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0)
+SPEEDS_M_S: Final = (1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0)
 HOLD_S: Final = 10.0
 MEAN_OVER_S: Final = 5.0
 KNEES: Final = slice(2, None, 3)
+GRAVITY_M_S2: Final = 9.81
+JUMPS: Final = 8
+JUMP_S: Final = 1.5
+LATERAL_M_S2: Final = 5.0
+"""Largest speed times turn rate that is asked for."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One speed of the stairs, held to its end."""
+
+    commanded_m_s: float
+    held_m_s: float
+    """Mean over the last five seconds."""
+    end: int
+    """The tick after its last one, among those of the policy."""
 
 
 @dataclass(frozen=True)
 class Deployment:
-    """How one policy did on the fake robot."""
+    """How one policy did on one robot."""
 
     policy: str
-    origin: str
-    sustained_m_s: float
-    """Highest mean speed over the last 5 s of a step of the stairs that was held for 10 s, without a fall."""
+    held_m_s: float
+    """Highest mean speed over the last 5 s of a step of the stairs, held for 10 s, without a fall; 0 for none."""
     commanded_m_s: float
     """What was asked for on that step."""
     tracking_error_m_s: float
-    """Mean absolute error of the forward speed over the paper's forward sequence."""
-    knee_torque_nm: float
-    """Root mean square of the measured knee torques over the forward sequence."""
-    knee_shortage_nm: float
-    """Root mean square of what the servo law asked of the knees and the motors could not give, over that sequence."""
-    ends: str
-    """How forward sequence and stairs ended."""
+    """Mean absolute error of the forward speed over the forward sequence, as far as it went."""
+    cost_of_transport: float
+    """Positive mechanical work of the joints over weight and distance, in the forward sequence."""
+    falls: int
+    walks: int
+    """Random ones with jumps of the command, in which falls were counted."""
+    stairs_end: str
+    """How the stairs ended: "completed", or why the run was stopped."""
 
 
-def stairs() -> VelocitySequence:
-    """Rising speeds, each held for ten seconds, with 1 m/s² between them."""
+def stairs(top_m_s: float) -> VelocitySequence:
+    """Rising speeds up to the highest that a policy accepts, each held for ten seconds, 1 m/s² between them."""
     points = [Waypoint(time_s=0.0), Waypoint(time_s=1.0)]
     time_s, before = 1.0, 0.0
-    for speed in SPEEDS_M_S:
+    for speed in [v for v in SPEEDS_M_S if v <= top_m_s]:
         time_s += speed - before
         points.append(Waypoint(time_s=time_s, v_x_m_s=speed, ramp=True))
         time_s, before = time_s + HOLD_S, speed
@@ -53,18 +71,43 @@ def stairs() -> VelocitySequence:
     return VelocitySequence(name="stairs", duration_s=points[-1].time_s + 0.5, waypoints=tuple(points))
 
 
-def sustained_speed(run: Run) -> tuple[float, float]:
-    """Highest mean forward speed over the last five seconds of a whole step, and that step's command; 0 without one."""
+def jumps(rng: np.random.Generator) -> VelocitySequence:
+    """A new command every 1.5 s, without a ramp: up to 4.5 m/s ahead and 1 m/s back, sideways if slow, and turning."""
+    points = []
+    for i in range(JUMPS):
+        forward = rng.uniform(-1.0, 4.5)
+        side = rng.uniform(-1.0, 1.0) * (abs(forward) < 2.0)
+        turn = rng.uniform(-1.0, 1.0) * min(1.5, LATERAL_M_S2 / max(abs(forward), 0.1))
+        points.append((0.5 + JUMP_S * i, float(forward), float(side), float(turn)))
+    return sequence_of("jumps", 1.0 + JUMP_S * JUMPS, (0.0,), *points)
+
+
+def deployment(policy: str, climb: Run, forward: Run, walks: Sequence[Run]) -> Deployment:
+    """One row of the table, from the logs of the stairs, the forward sequence and the random walks."""
+    best = max(steps_of(climb), key=lambda step: step.held_m_s, default=Step(0.0, 0.0, 0))
+    return Deployment(
+        policy=policy,
+        held_m_s=best.held_m_s,
+        commanded_m_s=best.commanded_m_s,
+        tracking_error_m_s=tracking_error(forward),
+        cost_of_transport=cost_of_transport(forward),
+        falls=sum(run.outcome != "completed" for run in walks),
+        walks=len(walks),
+        stairs_end=climb.outcome,
+    )
+
+
+def steps_of(run: Run) -> tuple[Step, ...]:
+    """The stairs' steps that were held to their end."""
     command, speed, time_s = active(run)
-    best = (0.0, 0.0)
+    steps = []
     for wanted in SPEEDS_M_S:
         at = np.flatnonzero(np.abs(command[:, 0] - wanted) < 1e-6)
         if not len(at) or time_s[at[-1]] - time_s[at[0]] < HOLD_S - 0.1:
-            break
-        end_s = time_s[at[-1]]
-        mean = float(speed[(time_s > end_s - MEAN_OVER_S) & (time_s <= end_s)].mean())
-        best = max(best, (mean, wanted))
-    return best
+            continue
+        last = (time_s > time_s[at[-1]] - MEAN_OVER_S) & (time_s <= time_s[at[-1]])
+        steps.append(Step(wanted, float(speed[last].mean()), int(at[-1]) + 1))
+    return tuple(steps)
 
 
 def tracking_error(run: Run) -> float:
@@ -73,38 +116,18 @@ def tracking_error(run: Run) -> float:
     return float(np.abs(speed - command[:, 0]).mean())
 
 
-def knee_torque(run: Run) -> float:
-    """Root mean square over the four knees while the policy was active."""
-    return float(np.sqrt(np.mean(run.states.load_nm[_active_states(run)][:, KNEES] ** 2)))
-
-
-def knee_shortage(run: Run, curve: Any, position_limit: Any) -> float:
-    """What the knees were asked for beyond the truth's limits, root mean square, N·m.
-
-    Args:
-        run: The log.
-        curve: The truth's ``torque_speed_curve``.
-        position_limit: Its ``position_torque_limit``.
-    """
-    from spot_model.effects.base import Motion
-
-    rows = _active_states(run)
-    index = np.minimum(np.searchsorted(run.commands.key, run.states.last_command_key[rows]), len(run.commands.key) - 1)
-    position, velocity = run.states.position_rad[rows], run.states.velocity_rad_s[rows]
-    request = (
-        run.commands.kp_nm_per_rad[index] * (run.commands.position_rad[index] - position)
-        - run.commands.kd_nm_s_per_rad[index] * velocity
-    )
-    motion, given = Motion(position, velocity, facts.STATE_PERIOD_NS * 1e-9), request
-    for effect in (curve, position_limit):
-        ready = effect.arrays_like(given)
-        given, _ = ready.apply(given, motion, ready.start(given), effect.mask)
-    return float(np.sqrt(np.mean((request - given)[:, KNEES] ** 2)))
+def cost_of_transport(run: Run) -> float:
+    """Positive mechanical work over weight and distance ahead, without a unit."""
+    rows = active_states(run)
+    power_w = np.maximum(run.states.load_nm[rows] * run.states.velocity_rad_s[rows], 0.0).sum(axis=1)
+    _, speed, time_s = active(run)
+    work_j = float(power_w.mean()) * time_s[-1]
+    return work_j / (facts.TOTAL_MASS_KG * GRAVITY_M_S2 * float(speed.mean()) * time_s[-1])
 
 
 def active(run: Run) -> tuple[Array, Array, Array]:
     """Velocity command, forward speed and time (from 0) of the policy's ticks."""
-    rows = run.ticks.mode == "active"
+    rows = run.ticks.mode == FOLLOWING_MODE
     stamps = run.ticks.robot_stamp_ns[rows]
     return (
         run.ticks.velocity_command[rows],
@@ -113,7 +136,8 @@ def active(run: Run) -> tuple[Array, Array, Array]:
     )
 
 
-def _active_states(run: Run) -> NDArray[np.bool_]:
-    stamps = run.ticks.robot_stamp_ns[run.ticks.mode == "active"]
-    inside = (run.states.robot_stamp_ns >= stamps[0]) & (run.states.robot_stamp_ns <= stamps[-1])
-    return np.asarray(inside & (run.states.last_command_key > 0))
+def active_states(run: Run, *, until: int | None = None, span_s: float | None = None) -> NDArray[np.bool_]:
+    """States in which the policy was followed, as a mask; if asked, the last ``span_s`` of them before a tick's."""
+    stamps = run.ticks.robot_stamp_ns[run.ticks.mode == FOLLOWING_MODE][:until]
+    first = stamps[0] if span_s is None else stamps[-1] - round(span_s * 1e9)
+    return np.asarray((run.states.robot_stamp_ns >= first) & (run.states.robot_stamp_ns <= stamps[-1]))

@@ -143,7 +143,8 @@ def stop_of(run: RunArrays) -> tuple[int, str]:
         ]
     )
     fast = (np.abs(run.velocity_rad_s) > LIMITS.joint_velocity_rad_s).any(axis=1)
-    ends = [(int(at[0]), why) for at, why in ((np.flatnonzero(f), w) for f, w in ((tilted, "tilt"), (low, "body_low"), (fast, "joint_velocity"))) if len(at)]
+    reasons = {"tilt": tilted, "body_low": low, "joint_velocity": fast}
+    ends = [(int(np.argmax(flags)), why) for why, flags in reasons.items() if flags.any()]
     return min(ends, default=(len(tilted), "completed"))
 
 
@@ -203,3 +204,13 @@ ROBOTS: Final[dict[str, LoopRobot]] = {
     "torque_lag": WithheldLoopRobot(703, torque_lag, (TorqueBandwidth(joints=("all",), time_constant_s=LAG_S),)),
 }
 """All five, chosen before any policy was retrained."""
+
+
+def robot_of(name: str) -> LoopRobot:
+    """One of the five, or a fake robot by its scenario file."""
+    return ROBOTS[name] if name in ROBOTS else FakeLoopRobot(Path(name))
+
+
+def walk(robot: str, policy: Path, sequence: VelocitySequence, seed: int, path: Path) -> None:
+    """Let a robot walk, in whichever process."""
+    robot_of(robot).walk(policy, sequence, seed, path)
