@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -101,12 +102,12 @@ def steps_of(run: Run) -> tuple[Step, ...]:
     """The stairs' steps that were held to their end."""
     command, speed, time_s = active(run)
     steps = []
-    for wanted in SPEEDS_M_S:
-        at = np.flatnonzero(np.abs(command[:, 0] - wanted) < 1e-6)
-        if not len(at) or time_s[at[-1]] - time_s[at[0]] < HOLD_S - 0.1:
-            continue
-        last = (time_s > time_s[at[-1]] - MEAN_OVER_S) & (time_s <= time_s[at[-1]])
-        steps.append(Step(wanted, float(speed[last].mean()), int(at[-1]) + 1))
+    edges = np.flatnonzero(np.diff(command[:, 0])) + 1
+    for start, end in pairwise([0, *edges.tolist(), len(command)]):
+        wanted = round(float(command[start, 0]), 6)
+        if wanted in SPEEDS_M_S and time_s[end - 1] - time_s[start] >= HOLD_S - 0.1:
+            last = time_s[start:end] > time_s[end - 1] - MEAN_OVER_S
+            steps.append(Step(wanted, float(speed[start:end][last].mean()), end))
     return tuple(steps)
 
 

@@ -50,11 +50,13 @@ def loop_page(robot: str, truth: RobotModel, walked: Sequence[Walked]) -> str:
     rows = {one.row.policy: one.row for one in walked}
     asked, is_met = verdict(robot, rows)
     badge = ("as asked", "good") if is_met else ("not as asked", "bad")
+    if "after" not in rows:
+        badge = ("before", "no_gap")
     before, after = rows["before"], rows.get("after")
     headline = f"{robot}: {before.held_m_s:.2f} m/s before"
     if after is not None:
         headline += f", {after.held_m_s:.2f} m/s after"
-    speeds = legend([(name, COLOURS[name]) for name in rows])
+    speeds = legend([(COLOURS[name], name) for name in rows])
     body = [
         headed(*badge, headline, asked),
         boxed(
@@ -67,7 +69,8 @@ def loop_page(robot: str, truth: RobotModel, walked: Sequence[Walked]) -> str:
             boxed("Speed against command", "Dotted: as commanded.", speeds + _speeds(walked)),
             boxed(
                 "Knee torque against knee speed",
-                "Extremes (1 and 99 %) at each policy's highest speed. Dotted: what the robot's knees can give.",
+                "Extremes (1 and 99 %) of the load at each policy's highest speed. Dotted: what the motors can give; "
+                "the load sensor also feels the rotor's inertia.",
                 speeds + _torques(walked, truth),
             ),
         ),

@@ -51,7 +51,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/withheld_fake.py": ("--work found --policy policies/walk.onnx --repeats 1",),
     "examples/ask_the_robot.py": ("asked",),
     "examples/close_the_loop.py": (
-        "--out loop --baseline policies/walk.onnx --identified policies/walk.onnx --oracle policies/walk.onnx",
+        "--robot torque_lag --out loop --improved policies/walk.onnx --oracle policies/walk.onnx",
     ),
     "examples/hidden_friction.py": ("hidden_friction",),
 }
