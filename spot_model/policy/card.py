@@ -190,11 +190,11 @@ def _figures(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for name, words in (("pushes", "pushes of 1 m/s"), ("slippery_patch", "a patch of μ 0.3")):
         if name in told:
             yield words, f"{told[name]['survived']} of {told[name]['trials']} walk on"
-    yield from _holds(told.get("holds", {}))
+    yield from holds_by_kind(told.get("holds", {}))
 
 
-def _holds(holds: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Where it was tried at up to 1 m/s and how many held, a line for each kind of condition."""
+def holds_by_kind(holds: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """How many robots held in each condition of an evaluation, one pair of texts for each kind of condition."""
     by_group: dict[str, list[str]] = {}
     for c in holds.get("conditions", ()):
         by_group.setdefault(c["group"], []).append(f"{c['name']} {c['held']}")

@@ -47,6 +47,7 @@ def evaluate(
     from spot_model.errors import BadInputError
     from spot_model.io.models_file import load_models
     from spot_model.io.whole import check_new, whole_folder
+    from spot_model.policy.card import holds_by_kind
     from spot_model.policy.policy import load_policy
     from spot_model.robot.mjcf import MjcfOptions
 
@@ -84,6 +85,8 @@ def evaluate(
         for name, figures in result.items():
             for fall in figures.get("fell", ()) if isinstance(figures, dict) else ():
                 typer.echo(f"{name}: {fall['why']}")
+        for name, text in holds_by_kind(result["holds"]):
+            typer.echo(f"{name}, {text}")
         typer.echo(f"wrote {out / 'evaluation.json'} and {out / 'evaluation.html'}")
 
 
