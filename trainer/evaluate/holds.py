@@ -73,9 +73,9 @@ CONDITIONS: Final = (
     Condition("steps of 5 cm", "up", STAIRS),
     Condition("steps of 5 cm", "down", STAIRS, is_down=True),
     *(Condition("payload", f"{mass:g} kg", payload_kg=mass) for mass in (0.0, 2.5, 5.0, 7.5, 10.0)),
-    Condition("payload", "10 kg, 10 cm to the front", payload_kg=10.0, payload_x_m=0.1),
-    Condition("payload", "10 kg, 10 cm to the rear", payload_kg=10.0, payload_x_m=-0.1),
-    Condition("payload", "10 kg, 10 cm to the left", payload_kg=10.0, payload_y_m=0.1),
+    Condition("payload", "10 kg, 10 cm ahead", payload_kg=10.0, payload_x_m=0.1),
+    Condition("payload", "10 kg, 10 cm behind", payload_kg=10.0, payload_x_m=-0.1),
+    Condition("payload", "10 kg, 10 cm left", payload_kg=10.0, payload_y_m=0.1),
     *(Condition("friction", f"μ {friction:g}", friction=friction) for friction in (0.3, 0.4, 0.6, 1.0)),
     *(Condition("three pushes", f"{push:g} m/s each", push_m_s=push) for push in (0.5, 1.0)),
 )

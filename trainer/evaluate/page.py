@@ -82,7 +82,8 @@ def _head(result: Mapping[str, Any], file: str) -> str:
     else:
         headline = f"Policy {file} holds {held:.2f} m/s"
     meta = f"{result['policy']} by its contract · simulated; a robot may differ"
-    return headed(badge, kind, headline, _sentences(top, tracking, slow), meta)
+    sentences = [*_sentences(top, tracking, slow), _holds_sentence(result["holds"])]
+    return headed(badge, kind, headline, sentences, meta)
 
 
 def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mapping[str, Any]) -> Iterator[str]:
@@ -153,7 +154,7 @@ def _holds(figures: Mapping[str, Any]) -> str:
     parts = []
     for group in dict.fromkeys(c["group"] for c in figures["conditions"]):
         rows = [(c["name"], "", [_held_bar(c)]) for c in figures["conditions"] if c["group"] == group]
-        parts.append(f"<div><h3>{esc(group)}</h3>{bars(rows, f'Robots that hold: {group}', left=185)}</div>")
+        parts.append(f"<div><h3>{esc(group)}</h3>{bars(rows, f'Robots that hold: {group}', left=165)}</div>")
     low, high = figures["speed_m_s"]
     about = (
         f"Robots that stay up for {figures['seconds']:g} s at commands of {low:g} to {high:g} m/s, and get on at "
@@ -161,6 +162,14 @@ def _holds(figures: Mapping[str, Any]) -> str:
         f"percent of it. On slopes and steps they walk straight on. Red: fewer than {100 * HOLDS:g} %."
     )
     return boxed("Where it holds", about, f"<div class='two'>{''.join(parts)}</div>")
+
+
+def _holds_sentence(figures: Mapping[str, Any]) -> str:
+    conditions = figures["conditions"]
+    enough = sum(c["held"] >= HOLDS * c["robots"] for c in conditions)
+    return (
+        f"At up to {figures['speed_m_s'][1]:g} m/s it holds in {enough} of {len(conditions)} conditions, shown below."
+    )
 
 
 def _held_bar(c: Mapping[str, Any]) -> Bar:
