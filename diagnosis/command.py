@@ -38,8 +38,25 @@ diagnose.command("predict")(predict_run)
 @diagnose.command(EXPLAIN)
 def explain_logs(
     logs: Annotated[list[Path], typer.Argument(help="Log files of one robot, or folders of them.")],
-    nominal: Annotated[str, typer.Option("--nominal", help="The simulator's model: a file (YAML) or a built-in name.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder for verdict, report and corrected model.")],
+    nominal: Annotated[
+        str | None,
+        typer.Option(
+            "--nominal",
+            help="The simulator's model: a file (YAML) or a built-in name; with --history by default the corrected "
+            "model of the date before.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Folder for verdict, report and corrected model; with --history by default the logs' date in there.",
+        ),
+    ] = None,
+    history: Annotated[
+        Path | None,
+        typer.Option("--history", help="Folder of dated diagnoses of this robot; writes history.html there."),
+    ] = None,
     policy: Annotated[
         Path | None,
         typer.Option("--policy", help="The policy that ran; default: the file in policies/ with its digest."),
@@ -67,27 +84,42 @@ def explain_logs(
     if not any(path.exists() for path in logs):
         raise BadInputError(f"there is no log {logs[0]}; give files written by spot-rl (*.mcap), or folders of them")
     typer.echo("loading the library of effects and the simulator …", err=True)
+    from diagnosis.report.history import Filing, file_next
+    from diagnosis.report.history_page import write_history
     from diagnosis.report.output import check_free
     from diagnosis.session import Inputs, Progress, run_session
     from diagnosis.terminal import twelve_lines
 
-    check_free(out)
+    if history is not None:
+        if robot is not None:
+            raise BadInputError("--history needs a corrected model, which --robot has not: give --nominal and --out")
+        place = file_next(history, logs, nominal, out)
+    elif nominal is None or out is None:
+        raise BadInputError("give --nominal MODEL and --out DIR, or --history DIR")
+    else:
+        place = Filing(out, nominal, "")
+    check_free(place.out)
     inputs = Inputs(
         logs=tuple(map(str, logs)),
-        nominal=nominal,
+        nominal=place.nominal,
+        since=place.since,
         policy=None if policy is None else str(policy),
         add_effect=tuple(add_effect or ()),
         without=tuple(without or ()),
     )
-    place = place_of(workers, engine, ray_address, device)
+    where = place_of(workers, engine, ray_address, device)
     try:
         with Progress() as progress:
             result, paths = run_session(
-                inputs, out, progress, robot_file=robot, with_synthesis=synthesis, place=place, seed=seed
+                inputs, place.out, progress, robot_file=robot, with_synthesis=synthesis, place=where, seed=seed
             )
     except KeyboardInterrupt:
-        typer.echo(f"interrupted; nothing was written into {out}", err=True)
+        typer.echo(f"interrupted; nothing was written into {place.out}", err=True)
         raise typer.Exit(130) from None
-    for line in twelve_lines(result.verdict, paths):
+    lines = twelve_lines(result.verdict, paths)
+    if history is not None:
+        drift, page = write_history(history)
+        lines += [f"{'changed':<12}{told}" for told in drift.since_last] + [f"{'history':<12}{page}"]
+    for line in lines:
         typer.echo(line)
     return result

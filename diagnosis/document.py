@@ -184,6 +184,8 @@ class Calibration(Settings):
 
     numbers: tuple[CalibratedNumber, ...] = ()
     """Farthest from the nominal model first, in published standard deviations."""
+    units: tuple[CalibratedNumber, ...] = ()
+    """The same joint by joint, leg by leg and of the floor, differences included: what is compared with other dates."""
     consequences: Consequences | None = None
     """What they do together, without any difference; null where nothing could be measured."""
 
@@ -346,6 +348,10 @@ class Verdict(Settings):
     """Names of the logs that were used."""
     nominal: str = ""
     """The nominal model: its file or built-in name."""
+    since: str = ""
+    """Date of the earlier diagnosis whose corrected model is the nominal one (`--history`); empty for other models."""
+    robot: str = ""
+    """The robot's serial number or name; empty where the logs do not tell."""
     notes: tuple[str, ...] = ()
     """What limits the verdict, a sentence each."""
 

@@ -18,8 +18,10 @@ from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import chosen_library
 from diagnosis.read import apart_by_gains, find_policy_file, read_logs
 from diagnosis.read.robot_file import SPOT, load_robot
+from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.output import write_all
 from diagnosis.report.words import headline
+from diagnosis.selection.robot_models import merged
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.console import progress
 from spot_model.errors import BadInputError
@@ -51,6 +53,8 @@ class Inputs(Settings):
     policy: str | None = None
     add_effect: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    since: str = ""
+    """Date of the diagnosis whose corrected model the nominal one is; empty for other models."""
 
     def absolute(self) -> Inputs:
         """The same with absolute paths; a nominal model that is no file (a built-in name) stays as it is."""
@@ -131,7 +135,7 @@ def run_session(
     Raises:
         SpotRlError: Something that was given is wrong; nothing is written then.
     """
-    nominal = nominal or load_model(inputs.nominal)
+    nominal = merged(nominal or load_model(inputs.nominal))
     library = library or chosen_library(inputs.add_effect, inputs.without)
     robot = load_robot(robot_file) if robot_file is not None else SPOT
     # Logs, and the policy that made them.
@@ -158,7 +162,8 @@ def run_session(
             limits_rad=robot.limits_rad,
             engine=engine,
         )
-    verdict = result.verdict.model_copy(update={"notes": tuple(dict.fromkeys((*notes, *result.verdict.notes)))})
+    told = {"notes": tuple(dict.fromkeys((*notes, *result.verdict.notes))), "since": inputs.since}
+    verdict = result.verdict.model_copy(update=told | {"robot": robot_of(runs)})
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
         differences = tuple(d.model_copy(update={"split": None}) for d in verdict.differences)

@@ -150,6 +150,16 @@ class LibraryEffect(ABC):
                 found[c.name] = known[c.name].null + float(value)
         return {name: min(max(value, known[name].low), known[name].high) for name, value in found.items()}
 
+    def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
+        """Coefficients and shape of an effect with these parameters: what :meth:`values` came from.
+
+        Default: a parameter less its null value; of what is no parameter, nothing, and the grid's first shape.
+        """
+        null = {p.name: p.null for p in self.effect.parameters()}
+        size = [values[c.name] - null[c.name] if c.name in values else 0.0 for c in self.coefficients]
+        fixed = [c.high if not c.is_free else own for c, own in zip(self.coefficients, size, strict=True)]
+        return np.array(fixed), {name: values.get(name, tried[0]) for name, tried in self.grid.items()}
+
     def is_there(self, coefficients: Array, shape: Shape) -> bool:
         """Whether all parameters of :attr:`least` are large enough."""
         values = self.values(coefficients, shape)

@@ -155,6 +155,12 @@ class VelocityEstimateEntry(LibraryEffect):
         scale = 1.0 / (1.0 - min(share, 0.5))
         return {"scale": scale, "bias_x_m_s": x * scale, "bias_y_m_s": y * scale, "lag_s": float(shape["lag_s"])}
 
+    def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
+        """The same backwards."""
+        scale = values["scale"]
+        moved = (values["bias_x_m_s"] / scale, values["bias_y_m_s"] / scale)
+        return np.array([1.0 - 1.0 / scale, *moved, 1.0]), {"lag_s": values["lag_s"]}
+
 
 class ImuTiltEntry(LibraryEffect):
     """A believed body frame that is rolled and pitched against the true one."""

@@ -207,6 +207,10 @@ class VelocityFilterEntry(LibraryEffect):
         """Time constant, and how much of the damping is not late."""
         return {"time_constant_s": float(coefficients[0]), "unfiltered_share": float(coefficients[2])}
 
+    def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
+        """The same backwards; the body's channels see all of it."""
+        return np.array([values["time_constant_s"], 0.0, values["unfiltered_share"], 1.0]), {}
+
 
 class SensorNoiseEntry(LibraryEffect):
     """White noise beyond what is usual; coefficients are variances in units of the usual ones."""
@@ -232,3 +236,7 @@ class SensorNoiseEntry(LibraryEffect):
         """Standard deviations of the noise that is added."""
         position, velocity, load = (float(v) for v in np.sqrt(np.maximum(coefficients, 0.0)) * USUAL)
         return {"position_rad": position, "velocity_rad_s": velocity, "load_nm": load}
+
+    def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
+        """Variances of the noise that is added."""
+        return (np.array([values[name] for name in ("position_rad", "velocity_rad_s", "load_nm")]) / USUAL) ** 2, {}

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import find_objects, label, maximum_filter1d
 
 from diagnosis.read.robot_file import RobotFile
+from spot_log.format.events import EventName
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from trainer.signals.policy_ticks import fall_row, fall_stamp_ns
@@ -85,12 +86,23 @@ def plausible(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], t
     systematic = [text for check, text in faults if 2 * checks.count(check) > len(runs)]
     for text in systematic or [text for _, text in faults if not kept]:
         raise BadInputError(text)
-    # An address is no name: the same robot has one for each network.
-    names = {run.header.robot_id: run.path for run in kept if not ADDRESS.fullmatch(run.header.robot_id)}
+    names = {name: run.path for run in kept if (name := robot_of([run]))}
     if len(names) > 1:
         listed = "; ".join(f"{path}: {name}" for name, path in sorted(names.items())[:3])
         raise BadInputError(f"logs of {len(names)} robots: {listed}; diagnose logs of one robot at a time")
     return tuple(kept), tuple(notes)
+
+
+def robot_of(runs: Sequence[Run]) -> str:
+    """Serial number of the robot that logs are of, or the name that they give it; empty where they do not tell."""
+    for run in runs:
+        met = next((e.text for e in run.events if e.name == EventName.CONNECTED.label), "")
+        serial = met.partition(";")[0].partition(" ")[0]
+        # An address is no name: the same robot has one for each network.
+        name = serial or ("" if ADDRESS.fullmatch(run.header.robot_id) else run.header.robot_id)
+        if name:
+            return name
+    return ""
 
 
 def _without_stretches(run: Run, robot: RobotFile) -> tuple[Run, list[str]]:

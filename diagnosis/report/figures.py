@@ -162,7 +162,7 @@ def scale(cells: Sequence[GapCell]) -> tuple[str, ...]:
 def note(cells: Sequence[GapCell]) -> str:
     """How to read it."""
     about = "Load error: measured load minus the torque that the servo asks for. "
-    about += "Distance of your simulator's runs from the robot's, "
+    about += "Distance of the nominal model's runs from the robot's, "
     if has_floor(cells):
         return (
             f"{about}divided by that between the robot's own runs. A dot marks what is not due to chance "

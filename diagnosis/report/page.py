@@ -43,7 +43,7 @@ MOST_NAMED: Final = 6
 MOST_NUMBERS: Final = 12
 """Numbers of the robot's own that are shown unfolded, if not more stand out."""
 TERMS: Final = (
-    ("nominal model", "your simulator, before any correction"),
+    ("nominal model", "your simulator, before any correction; in a history the corrected model of the date before"),
     ("corrected model", "the simulator with differences and calibration, in corrected_model.yaml"),
     ("gap", "distance between robot and simulator: in torque, in joint motion and in body motion"),
     ("floor", "the same distance between two runs of the robot; without repeats, what formulas and noise leave"),

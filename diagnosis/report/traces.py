@@ -45,7 +45,7 @@ def trace_figures(result: Diagnosis, gaps: Mapping[str, float], named: frozenset
         if all(figures):
             about = (
                 f"{name} in {real.header.command_sequence or 'the log'}, repeat {real.header.repeat}. Simulated runs "
-                f"are brought in phase with the real one (your simulator by {1e3 * shifted[0][-1]:.0f} ms)."
+                f"are brought in phase with the real one (the nominal model by {1e3 * shifted[0][-1]:.0f} ms)."
             )
             return about, figures
     return None

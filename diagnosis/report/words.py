@@ -191,7 +191,8 @@ def is_good(v: Verdict) -> bool:
 
 def headline(v: Verdict) -> str:
     """The largest consequence and what to do next, in a sentence."""
-    told = f"{_answer(v)}; next: {next_step(v)}"
+    since = f"since {v.since}: " if v.since and v.status != "cannot_tell" else ""
+    told = f"{since}{_answer(v)}; next: {next_step(v)}"
     return told[:1].upper() + told[1:]
 
 
@@ -226,7 +227,8 @@ def _no_gap(v: Verdict) -> str:
         return f"{found(v.differences[0])}{_closed(v)}"
     if is_near(v):
         near = _listed([g.gap for g in all_gaps(v)])
-        return f"no gap: the nominal model is as near to the robot in {near} as floors allow"
+        model = f"the model of {v.since}" if v.since else "the nominal model"
+        return f"no gap: {model} is as near to the robot in {near} as floors allow"
     far = [f"; the {gap} gap of the nominal model is above its floor" for gap in _above_floors(v)]
     return "".join(["no difference is shown", *far[:1]])
 
@@ -270,7 +272,8 @@ def next_step(v: Verdict) -> str:
     if v.status == "cannot_tell":
         return "record more"
     if v.status == "no_gap" and not v.differences:
-        return "train on the nominal model" if is_near(v) else "record more"
+        near = "keep that model" if v.since else "train on the nominal model"
+        return near if is_near(v) else "record more"
     if splits:
         split, group = splits[0]
         what = split.text.split(":")[0].rstrip(".")

@@ -118,7 +118,8 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[s
     loads = [(n, b) for n, b in enumerate(board.blocks) if b.channel == Channel.SET_POINT_TO_LOAD]
     for own in _own_numbers(board):
         for joint in range(board.robot.n_joints):
-            add("nominal", 1.0, {n: b.cleaned(own[b.samples, joint]) for n, b in loads if b.row == joint})
+            if own[:, joint].any():
+                add("nominal", 1.0, {n: b.cleaned(own[b.samples, joint]) for n, b in loads if b.row == joint})
     return Ordinary(
         tuple(
             np.stack(p, axis=1).astype(np.float64) if p else np.zeros((len(b.y), 0))

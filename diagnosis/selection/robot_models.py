@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,10 +14,27 @@ from diagnosis.library import LibraryEffect, Location, Robot, acts_last
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, by_term
-from spot_model.effects.base import Effect, ModelEffect
+from spot_model.effects.base import Effect, ModelEffect, TorqueEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
 
+ALIKE: Mapping[str, tuple[str, ...]] = {
+    "torque_gain": ("gain",),
+    "torque_offset": ("offset_nm",),
+    "coulomb_friction": ("level_nm",),
+    "viscous_friction": ("damping_nm_s_per_rad",),
+    "load_friction": ("share",),
+    "armature": ("inertia_kg_m2",),
+    "velocity_filter": ("time_constant_s",),
+    "encoder_offset": ("offset_rad",),
+    "leg_mass": ("scale",),
+    "body_inertia": ("scale",),
+    "velocity_estimate": ("scale", "bias_x_m_s", "bias_y_m_s", "lag_s"),
+    "imu_tilt": ("roll_rad", "pitch_rad"),
+    "command_jitter": ("mean_s",),
+    "ground_compliance": ("time_constant_s", "damping_ratio"),
+}
+"""Ordinary errors of which two after another are one, to the second order, and the parameters that make it up."""
 SMALLEST = 0.02
 """Errors under this share of their published range are left out of a model: they change nothing."""
 
@@ -138,6 +155,56 @@ def _side_by_side(
         for k, v in own.items():
             columns[k][0, unit] = v
     return model.with_effects(replace(made, **columns))
+
+
+def merged(model: RobotModel) -> RobotModel:
+    """The same model with one effect, with a number for each joint, in place of several of :data:`ALIKE`'s.
+
+    So a model that is corrected time and again does not grow. Between two effects on the torque there may be others of
+    :data:`ALIKE`, but no limit.
+    """
+    effects: list[Effect] = []
+    for effect in model.effects:
+        at = _mergeable(effects, effect)
+        if at is None:
+            effects.append(effect)
+        else:
+            effects[at] = _one_of_two(effects[at], effect)
+    return replace(model, effects=tuple(effects))
+
+
+def _mergeable(before: Sequence[Effect], effect: Effect) -> int | None:
+    """Number of the effect with which one goes together; None for none."""
+    for at in reversed(range(len(before))):
+        if type(before[at]) is type(effect) and _is_alike(before[at]) and _is_alike(effect):
+            return at
+        if isinstance(effect, TorqueEffect) and isinstance(before[at], TorqueEffect) and before[at].name not in ALIKE:
+            return None
+    return None
+
+
+def _is_alike(effect: Effect) -> bool:
+    """Whether it has no numbers but those that add up, or multiply."""
+    names = ALIKE.get(effect.name, ())
+    return bool(names) and all(
+        p.name in names or np.all(np.asarray(getattr(effect, p.name)) == p.null) for p in effect.parameters()
+    )
+
+
+def _one_of_two(first: Effect, second: Effect) -> Effect:
+    columns: dict[str, Any] = {}
+    for p in first.parameters():
+        one, two = (
+            np.where(e.mask, np.broadcast_to(getattr(e, p.name), (1, N_JOINTS)), p.null) for e in (first, second)
+        )
+        columns[p.name] = np.clip(one * two if p.null == 1.0 else one + two, p.low, p.high)
+    joints = tuple(np.array(JOINT_NAMES)[first.mask | second.mask])
+    return replace(first, joints=joints, **{k: _plain(v) for k, v in columns.items()})
+
+
+def _plain(values: Array) -> Any:
+    """One number where all are the same."""
+    return float(values[0, 0]) if np.all(values == values[0, 0]) else values
 
 
 def by_joint(model: RobotModel, joint_names: tuple[str, ...]) -> RobotModel:

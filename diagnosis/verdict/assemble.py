@@ -15,7 +15,7 @@ from diagnosis.document import Calibration, Difference, GapCell, GapChange, Stat
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.unexplained import describe
 from diagnosis.verdict.advice import advice, cannot_show, split
-from diagnosis.verdict.calibration import by_type, calibrated_numbers, numbers
+from diagnosis.verdict.calibration import by_type, calibrated_numbers, numbers, unit_numbers
 from diagnosis.verdict.causes import Causes
 from diagnosis.verdict.explanation import Explanation
 from diagnosis.verdict.measured import Measurements
@@ -86,7 +86,9 @@ def assemble(
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
         differences=differences,
         calibration=Calibration(
-            numbers=calibrated_numbers(board, causes.best, model), consequences=measured.calibration
+            numbers=calibrated_numbers(board, causes.best, model),
+            units=unit_numbers(board, causes.best, model),
+            consequences=measured.calibration,
         ),
         consequences=measured.whole,
         remainder=measured.left,

@@ -9,7 +9,7 @@ difference singles out, at most half of their type, are left out of the type's m
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -117,15 +117,17 @@ def calibrated_numbers(board: Evidence, scored: Scored, nominal: RobotModel) -> 
     fit = _Fit.of(board, scored)
     found = []
     for kind in board.ordinary.kinds:
-        if kind.effect.name in NOT_OF_THE_ROBOT:
-            continue
-        for c in kind.chosen:
-            named = _parameter(kind, int(c))
-            if named is not None:
-                found += list(_numbers(fit, kind, int(c), *named, nominal))
+        if kind.effect.name not in NOT_OF_THE_ROBOT:
+            found += list(_numbers(fit, kind, _places, nominal))
         if kind.effect.name == PayloadMass.name:
             found += list(_centre_of_mass(fit, kind, nominal))
     return tuple(sorted(found, key=lambda n: -abs(n.value - n.nominal) / n.spread))
+
+
+def unit_numbers(board: Evidence, scored: Scored, nominal: RobotModel) -> tuple[CalibratedNumber, ...]:
+    """Numbers of each joint and leg by itself, and of the floor, with the differences there; see the numbers above."""
+    fit = _Fit.of(board, scored)
+    return tuple(n for kind in board.ordinary.kinds for n in _numbers(fit, kind, _units, nominal))
 
 
 def by_type(scorer: Scorer, scored: Scored) -> dict[str, dict[str, Number]]:
@@ -159,12 +161,23 @@ def by_type(scorer: Scorer, scored: Scored) -> dict[str, dict[str, Number]]:
     return out if is_apart else {}
 
 
-def _numbers(
-    fit: _Fit, kind: ErrorKind, c: int, known: Parameter, at: str, nominal: RobotModel
+Places = Callable[[Robot, LibraryEffect, str], list[tuple[str, Flags]]]
+"""Names and units of the places that have a number of their own, from robot, effect and coefficient."""
+
+
+def _numbers(fit: _Fit, kind: ErrorKind, places: Places, nominal: RobotModel) -> Iterator[CalibratedNumber]:
+    for c in map(int, kind.chosen):
+        named = _parameter(kind, c)
+        if named is not None:
+            yield from _of_coefficient(fit, kind, c, *named, places, nominal)
+
+
+def _of_coefficient(
+    fit: _Fit, kind: ErrorKind, c: int, known: Parameter, at: str, places: Places, nominal: RobotModel
 ) -> Iterator[CalibratedNumber]:
     effect, coefficient = kind.effect, kind.effect.coefficients[c].name
     robot, given = fit.board.robot, ERROR_SCALES[effect.name]
-    for where, units in _places(robot, effect, coefficient):
+    for where, units in places(robot, effect, coefficient):
         left = units & ~_singled_out(fit.scored, effect, units)
         if not left.any():
             continue
@@ -175,7 +188,7 @@ def _numbers(
             continue
         # What all of a robot share scatters between robots by more than its units do, where it is published so.
         spread = given.scales[coefficient] * max(1.0, given.alike) * (kind.at[at] if at else 1.0)
-        before = _nominal(nominal, robot, effect.effect, known, left @ robot.units(effect.location) > 0.5)
+        before = in_model(nominal, robot, effect.effect, known, left @ robot.units(effect.location) > 0.5)
         alone = len(effect.coefficients) == 1 or len(kind.chosen) == 1
         yield _made(effect.name, known, effect.title if alone else f"{effect.title}: {_words(known.name)}", where,
                     before, value, deviation, spread)  # fmt: skip
@@ -197,7 +210,7 @@ def _centre_of_mass(fit: _Fit, kind: ErrorKind, nominal: RobotModel) -> Iterator
         if deviation * total_kg > math.sqrt(TAUGHT * float(published @ published)):
             continue
         spread = ERROR_SCALES[kind.effect.name].scales[name] / total_kg
-        before = _nominal(nominal, fit.board.robot, ComOffset, known, everywhere)
+        before = in_model(nominal, fit.board.robot, ComOffset, known, everywhere)
         title = f"centre of mass of the body: {axis}"
         yield _made(ComOffset.name, known, title, "body", before, value, deviation, spread)
 
@@ -252,12 +265,19 @@ def _parameter(kind: ErrorKind, c: int) -> tuple[Parameter, str] | None:
 
 
 def _places(robot: Robot, effect: LibraryEffect, coefficient: str) -> list[tuple[str, Flags]]:
-    """Names and units of the places that have a number of their own."""
+    """Joint types; zeros joint by joint; legs, or the body."""
+    if effect.location is Location.JOINT and coefficient not in ZEROS:
+        return list(robot.types().items())
+    return _units(robot, effect, coefficient)
+
+
+def _units(robot: Robot, effect: LibraryEffect, _coefficient: str) -> list[tuple[str, Flags]]:
+    """Joint by joint, or leg by leg; the body, or the floor."""
     units = robot.units(effect.location)
     if effect.location is Location.ROBOT:
         return [("body", np.ones(1, dtype=np.bool_))]
-    if effect.location is Location.JOINT and coefficient not in ZEROS:
-        return list(robot.types().items())
+    if effect.name in NOT_OF_THE_ROBOT:
+        return [("floor", np.ones(len(units), dtype=np.bool_))]
     names = [robot.named(u > 0.5)[0] for u in units]
     if effect.location is Location.LEG:
         names = [name.rsplit("_", 1)[0] for name in names]
@@ -274,8 +294,8 @@ def _singled_out(scored: Scored, effect: LibraryEffect, units: Flags) -> Flags:
     return out
 
 
-def _nominal(model: RobotModel, robot: Robot, effect: type[Effect], known: Parameter, joints: Flags) -> float:
-    """The number in the nominal model, the mean over some joints, shape (J,)."""
+def in_model(model: RobotModel, robot: Robot, effect: type[Effect], known: Parameter, joints: Flags) -> float:
+    """A number as a model has it, the mean over some joints, shape (J,); its null value where no effect holds it."""
     total = np.full(robot.n_joints, known.null)
     if robot.joint_names == facts.JOINT_NAMES:
         for e in model.effects:

@@ -21,7 +21,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.selection.robot_models import by_joint, model_of
+from diagnosis.selection.robot_models import by_joint, merged, model_of
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.causes import CALIBRATED, Causes, decide
 from diagnosis.verdict.explanation import Say, explain
@@ -106,7 +106,7 @@ def diagnose(
         board = found.board
         best = calibrated(board, causes.best)
     is_spot = board.robot.joint_names == facts.JOINT_NAMES
-    corrected = by_joint(model_of(nominal, board, best), facts.JOINT_NAMES) if is_spot else nominal
+    corrected = by_joint(merged(model_of(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
     # What it does.
     bench = Bench.of(runs, policy, engine or rollouts_under(policy)) if policy is not None and is_spot else None
     measured, shrink, trials, around = measured_by_prediction(board, best), None, None, Surroundings()

@@ -13,6 +13,7 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library import LibraryEffect, Robot
+from diagnosis.library.held import less_held
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.calibrated import learn_scales
 from diagnosis.selection.evidence import Evidence, lay_out
@@ -111,6 +112,7 @@ def evidence_of(
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
     fold_names = [r.run_id for r in logs.recordings] if by_run else names
     every = {**LIBRARY, **library}
+    views = less_held(views, nominal.effects, every)
     board = lay_out(views, robot, folds, fold_names, library=every, scales=ERROR_SCALES, period_s=logs.period_s)
     learn_scales(board)
     return logs, views, tuple(off), board

@@ -1,0 +1,123 @@
+"""``history.html`` and ``history.json``: a robot's dated diagnoses on one page. Both are derived, and written anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from diagnosis.report import words
+from diagnosis.report.drift import Drift, Track, drift_of
+from diagnosis.report.history import day_of, read_history
+from diagnosis.report.output import NAMES
+from spot_log.page.chart import Series, chart
+from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
+from spot_log.page.svg import esc, legend
+from spot_model.io.whole import write_over
+from spot_model.text import counted
+
+PAGE: Final = "history.html"
+DATA: Final = "history.json"
+MOST_CHARTS: Final = 12
+SHOWN_DATES: Final = 5
+"""Dates of which the table of all numbers has a column: the first and the newest."""
+STYLE: Final = """
+.calibration { background: #2f6fb5; } .charts { display: grid; grid-template-columns: 1fr 1fr; gap: 12px 18px; }
+td:last-child { padding-right: 0; } @media (max-width: 900px) { .charts { grid-template-columns: 1fr; } }
+@media (max-width: 700px) { section svg { min-width: 0; } h1 { font-size: 21px; } }
+"""
+
+
+def write_history(folder: Path) -> tuple[Drift, Path]:
+    """Read a history, and write its page and its data.
+
+    Returns:
+        What the page says, and its place.
+
+    Raises:
+        BadInputError: One of the diagnoses is not whole.
+    """
+    drift = drift_of(read_history(folder))
+    write_over(folder / DATA, drift.model_dump_json(by_alias=True, indent=1) + "\n")
+    write_over(folder / PAGE, history_page(drift))
+    return drift, folder / PAGE
+
+
+def history_page(drift: Drift) -> str:
+    """The page as text."""
+    last, at = drift.dates[-1], _places(drift)
+    lead = drift.since_last[0] if drift.since_last else last.headline
+    meta = f"robot {drift.robot or 'without a serial number'} · {counted(len(drift.dates), 'date')}, "
+    meta += f"{drift.dates[0].date} to {last.date}"
+    changed = [t for t in drift.tracks if t.is_named or t.has_changed]
+    gains = [t for t in drift.tracks if t.effect == "torque_gain" and t.where in words.PLACES]
+    key = legend([("var(--corrected)", "measured, with its 90 % interval"), ("var(--found)", "named as a difference")])
+    body = [
+        headed(last.status.replace("_", " ").capitalize(), last.status, lead, drift.since_last[1:], meta),
+        boxed("Since the first date", drift.dates[0].date, listed(drift.since_first)),
+        boxed(
+            "What changed",
+            "Numbers in which the first and the last date differ significantly, or that a date names. Where there is "
+            "only a dotted line, the model holds a number that the date did not measure.",
+            (key + _charts(changed, at) if changed else ""),
+        ),
+        boxed("Torque gains by joint type", "Share of the torque asked for that arrives.", _charts(gains, at)),
+        boxed("Dates", "", _dates(drift)),
+        boxed("All numbers", "", folded(counted(len(drift.tracks), "number"), _numbers(drift))),
+    ]
+    return framed("Has it changed?", body, STYLE)
+
+
+def _places(drift: Drift) -> dict[str, float]:
+    """Days since the first date, by name; diagnoses of one day lie side by side within it."""
+    days = [day_of(d.date) for d in drift.dates]
+    return {
+        d.date: (day - days[0]).days + days[:i].count(day) / days.count(day)
+        for i, (d, day) in enumerate(zip(drift.dates, days, strict=True))
+    }
+
+
+def _charts(tracks: Sequence[Track], at: Mapping[str, float]) -> str:
+    drawn = "".join(f"<div>{_chart(t, at)}</div>" for t in tracks[:MOST_CHARTS])
+    more = f"<p class='note'>{len(tracks) - MOST_CHARTS} more are in the table.</p>" if tracks[MOST_CHARTS:] else ""
+    return f"<div class='charts'>{drawn}</div>{more}" if drawn else ""
+
+
+def _chart(track: Track, at: Mapping[str, float]) -> str:
+    """A number over the days, with whiskers."""
+    points = track.points
+    x, y = [at[p.date] for p in points], [p.value for p in points]
+    lines = [Series("var(--other)", x, y, width=1.2, is_dotted=True)]
+    for place, p in zip(x, points, strict=True):
+        if p.low is not None and p.high is not None:
+            colour = "var(--found)" if p.is_named else "var(--corrected)"
+            lines.append(Series(colour, [place, place], [p.low, p.high], width=3))
+            name = f"{track.title} of {words.place(track.where)}, {p.date}:"
+            lines.append(Series(colour, [place], [p.value], has_points=True, name=name))
+    unit = f", {track.unit}" if track.unit else ""
+    title = f"{track.title} of {words.place(track.where)}{unit}"
+    first = min(at, key=lambda date: at[date])
+    return chart(lines, title=title, x_title=f"days since {first}", width=560, height=150)
+
+
+def _dates(drift: Drift) -> Html:
+    rows = [
+        (Html(f"<a href='{esc(d.date)}/{NAMES['report']}'>{esc(d.date)}</a>"), d.headline, d.since or d.nominal)
+        for d in reversed(drift.dates)
+    ]
+    return table(("date", "verdict", "compared with"), rows)
+
+
+def _numbers(drift: Drift) -> Html:
+    """All numbers, changed ones first, at the first date and the newest."""
+    names = [d.date for d in drift.dates]
+    names = names if len(names) <= SHOWN_DATES else [names[0], *names[1 - SHOWN_DATES :]]
+    rows = [(t.title, words.place(t.where), *(_at(t, name) for name in names), t.unit) for t in drift.tracks]
+    return table(("number", "where", *names, "unit"), rows)
+
+
+def _at(track: Track, name: str) -> str:
+    p = track.at(name)
+    if p is None:
+        return "—"
+    return f"{p.value:.3g}" if p.low is None else f"{p.value:.3g} ({p.low:.3g} to {p.high:.3g})"
