@@ -116,7 +116,7 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[s
                 size = scale[k] * (given.alike if members.sum() > 1 else 1.0)
                 add(name, size, {number: x[:, k] for number, x in summed.items()})
     loads = [(n, b) for n, b in enumerate(board.blocks) if b.channel == Channel.SET_POINT_TO_LOAD]
-    for own in _own_numbers(board):
+    for own in _own_numbers(board, scales):
         for joint in range(board.robot.n_joints):
             if own[:, joint].any():
                 add("nominal", 1.0, {n: b.cleaned(own[b.samples, joint]) for n, b in loads if b.row == joint})
@@ -144,10 +144,11 @@ def error_sets(robot: Robot, effect: LibraryEffect) -> list[Flags]:
     return sets
 
 
-def _own_numbers(board: Any) -> list[Array]:
+def _own_numbers(board: Any, scales: Mapping[str, ErrorScale]) -> list[Array]:
     """What the usual error of each number of the nominal torque effects changes in the load; each shape (n, J).
 
-    Dry friction, moreover, builds up over a distance that no model file holds.
+    Of effects that are ordinary errors themselves there are columns already; two for one number would share what
+    changes, and show none of it. Dry friction, moreover, builds up over a distance that no model file holds.
     """
     view = board.views.get(Channel.SET_POINT_TO_LOAD)
     if view is None:
@@ -158,7 +159,7 @@ def _own_numbers(board: Any) -> list[Array]:
         if isinstance(effect, CoulombFriction) and not effect.is_null:
             late = direction(s.still_velocity_rad_s) - presliding(s.position_rad, s.stack.run, BUILDS_UP_RAD)
             found.append(s.finish(effect.level_nm * effect.mask * late))
-        if not isinstance(effect, TorqueEffect) or effect.is_null:
+        if not isinstance(effect, TorqueEffect) or effect.is_null or effect.name in scales:
             continue
         for p in effect.parameters():
             value = getattr(effect, p.name)

@@ -17,6 +17,7 @@ from diagnosis.selection.scoring import Scored, by_term
 from spot_model.effects.base import Effect, ModelEffect, TorqueEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
+from spot_model.robot.joints import describe_joints
 
 ALIKE: Mapping[str, tuple[str, ...]] = {
     "torque_gain": ("gain",),
@@ -139,7 +140,9 @@ def _parts(effect: LibraryEffect, own: Array, at: Shape) -> tuple[Array, Shape]:
 
 
 def _within(effect: LibraryEffect, values: Mapping[str, float]) -> dict[str, float]:
-    bounds = {p.name: (p.low, p.high) for p in effect.effect.parameters()}
+    # A correction of what a model has already may be negative where the effect itself may not.
+    least = {c.name: c.low for c in effect.coefficients}
+    bounds = {p.name: (min(p.low, p.null + least.get(p.name, 0.0)), p.high) for p in effect.effect.parameters()}
     return {k: float(np.clip(v, *bounds[k])) for k, v in values.items()}
 
 
@@ -198,8 +201,9 @@ def _one_of_two(first: Effect, second: Effect) -> Effect:
             np.where(e.mask, np.broadcast_to(getattr(e, p.name), (1, N_JOINTS)), p.null) for e in (first, second)
         )
         columns[p.name] = np.clip(one * two if p.null == 1.0 else one + two, p.low, p.high)
-    joints = tuple(np.array(JOINT_NAMES)[first.mask | second.mask])
-    return replace(first, joints=joints, **{k: _plain(v) for k, v in columns.items()})
+    return replace(
+        first, joints=describe_joints(first.mask | second.mask), **{k: _plain(v) for k, v in columns.items()}
+    )
 
 
 def _plain(values: Array) -> Any:
