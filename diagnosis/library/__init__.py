@@ -16,10 +16,11 @@ from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints, Shape, 
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.dynamics import DynamicsSignals, wrench_of_joints
 from diagnosis.library.experiments import SPRINT, Experiment
+from diagnosis.library.less import with_less
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
-from spot_model.robot.joints import describe_joints
+from spot_model.robot.joints import describe_joints, select_joints
 
 
 class Location(enum.Enum):
@@ -104,6 +105,9 @@ class LibraryEffect(ABC):
     n_free: ClassVar[int] = 0
     """How many free numbers the shape has, where not each of its numbers is one."""
 
+    taken_away: Mapping[str, float] = {}
+    """Parameters by name of which a nominal model's own may be less, and by how much at most, below 0."""
+
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "effect" in vars(cls):
@@ -148,7 +152,8 @@ class LibraryEffect(ABC):
         for c, value in zip(self.coefficients, coefficients, strict=True):
             if c.is_free and c.name in known:
                 found[c.name] = known[c.name].null + float(value)
-        return {name: min(max(value, known[name].low), known[name].high) for name, value in found.items()}
+        least = {name: p.low for name, p in known.items()} | dict(self.taken_away)
+        return {name: min(max(value, least[name]), known[name].high) for name, value in found.items()}
 
     def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
         """Coefficients and shape of an effect with these parameters: what :meth:`values` came from.
@@ -170,7 +175,13 @@ class LibraryEffect(ABC):
         return self.effect(joints=joints, **values)
 
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
-        """The nominal model with the effect. Default: added at the end; a correction of what is there replaces it."""
+        """The nominal model with the effect. Default: added at the end; a correction of what is there replaces it.
+
+        A size below what the effect can have takes away from the model's own.
+        """
+        p = next((p for p in self.effect.parameters() if values.get(p.name, p.low) < p.low), None)
+        if p is not None:
+            return with_less(model, self.effect, p, np.where(select_joints(joints), values[p.name] - p.null, 0.0))
         return model.with_effects(self.make(values, joints))
 
     def show(self, views: Views) -> tuple[Channel, ...]:

@@ -225,13 +225,11 @@ def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator
     v, moved = after.verdict, significant(tracks, before.name, after.name)
     named = v.differences if v.since == before.name else ()
     for e in named:
-        own = [
-            t
-            for t in tracks
-            if t.effect == e.name and (t.where in e.joints or t.where == words.joints_in_short(e.joints))
-        ]
-        told = _told([_moved(t, before, after) for t in own])
-        yield words.sentence(f"{words.found(e)}, P {e.probability:.2f}{told}")
+        places = (*e.joints, words.joints_in_short(e.joints), "body", "floor")
+        own = [t for t in tracks if t.effect == e.name and t.where in places]
+        both = [m for t in own if (m := _between(t, before, after)) is not None]
+        told = _told(both, is_title_known=True) or f": {', '.join(words.size_told(*p) for p in e.parameters.items())}"
+        yield words.sentence(f"{words.found(e)}, P {e.probability:.2f}{told.removesuffix(': ')}")
     rest = [m for m in moved if not any(m.track.effect == e.name for e in named)]
     if rest:
         yield words.sentence(f"{'also ' if named else ''}changed, beyond what the intervals allow{_told(rest)}")
@@ -243,20 +241,20 @@ def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator
         yield f"Something acts that no effect of the library explains (P {v.probability_unknown:.2f})."
 
 
-def _moved(track: Track, before: Dated, after: Dated) -> Moved | None:
+def _between(track: Track, before: Dated, after: Dated) -> Moved | None:
     old, new = track.at(before.name), track.at(after.name)
     return None if old is None or new is None else Moved(track, old, new, 0.0)
 
 
-def _told(moved: Sequence[Moved | None]) -> str:
+def _told(moved: Sequence[Moved], *, is_title_known: bool = False) -> str:
     """Numbers with where they came from; empty without any."""
-    told = [change_told(m) for m in moved if m is not None]
-    more = f"; {len(told) - MOST} more numbers" if len(told) > MOST else ""
-    return f": {'; '.join(told[:MOST])}{more}" if told else ""
+    told = [_change_told(m, is_title_known) for m in moved[:MOST]]
+    more = f"; {len(moved) - MOST} more numbers" if len(moved) > MOST else ""
+    return f": {'; '.join(told)}{more}" if told else ""
 
 
-def change_told(m: Moved) -> str:
-    """A number at two dates, in a phrase."""
-    title = f"{m.track.title} of {words.place(m.track.where)}"
+def _change_told(m: Moved, is_title_known: bool) -> str:
+    title = words.parameter(m.track.parameter) if is_title_known else m.track.title
     within = "" if m.after.low is None else f" (90 %: {m.after.low:.3g} to {m.after.high:.3g})"
-    return f"{title} {m.before.value:.3g} → {m.after.value:.3g}{within} {m.track.unit}".rstrip()
+    place = words.place(m.track.where)
+    return f"{title} of {place} {m.before.value:.3g} → {m.after.value:.3g}{within} {m.track.unit}".rstrip()

@@ -25,6 +25,7 @@ from diagnosis.document import (
     Verdict,
 )
 from diagnosis.library.registry import LIBRARY
+from diagnosis.library.repairs import size_of
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
 
 PLACES: Final = {"hx": "sideways hips (hx)", "hy": "forward hips (hy)", "kn": "knees"}
@@ -136,9 +137,16 @@ def left_told(g: GapLeft) -> str:
 
 
 def found(d: Difference) -> str:
-    """A difference and where it is."""
+    """A difference and where it is; one that takes away from the nominal model is *less* of the effect."""
     title = " or ".join(plain(n) for n in d.group) if len(d.group) > 1 else d.title or plain(d.name)
+    title = f"less {title}" if is_less(d) else title
     return title + (f" at {joints_in_short(d.joints)}" if d.joints and len(d.joints) < len(JOINT_NAMES) else "")
+
+
+def is_less(d: Difference) -> bool:
+    """Whether the robot has less of the effect than the nominal model, rather than more."""
+    p = size_of(LIBRARY[d.name]) if d.name in LIBRARY else None
+    return p is not None and p.name in d.parameters and d.parameters[p.name].value < p.low
 
 
 def size_told(name: str, p: Number) -> str:
@@ -203,6 +211,9 @@ def _answer(v: Verdict) -> str:
         return _no_gap(v)
     if v.status == "unknown_effect" or (v.status == "calibration" and v.probability_unknown > LIKELY):
         return f"something {_acts(v)} that no effect of the library explains (P {v.probability_unknown:.2f})"
+    if is_unchanged(v):
+        far = [f"; the {gap} gap of that model is above its floor" for gap in _above_floors(v)]
+        return "".join(["no change is shown", *far[:1]])
     if not v.differences:
         return f"calibration: {calibration_told(v.calibration.numbers)}{_closed(v)}"
     names = " and ".join(found(d) for d in v.differences[:2])
@@ -210,6 +221,12 @@ def _answer(v: Verdict) -> str:
     change = largest_change([d.consequences for d in v.differences[:2] if d.consequences is not None])
     does = f": {change_told(change)}" if change is not None else ""
     return f"{names}{does}{_closed(v)}{_rest(v)}"
+
+
+def is_unchanged(v: Verdict) -> bool:
+    """Whether a diagnosis of a history shows nothing that its model of the date before lacks."""
+    shown = [*v.differences, *(n for n in v.calibration.numbers if n.stands_out)]
+    return bool(v.since) and v.status in ("no_gap", "calibration") and not shown and v.probability_unknown <= LIKELY
 
 
 def is_near(v: Verdict) -> bool:
@@ -271,9 +288,10 @@ def next_step(v: Verdict) -> str:
         return "read the warnings"
     if v.status == "cannot_tell":
         return "record more"
+    if is_unchanged(v):
+        return f"keep the model of {v.since}"
     if v.status == "no_gap" and not v.differences:
-        near = "keep that model" if v.since else "train on the nominal model"
-        return near if is_near(v) else "record more"
+        return "train on the nominal model" if is_near(v) else "record more"
     if splits:
         split, group = splits[0]
         what = split.text.split(":")[0].rstrip(".")

@@ -11,10 +11,13 @@ import numpy as np
 from diagnosis.channels import Array, Shape
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import LibraryEffect, Location, Robot, acts_last
+from diagnosis.library.less import with_less
+from diagnosis.library.repairs import size_of
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, by_term
 from spot_model.effects.base import Effect, ModelEffect, TorqueEffect
+from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
 from spot_model.robot.joints import describe_joints
@@ -108,24 +111,10 @@ def _with_less(model: RobotModel, effect: LibraryEffect, change: Array) -> Robot
 
     The effect has one coefficient and is local to joints; change by joint, shape (12,).
     """
-    c = effect.coefficients[0]
-    known = {p.name: p for p in effect.effect.parameters()}
-    if not c.is_free or c.name not in known:
-        return model
-    p, less = known[c.name], np.minimum(change - c.low, 0.0)
-    effects: list[Effect] = []
-    for e in model.effects:
-        if not isinstance(e, effect.effect) or not less[e.mask].any():
-            effects.append(e)
-            continue
-        before = np.broadcast_to(getattr(e, p.name), (1, N_JOINTS))[0]
-        after = np.where(e.mask, np.maximum(before + less, p.low), p.null)
-        less = np.where(e.mask, less - (after - before), less)
-        for value in np.unique(after[e.mask]):
-            joints = tuple(name for name, v, on in zip(JOINT_NAMES, after, e.mask, strict=True) if on and v == value)
-            values: dict[str, Any] = {p.name: float(value)}
-            effects.append(replace(e, joints=joints, **values))
-    return replace(model, effects=tuple(effects))
+    p = size_of(effect)
+    return (
+        model if p is None else with_less(model, effect.effect, p, np.minimum(change - effect.coefficients[0].low, 0))
+    )
 
 
 def _parts(effect: LibraryEffect, own: Array, at: Shape) -> tuple[Array, Shape]:
@@ -140,9 +129,9 @@ def _parts(effect: LibraryEffect, own: Array, at: Shape) -> tuple[Array, Shape]:
 
 
 def _within(effect: LibraryEffect, values: Mapping[str, float]) -> dict[str, float]:
-    # A correction of what a model has already may be negative where the effect itself may not.
-    least = {c.name: c.low for c in effect.coefficients}
-    bounds = {p.name: (min(p.low, p.null + least.get(p.name, 0.0)), p.high) for p in effect.effect.parameters()}
+    bounds = {p.name: (p.low, p.high) for p in effect.effect.parameters()}
+    # A delay in place of the model's own may be shorter.
+    bounds |= {c.name: (c.low, c.high) for c in effect.coefficients if effect.effect is CommandDelay}
     return {k: float(np.clip(v, *bounds[k])) for k, v in values.items()}
 
 

@@ -18,6 +18,7 @@ from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_tri
 from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
+from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.normal_equations import one_thread
@@ -98,6 +99,7 @@ def diagnose(
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.
     """
+    library = with_repairs(library, nominal)
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     # What is there, and how this robot is calibrated.

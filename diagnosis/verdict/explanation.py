@@ -111,7 +111,8 @@ def evidence_of(
     by_run = len(names) < 2
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
     fold_names = [r.run_id for r in logs.recordings] if by_run else names
-    every = {**LIBRARY, **library}
+    # Ordinary errors are of either sign by themselves.
+    every = {**LIBRARY, **{name: entry for name, entry in library.items() if not entry.taken_away}}
     views = less_held(views, nominal.effects, every)
     board = lay_out(views, robot, folds, fold_names, library=every, scales=ERROR_SCALES, period_s=logs.period_s)
     learn_scales(board)

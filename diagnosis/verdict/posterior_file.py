@@ -17,6 +17,7 @@ from diagnosis.channels import Array
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.library import LibraryEffect, acts_last
+from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.robot_models import by_joint, with_errors
 from diagnosis.selection.scoring import Scored
 from diagnosis.verdict.causes import Causes
@@ -79,6 +80,7 @@ class Posterior(Settings):
             raise BadInputError(
                 f"the diagnosis names {', '.join(unknown)}, which the library of effects does not have; diagnose again"
             )
+        library = with_repairs(library, model)
         for term in sorted(chosen.terms, key=lambda term: acts_last(library[term.effect])):
             effect = library[term.effect]
             low, high = (np.array([getattr(c, side) for c in effect.coefficients]) for side in ("low", "high"))

@@ -10,6 +10,7 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import LibraryEffect, Location, Robot
+from diagnosis.library.held import IN_CHANNELS, groups_of, less_held
 from diagnosis.library.program import waits
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.ripple import strongest_orders
@@ -191,6 +192,30 @@ def test_a_planted_effect_is_recovered_by_its_own_channels(case):
             assert abs(value) < ABSOLUTE[unit], name
         else:
             assert value == pytest.approx(expected, rel=case.tolerance.get(name, 0.15)), name
+    # A nominal model that holds the effect leaves little of it to be found again.
+    if isinstance(effect, IN_CHANNELS) and case.effect != "ground_compliance":
+        held, _ = build_views(stack([record(r) for r in runs]), NOMINAL.with_effects(effect))
+    else:
+        held = less_held(views, (effect,), LIBRARY)
+    again, _ = fit(entry, held, select_joints(case.joints))
+    assert again.score < 0.25 * found.score
+
+
+@pytest.mark.parametrize("case", CASES, ids=[c.label for c in CASES])
+def test_coefficients_come_back_from_their_values(case):
+    entry = LIBRARY[case.effect]
+    effect = entry.effect(joints=case.joints, **case.values)
+    if not isinstance(effect, IN_CHANNELS) or case.effect == "ground_compliance":
+        coefficients, shape = entry.inverse(effect.values)
+        assert {k: v for k, v in entry.values(coefficients, shape).items() if k in case.values} == pytest.approx(
+            dict(case.values)
+        )
+
+
+def test_joints_with_the_same_numbers_are_one_group():
+    offset = BUILT_IN["encoder_offset"](joints=("kn",), offset_rad=np.array([[0.0, 0.0, 0.01, 0.0, 0.0, 0.02] * 2]))
+    groups = [(np.flatnonzero(joints).tolist(), values) for joints, values in groups_of(offset)]
+    assert groups == [([2, 8], {"offset_rad": 0.01}), ([5, 11], {"offset_rad": 0.02})]
 
 
 def test_dry_friction_builds_up_over_its_distance_and_turns_with_the_motion() -> None:

@@ -158,6 +158,7 @@ class Draw:
             channels={},
             shrink=None,
             log_advice=self.of((), ("Record a sprint.",)),
+            since=self.of("", "2026-11-19"),
         )
         return told.model_copy(update={"headline": words.headline(told)})
 
