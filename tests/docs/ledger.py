@@ -114,12 +114,15 @@ CONTAINER = "needs a container's builder: tests/deploy/test_container.py reads t
 CORES = "takes many cores many minutes; what it calls runs in other tests"
 
 MINUTES = "takes minutes; its parts run in tests/diagnosis/test_next_experiment.py"
+HISTORY = "takes two diagnoses; examples/has_it_changed.py runs it weekly, tests/diagnosis/test_history.py its parts"
 
 NOT_RUN = {
     "spot-rl diagnose next OUT --logs FIRST_LOGS --nominal MODEL --run --robot HOST": MINUTES,
     "spot-rl diagnose next OUT": MINUTES,
     "spot-rl diagnose predict OUT --sequence fast.yaml": MINUTES,
     "spot-rl diagnose predict OUT --sequence fast.yaml --log LOG": MINUTES,
+    "spot-rl diagnose LOGS --history HISTORY --nominal paper_identified": HISTORY,
+    "spot-rl diagnose LOGS --history HISTORY": HISTORY,
     "spot-rl --install-completion": "changes the shell of whoever calls it; completion itself is tested",
     "podman build -f deploy/container/fake.Containerfile -t spot-rl-fake .": CONTAINER,
     "podman build -f deploy/container/train.Containerfile -t spot-rl-train .": CONTAINER,

@@ -53,6 +53,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "examples/close_the_loop.py": (
         "--robot torque_lag --out loop --improved policies/walk.onnx --oracle policies/walk.onnx",
     ),
+    "examples/has_it_changed.py": ("changed --weeks 3 --repeats 1",),
     "examples/hidden_friction.py": ("hidden_friction",),
 }
 
