@@ -44,7 +44,7 @@ class Point(Settings):
     high: float | None = None
     """Upper end."""
     is_named: bool = False
-    """Whether the diagnosis of that date names its effect here as a difference."""
+    """Whether the diagnosis of that date names its effect here as a difference from an earlier date."""
 
 
 class Track(Settings):
@@ -98,6 +98,9 @@ class Drift(Settings):
     """Serial number or name; empty where no log tells."""
     dates: tuple[Date, ...]
     """Oldest first."""
+    outcome: Status | Literal["changed", "unchanged"]
+    """From the date before the last to the last: ``changed``, ``unchanged``, ``unknown_effect`` if all that shows is
+    something that no effect explains, or ``cannot_tell``. Of a single date its status."""
     since_last: tuple[str, ...]
     """What changed from the date before the last to the last, a sentence each; empty for a single date."""
     since_first: tuple[str, ...]
@@ -135,10 +138,25 @@ def drift_of(history: Sequence[Dated]) -> Drift:
             )
             for d in history
         ),
+        outcome=_outcome(history, tracks),
         since_last=tuple(_sentences(history[-2], last, tracks)) if len(history) > 1 else (),
         since_first=tuple(_sentences(first, last, tracks)) if len(history) > 2 else (),
         tracks=tuple(t.model_copy(update={"has_changed": id(t) in far}) for t in ordered),
     )
+
+
+def _outcome(history: Sequence[Dated], tracks: Sequence[Track]) -> Status | Literal["changed", "unchanged"]:
+    v = history[-1].verdict
+    if len(history) == 1 or v.status == "cannot_tell":
+        return v.status
+    if _named(*history[-2:]) or significant(tracks, history[-2].name, history[-1].name):
+        return "changed"
+    return "unknown_effect" if v.probability_unknown > NAMED else "unchanged"
+
+
+def _named(before: Dated, after: Dated) -> tuple[Difference, ...]:
+    """Differences of a date from the one before; none where it started from another model."""
+    return after.verdict.differences if after.verdict.since == before.name else ()
 
 
 def _tracks(history: Sequence[Dated]) -> Iterator[Track]:
@@ -167,8 +185,10 @@ def _tracks(history: Sequence[Dated]) -> Iterator[Track]:
 
 
 def _names(v: Verdict, n: CalibratedNumber) -> bool:
-    """Whether a difference is of this number's effect, and at its joint, leg or body."""
-    return any(e.name == n.effect and (n.where in e.joints or _is_leg(n.where, e)) for e in v.differences)
+    """Whether a difference from an earlier date is of this number's effect, and at its joint, leg or body."""
+    return bool(v.since) and any(
+        e.name == n.effect and (n.where in e.joints or _is_leg(n.where, e)) for e in v.differences
+    )
 
 
 def _is_leg(where: str, e: Difference) -> bool:
@@ -185,18 +205,18 @@ def _held(d: Dated, e: Difference, name: str) -> Point | None:
     effect = LIBRARY[e.name].effect if e.name in LIBRARY else None
     known = None if effect is None else next((p for p in effect.parameters() if p.name == name), None)
     if effect is None or known is None or abs(known.null) >= NEVER_MET:
-        return None if number is None else _measured(d.name, number, 1.0, 0.0)
+        return None if number is None else _measured(d, number, 1.0, 0.0)
     value = in_model(d.model, SPOT, effect, known, np.isin(JOINT_NAMES, e.joints))
     if number is None:
         return Point(date=d.name, value=value)
     # What the date measured came on top of the model that it started from: a factor, or a summand.
     is_factor = known.null == 1.0 and number.value != 0.0
-    return _measured(d.name, number, *((value / number.value, 0.0) if is_factor else (1.0, value - number.value)))
+    return _measured(d, number, *((value / number.value, 0.0) if is_factor else (1.0, value - number.value)))
 
 
-def _measured(date: str, n: Number, factor: float, summand: float) -> Point:
+def _measured(d: Dated, n: Number, factor: float, summand: float) -> Point:
     value, low, high = (factor * x + summand for x in (n.value, n.low, n.high))
-    return Point(date=date, value=value, low=low, high=high, is_named=True)
+    return Point(date=d.name, value=value, low=low, high=high, is_named=bool(d.verdict.since))
 
 
 def significant(tracks: Sequence[Track], before: str, after: str) -> list[Moved]:
@@ -223,7 +243,7 @@ def _deviation(p: Point) -> float:
 def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator[str]:
     """What changed between two dates."""
     v, moved = after.verdict, significant(tracks, before.name, after.name)
-    named = v.differences if v.since == before.name else ()
+    named = _named(before, after)
     for e in named:
         places = (*e.joints, words.joints_in_short(e.joints), "body", "floor")
         own = [t for t in tracks if t.effect == e.name and t.where in places]

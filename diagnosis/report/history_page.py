@@ -21,9 +21,11 @@ DATA: Final = "history.json"
 MOST_CHARTS: Final = 12
 SHOWN_DATES: Final = 5
 """Dates of which the table of all numbers has a column: the first and the newest."""
+OUTCOMES: Final = {"unchanged": "no change shown", "unknown_effect": "something unknown", "changed": "changed"}
 STYLE: Final = """
-.calibration { background: #2f6fb5; } .charts { display: grid; grid-template-columns: 1fr 1fr; gap: 12px 18px; }
-td:last-child { padding-right: 0; } @media (max-width: 900px) { .charts { grid-template-columns: 1fr; } }
+.calibration { background: #2f6fb5; } .unchanged { background: #2f6fb5; } .changed { background: #b7791f; }
+.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(330px, 1fr)); gap: 12px 18px; }
+td:last-child { padding-right: 0; }
 @media (max-width: 700px) { section svg { min-width: 0; } h1 { font-size: 21px; } }
 """
 
@@ -47,13 +49,14 @@ def history_page(drift: Drift) -> str:
     """The page as text."""
     last, at = drift.dates[-1], _places(drift)
     lead = drift.since_last[0] if drift.since_last else last.headline
+    badge = OUTCOMES.get(drift.outcome, last.status.replace("_", " ")).capitalize()
     meta = f"robot {drift.robot or 'without a serial number'} · {counted(len(drift.dates), 'date')}, "
     meta += f"{drift.dates[0].date} to {last.date}"
     changed = [t for t in drift.tracks if t.is_named or t.has_changed]
     gains = [t for t in drift.tracks if t.effect == "torque_gain" and t.where in words.PLACES]
     key = legend([("var(--corrected)", "measured, with its 90 % interval"), ("var(--found)", "named as a difference")])
     body = [
-        headed(last.status.replace("_", " ").capitalize(), last.status, lead, drift.since_last[1:], meta),
+        headed(badge, drift.outcome, lead, drift.since_last[1:], meta),
         boxed("Since the first date", drift.dates[0].date, listed(drift.since_first)),
         boxed(
             "What changed",
@@ -97,7 +100,7 @@ def _chart(track: Track, at: Mapping[str, float]) -> str:
     unit = f", {track.unit}" if track.unit else ""
     title = f"{track.title} of {words.place(track.where)}{unit}"
     first = min(at, key=lambda date: at[date])
-    return chart(lines, title=title, x_title=f"days since {first}", width=560, height=150)
+    return chart(lines, title=title, x_title=f"days since {first}", width=400, height=130)
 
 
 def _dates(drift: Drift) -> Html:

@@ -198,19 +198,23 @@ def _centre_of_mass(fit: _Fit, kind: ErrorKind, nominal: RobotModel) -> Iterator
     """Where the body's centre of mass is: first moments over the mass."""
     body, one = facts.BODY, np.ones(1, dtype=np.bool_)
     mass, _ = fit.weights(kind.effect.name, "mass_kg", one)
-    total_kg = body.mass_kg + max(0.0, fit.found(mass)[0])
+    payloads = [e for e in nominal.effects if isinstance(e, PayloadMass)]
+    held_kg = body.mass_kg + sum(float(e.mass_kg) for e in payloads)
+    total_kg = max(body.mass_kg, held_kg + fit.found(mass)[0])
     everywhere = np.ones(fit.board.robot.n_joints, dtype=np.bool_)
     for axis, com_m in zip("xyz", body.com_m, strict=True):
         name = f"moment_{axis}_kg_m"
         known = next(p for p in ComOffset.parameters() if p.name == f"{axis}_m")
         moment, published = fit.weights(kind.effect.name, name, one)
         moved, _ = fit.weights(ComOffset.name, known.name, one)
-        weights = (moment - com_m * mass) / total_kg + moved
+        # The nominal model's payloads have moved it already.
+        loaded = sum(float(e.mass_kg) * (float(getattr(e, known.name)) - com_m) for e in payloads) / held_kg
+        weights = (moment - (com_m + loaded) * mass) / total_kg + moved
         value, deviation = fit.found(weights)
         if deviation * total_kg > math.sqrt(TAUGHT * float(published @ published)):
             continue
         spread = ERROR_SCALES[kind.effect.name].scales[name] / total_kg
-        before = in_model(nominal, fit.board.robot, ComOffset, known, everywhere)
+        before = loaded + in_model(nominal, fit.board.robot, ComOffset, known, everywhere)
         title = f"centre of mass of the body: {axis}"
         yield _made(ComOffset.name, known, title, "body", before, value, deviation, spread)
 

@@ -31,7 +31,7 @@ from spot_model.effects.drivetrain import TorqueGain
 from spot_model.effects.friction import Armature, CoulombFriction, LoadFriction, ViscousFriction
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.policy.policy import load_policy
-from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.facts import BODY, JOINT_NAMES
 
 from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence
@@ -334,3 +334,17 @@ def test_the_corrected_model_predicts_runs_that_it_was_not_fitted_to() -> None:
     torque = {g.gap: g for g in gap_changes(board, right, wrong)}["torque"]
     assert torque.after > torque.before
     assert torque.share is None or torque.share < 0.0
+
+
+def test_the_centre_of_mass_is_that_of_the_body_with_the_nominal_model_s_payload() -> None:
+    payload = PayloadMass(mass_kg=4.0, x_m=0.1, z_m=0.12)
+    nominal = NOMINAL.with_effects(payload)
+    board = _board(planted_runs(Truth(effects=(payload,)), 2, sequence=walk_sequence(3.0)), nominal)
+    found = {n.parameter: n for n in calibrated_numbers(board, null_of(board), nominal) if n.effect == "com_offset"}
+    expected = {
+        axis: 4.0 * (at - com) / (BODY.mass_kg + 4.0)
+        for axis, at, com in zip("xz", (0.1, 0.12), BODY.com_m[::2], strict=True)
+    }
+    for axis, shift_m in expected.items():
+        assert found[f"{axis}_m"].nominal == pytest.approx(shift_m)
+        assert found[f"{axis}_m"].value == pytest.approx(shift_m, abs=0.004)

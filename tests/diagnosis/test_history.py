@@ -140,8 +140,10 @@ def test_a_number_changed_only_if_the_intervals_say_so(history) -> None:
     steady = tuple(number(1.0, where=f"{leg}_{kind}") for leg in ("fl", "hl", "hr") for kind in ("hx", "hy", "kn"))
     put(history, "2026-11-12", gains=(*steady, number(0.97)), since="2026-11-05")
     assert drift(history).since_last == ("No number is shown to have changed since 2026-11-05.",)
+    assert drift(history).outcome == "unchanged"
     put(history, "2026-11-19", gains=(*steady, number(0.8)), since="2026-11-12")
     (told,) = drift(history).since_last
+    assert drift(history).outcome == "changed"
     assert told.startswith("Changed, beyond what the intervals allow: torque gain of fr_kn 0.97 → 0.8 (90 %: 0.78 to 0")
     (told,) = drift(history).since_first
     assert "torque gain of fr_kn 1 → 0.8" in told
@@ -174,8 +176,17 @@ def test_a_named_difference_is_told_with_its_size_and_held_afterwards(history) -
     assert drift(history).since_last == ("No number is shown to have changed since 2026-11-26.",)
 
 
+def test_what_the_first_date_names_is_no_change(history) -> None:
+    gains = (number(0.8),)
+    named = backlash(0.02).model_copy(update={"name": "torque_gain", "parameters": {}})
+    put(history, "2026-11-01", gains=gains, differences=(named,), status="explained")
+    put(history, "2026-11-12", gains=gains, differences=(named,), status="explained", since="2026-11-05")
+    assert [p.is_named for p in drift(history).tracks[0].points] == [False, False, True]
+
+
 def test_what_nothing_explains_and_what_cannot_be_told_is_said(history) -> None:
     put(history, "2026-11-12", since="2026-11-05", probability_unknown=0.93, status="unknown_effect")
+    assert drift(history).outcome == "unknown_effect"
     assert "Something acts that no effect of the library explains (P 0.93)." in drift(history).since_last
     put(history, "2026-11-19", since="2026-11-12", gains=(), status="cannot_tell")
     assert drift(history).since_last == ("The logs of 2026-11-19 cannot tell.",)
