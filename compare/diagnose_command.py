@@ -30,9 +30,10 @@ def explain_and_compare(**asked: Any) -> None:
     from compare.tracks import CompareError
     from spot_model.io.whole import check_new
 
-    folder = Path(asked["out"]) / FOLDER
-    check_new(folder)
-    result = cast("Diagnosis", command.explain_logs(**asked))
+    if asked.get("out") is not None:
+        check_new(Path(asked["out"]) / FOLDER)
+    result, out = cast("tuple[Diagnosis, Path]", command.explain_logs(**asked))
+    folder = out / FOLDER
     typer.echo("comparing one log with the simulators …", err=True)
     try:
         typer.echo(f"compare    {set_beside(result, folder)}")

@@ -79,7 +79,7 @@ def explain_logs(
     device: Device = "cpu",
     ray_address: RayAddress = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
-) -> object:  # A Diagnosis: naming it would make --help import it.
+) -> tuple[object, Path]:  # A Diagnosis and its folder: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
     if not any(path.exists() for path in logs):
         raise BadInputError(f"there is no log {logs[0]}; give files written by spot-rl (*.mcap), or folders of them")
@@ -122,4 +122,4 @@ def explain_logs(
         lines += [f"{'changed':<12}{told}" for told in drift.since_last] + [f"{'history':<12}{page}"]
     for line in lines:
         typer.echo(line)
-    return result
+    return result, place.out

@@ -235,6 +235,10 @@ def significant(tracks: Sequence[Track], before: str, after: str) -> list[Moved]
     return sorted(kept, key=lambda m: -abs(m.distance))
 
 
+def _is_measured(p: Point | None) -> bool:
+    return p is not None and p.low is not None
+
+
 def _deviation(p: Point) -> float:
     """Standard deviation of a number, from the wider side: the other may end at a bound; infinite if not measured."""
     return np.inf if p.low is None or p.high is None else max(p.high - p.value, p.value - p.low) / Z_90
@@ -254,7 +258,10 @@ def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator
     if rest:
         yield words.sentence(f"{'also ' if named else ''}changed, beyond what the intervals allow{_told(rest)}")
     if not named and not rest and v.status != "cannot_tell":
-        yield f"No number is shown to have changed since {before.name}."
+        known = [[_is_measured(t.at(own.name)) for t in tracks] for own in (before, after)]
+        both = sum(map(min, *known))
+        compared = f"{both} of its {sum(known[0])} numbers are measured on both dates"
+        yield f"No number is shown to have changed since {before.name}; {compared}."
     if v.status == "cannot_tell":
         yield f"The logs of {after.name} cannot tell."
     elif v.probability_unknown > NAMED:

@@ -29,9 +29,9 @@ def a_diagnosis() -> Diagnosis:
 def ask(a_diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Path]:
     """The command with a diagnosis that is there already; gives the folder of the comparison."""
 
-    def run(**changes: Any) -> Path:
-        monkeypatch.setattr(command, "explain_logs", lambda **_: replace(a_diagnosis, **changes))
-        diagnose_command.explain_and_compare(out=tmp_path)
+    def run(*, is_in_history: bool = False, **changes: Any) -> Path:
+        monkeypatch.setattr(command, "explain_logs", lambda **_: (replace(a_diagnosis, **changes), tmp_path))
+        diagnose_command.explain_and_compare(out=None if is_in_history else tmp_path)
         return tmp_path / diagnose_command.FOLDER
 
     return run
@@ -48,6 +48,10 @@ def test_the_robot_stands_beside_the_nominal_and_the_corrected_model(
     # The log of sequence a is the one in which the verdict marks a second.
     page = (folder / PAGE_NAME).read_text()
     assert "the load&#x27;s error is large" in page
+
+
+def test_a_diagnosis_of_a_history_has_it_in_the_folder_of_its_date(ask: Callable[..., Path]) -> None:
+    assert (ask(is_in_history=True) / PAGE_NAME).exists()
 
 
 def test_without_a_corrected_model_the_nominal_one_stays(ask: Callable[..., Path], a_diagnosis: Diagnosis) -> None:
