@@ -244,12 +244,12 @@ def evaluate(
     Args:
         setting: Policy and robots.
         n: Robots in each trial that counts survivors.
-        n_each: Robots in each condition of where the policy holds; a quarter of ``n`` if None.
+        n_each: Robots in each condition of where the policy holds; an eighth of ``n`` if None.
         done: What ``keep`` was given in an evaluation that was interrupted; its trials are not run again.
         tell: Called before each trial with its name and the share of the work that is done.
         keep: Called after each trial with all that there is.
     """
-    steps = _trials(setting, n, n_each or math.ceil(n / 4))
+    steps = _trials(setting, n, n_each or math.ceil(n / 8))
     result: dict[str, Any] = {**about(setting), **(done or {})}
     whole = sum(robot_s for robot_s, _ in steps.values())
     past = 0.0
