@@ -282,6 +282,11 @@ def _told(moved: Sequence[Moved], *, is_title_known: bool = False) -> str:
 
 def _change_told(m: Moved, is_title_known: bool) -> str:
     title = words.parameter(m.track.parameter) if is_title_known else m.track.title
+    title += of_place(m.track)
     within = "" if m.after.low is None else f" (90 %: {m.after.low:.3g} to {m.after.high:.3g})"
-    place = words.place(m.track.where)
-    return f"{title} of {place} {m.before.value:.3g} → {m.after.value:.3g}{within} {m.track.unit}".rstrip()
+    return f"{title} {m.before.value:.3g} → {m.after.value:.3g}{within} {m.track.unit}".rstrip()
+
+
+def of_place(track: Track) -> str:
+    """Where a number is, behind its title; nothing for the body's."""
+    return "" if track.where == "body" else f" of {words.place(track.where)}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from diagnosis.report import words
-from diagnosis.report.drift import Drift, Track, drift_of
+from diagnosis.report.drift import Drift, Track, drift_of, of_place
 from diagnosis.report.history import day_of, read_history
 from diagnosis.report.output import NAMES
 from spot_log.page.chart import Series, chart
@@ -25,7 +25,7 @@ OUTCOMES: Final = {"unchanged": "no change shown", "unknown_effect": "something 
 STYLE: Final = """
 .calibration { background: #2f6fb5; } .unchanged { background: #2f6fb5; } .changed { background: #b7791f; }
 .charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(330px, 1fr)); gap: 12px 18px; }
-td:last-child { padding-right: 0; }
+td:last-child { padding-right: 0; } td a { white-space: nowrap; }
 @media (max-width: 700px) { section svg { min-width: 0; } h1 { font-size: 21px; } }
 """
 
@@ -95,10 +95,10 @@ def _chart(track: Track, at: Mapping[str, float]) -> str:
         if p.low is not None and p.high is not None:
             colour = "var(--found)" if p.is_named else "var(--corrected)"
             lines.append(Series(colour, [place, place], [p.low, p.high], width=3))
-            name = f"{track.title} of {words.place(track.where)}, {p.date}:"
+            name = f"{track.title}{of_place(track)}, {p.date}:"
             lines.append(Series(colour, [place], [p.value], has_points=True, name=name))
     unit = f", {track.unit}" if track.unit else ""
-    title = f"{track.title} of {words.place(track.where)}{unit}"
+    title = f"{track.title}{of_place(track)}{unit}"
     first = min(at, key=lambda date: at[date])
     return chart(lines, title=title, x_title=f"days since {first}", width=400, height=130)
 

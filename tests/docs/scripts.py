@@ -33,6 +33,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/claims/identification.py": ("--generations 1 --seconds 3",),
     "benchmarks/claims/training.py": ("--envs 16",),
     "benchmarks/gait_on_robot.py": ("policies/walk.onnx --speeds 0.5",),
+    "benchmarks/has_it_changed.py": ("robots --seed 71 --to 1 --workers 1 --out changed", "score changed"),
     "benchmarks/identify_fake.py": (
         "--out found --truth 0 --policy policies/walk.onnx --repeats 1 --config short.yaml",
     ),
