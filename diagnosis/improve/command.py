@@ -21,7 +21,7 @@ def improve(
         Path | None, typer.Option("--config", help="Training config (YAML), for a GPU; by default this command's own.")
     ] = None,
     set_: Overrides = None,
-    n: Annotated[int, typer.Option("--n", help="Robots in the trials that count falls.", min=10)] = 200,
+    n: Annotated[int, typer.Option("--n", help="Robots in the trials that count falls.", min=10)] = 100,
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     workers: Workers = 2,
     device: Device = "cpu",

@@ -88,6 +88,15 @@ def search_config(corrected: RobotModel, file: str, device: str, seed: int) -> d
     return data
 
 
+def is_nearer(found: ResultData) -> bool:
+    """Whether simulated runs are nearer to the robot's with the limits that were found than with the corrected model's.
+
+    Otherwise something else in the torques was taken for a limit: a slow torque loop bends what they seem to say.
+    """
+    before, after = found.score["initial"], found.score["identified"]
+    return after is not None and (before is None or after < before)
+
+
 def limits_of(found: ResultData, nominal: RobotModel) -> tuple[Limit, ...]:
     """What an identification says, beside the nominal model's numbers."""
     curve = curve_of(nominal)

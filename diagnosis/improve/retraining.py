@@ -68,7 +68,7 @@ def refine_config(robots: Path, contract: PolicyContract, seed: int) -> dict[str
         "population": POPULATION,
         "seed": seed,
         "speeds_m_s": speeds,
-        "others": [[round(float(v), 3) for v in command] for command in (*alone, *both)],
+        "others": [[round(float(v), 3) + 0.0 for v in command] for command in (*alone, *both)],
         "robots": [{"model": str(robots)}],
         "starts": [{"top_m_s": round(min(3.0, top), 3)}],
         "weights": {"top_speed_wanted_m_s": round(top, 3)},

@@ -16,7 +16,7 @@ from typing_extensions import Self
 from diagnosis.document import Verdict
 from diagnosis.improve.improvement import Improvement, TakenStep, outcome_of, step_names, worth_training
 from diagnosis.improve.judgement import figures
-from diagnosis.improve.limits import Limit, limits_of, search_config, with_limits
+from diagnosis.improve.limits import Limit, is_nearer, limits_of, search_config, with_limits
 from diagnosis.improve.page import improvement_page
 from diagnosis.improve.retraining import RETRAIN, refine_config, take_training, train_words
 from diagnosis.improve.steps import Say, Step, take
@@ -186,7 +186,7 @@ def _identify(inputs: Inputs, place: dict[str, Path], device: str, workers: int,
     resumed = ("--resume",) if (folder / "search.jsonl").exists() else ()
     simple("identification of limits", (*words, *resumed), "identified", cores=("--workers", str(workers)))
     found = ResultData.model_validate_json(place["identified"].read_bytes())
-    return limits_of(found, load_model(inputs.nominal))
+    return limits_of(found, load_model(inputs.nominal)) if is_nearer(found) else ()
 
 
 def _train(

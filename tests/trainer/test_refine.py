@@ -174,7 +174,7 @@ def test_what_a_config_may_say(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="divide"):
         RobotConfig(timestep_s=0.003)
     with pytest.raises(BadInputError, match="effect"):
-        RobotConfig(effects=({"effect": "no_such"},)).robot()
+        RobotConfig(effects=({"effect": "no_such"},)).robots()[0]
 
 
 def test_only_our_own_networks_are_refined() -> None:

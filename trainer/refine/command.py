@@ -46,7 +46,7 @@ def refine(
     contract, data = load_policy(policy).contract, policy.read_bytes()
     layers, gains = read_layers(data, str(policy)), gains_of(contract.joint_names)
     for robot in settings.robots:
-        robot.robot()
+        robot.robots()
     folder = folder or out.with_suffix(".refine")
     folder.mkdir(parents=True, exist_ok=True)
 

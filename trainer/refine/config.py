@@ -8,7 +8,8 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, field_validator
 
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import RobotModel, load_model, model_from_data
+from spot_model.io.model_file import RobotModel, model_from_data
+from spot_model.io.models_file import load_models
 from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot.mjcf import MjcfOptions
@@ -19,7 +20,7 @@ class RobotConfig(Settings):
     """One robot on which the gait is tried."""
 
     model: str = "paper_identified"
-    """Built-in model, or a model file."""
+    """Built-in model, a model file, or a models file, of which the first walks steadily, and all start."""
     effects: tuple[dict[str, Any], ...] = ()
     """More effects, as in a model file."""
     timestep_s: float = Field(default=0.005, gt=0.0, le=0.02)
@@ -32,14 +33,14 @@ class RobotConfig(Settings):
             raise ValueError("must divide the policy's period of 0.02 s")
         return value
 
-    def robot(self) -> RobotModel:
-        """The model with its further effects.
+    def robots(self) -> tuple[RobotModel, ...]:
+        """The model, or models, with the further effects.
 
         Raises:
             BadInputError: The model or an effect is not allowed.
         """
         more = model_from_data({"schema": "spot-rl/model/1", "effects": list(self.effects)}, source="effects")
-        return load_model(self.model).with_effects(*more.effects)
+        return tuple(model.with_effects(*more.effects) for model in load_models(self.model))
 
     def mjcf(self) -> MjcfOptions:
         """Its physics."""

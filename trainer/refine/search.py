@@ -90,7 +90,7 @@ def run_starts(policy: Policy, robot: RobotConfig, start: StartConfig, seed: int
     ranges = setting.randomisation.model_copy(update=drawn)
     setting = replace(setting, randomisation=ranges)
     rng = np.random.default_rng(seed)
-    plant = setting.random_plant(start.robots, rng)
+    plant = setting.random_plant(start.robots, rng, robot.robots())
     first, second = (random_commands(setting, start.robots, rng, top_m_s=start.top_m_s) for _ in range(2))
     jump = round(start.jump_s * policy.contract.rate_hz)
     recording = record_walks(
@@ -128,7 +128,7 @@ def in_words(judgements: Sequence[Judgement], config: RefineConfig) -> dict[str,
 
 
 def _setting(policy: Policy, robot: RobotConfig) -> Setting:
-    return Setting(policy=policy, model=robot.robot(), mjcf=robot.mjcf(), n_threads=1)
+    return Setting(policy=policy, model=robot.robots()[0], mjcf=robot.mjcf(), n_threads=1)
 
 
 SCHEMA: Final = "spot-rl/refine-search/2"
