@@ -57,7 +57,7 @@ def robot(seed: int, number: int, out: Path) -> str:
     asked: dict[str, tuple[FaultRequest, ...]] = {"first": (), **requests_of(seed, number)}
     for k, (kind, requests) in enumerate(asked.items()):
         place = home / (FIRST if kind == "first" else AGAIN[kind])
-        if place.exists():
+        if (place / "truth.json").exists():
             continue
         reality = source.make(requests, 1000 * seed + number)
         home.mkdir(parents=True, exist_ok=True)
@@ -86,12 +86,15 @@ def score(given: Namespace) -> None:
     """Print what was said of each second date, and how often it was right."""
     right: dict[str, list[bool]] = {}
     for home in sorted(p for p in given.folder.iterdir() if p.is_dir()):
+        if not (home / FIRST / "truth.json").exists():
+            continue
         first = dated(home / FIRST)
         for kind, name in AGAIN.items():
             if (home / name / "truth.json").exists():
                 again = dated(home / name)
                 faults = [Fault.model_validate(f) for f in json.loads((home / name / "truth.json").read_text())]
-                ok, told = is_right(again, faults), " ".join(drift_of((first, again)).since_last)
+                drift = drift_of((first, again))
+                ok, told = is_right(again, faults, drift.outcome), " ".join(drift.since_last)
                 right.setdefault(kind, []).append(ok)
                 was = f"{faults[0].kind} {faults[0].size:.2f} {' '.join(faults[0].joints)[:12]}" if faults else "-"
                 print(f"{home.name} {kind:8} {'right' if ok else 'WRONG'}  {was:36} {told}")
@@ -105,11 +108,11 @@ def dated(folder: Path) -> Dated:
     return Dated(folder, load_verdict(folder / "verdict.json"), load_model(str(folder / "corrected_model.yaml")))
 
 
-def is_right(again: Dated, faults: list[Fault]) -> bool:
+def is_right(again: Dated, faults: list[Fault], told: str) -> bool:
     """Whether what was there is named, itself or in its group and at its joints, and nothing where nothing was."""
     named = again.verdict.differences
     if not faults:
-        return not named and again.verdict.probability_unknown <= 0.5
+        return told == "unchanged"
     hits = [d for d in named if set(d.group) & set(faults[0].names)]
     joints = set(faults[0].joints)
     return len(named) == 1 and any(not joints or len(joints) == 12 or joints & set(d.joints) for d in hits)

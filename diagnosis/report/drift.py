@@ -151,7 +151,8 @@ def _outcome(history: Sequence[Dated], tracks: Sequence[Track]) -> Status | Lite
         return v.status
     if _named(*history[-2:]) or significant(tracks, history[-2].name, history[-1].name):
         return "changed"
-    return "unknown_effect" if v.probability_unknown > NAMED else "unchanged"
+    is_new = v.probability_unknown > NAMED >= history[-2].verdict.probability_unknown
+    return "unknown_effect" if is_new else "unchanged"
 
 
 def _named(before: Dated, after: Dated) -> tuple[Difference, ...]:
@@ -265,7 +266,8 @@ def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator
     if v.status == "cannot_tell":
         yield f"The logs of {after.name} cannot tell."
     elif v.probability_unknown > NAMED:
-        yield f"Something acts that no effect of the library explains (P {v.probability_unknown:.2f})."
+        as_before = f", as on {before.name}" if before.verdict.probability_unknown > NAMED else ""
+        yield f"Something acts that no effect of the library explains (P {v.probability_unknown:.2f}){as_before}."
 
 
 def _between(track: Track, before: Dated, after: Dated) -> Moved | None:

@@ -83,6 +83,7 @@ def diagnose(
     nominal_name: str = "",
     limits_rad: tuple[Array, Array] | None = None,
     engine: Rollouts | None = None,
+    is_calibrated: bool = False,
 ) -> Diagnosis:
     """Diagnose logs.
 
@@ -98,6 +99,7 @@ def diagnose(
         nominal_name: For the verdict.
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.
+        is_calibrated: Whether the nominal model is an earlier diagnosis' corrected model of this robot.
     """
     library = with_repairs(library, nominal)
     say(f"building channels of {counted(len(runs), 'log')}")
@@ -132,7 +134,7 @@ def diagnose(
         measured = measured_by_simulation(trials, best, causes.stated, rng) or measured
         simulated = {"nominal": tuple(trials.runs[NOMINAL]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
         notes += filter(None, [*trials.notes, *_about(bench, trials.is_crossed), about_cells])
-    unknown = unknown_beside(causes.first, trials, CALIBRATED, causes.stated)
+    unknown = unknown_beside(causes.first, trials, CALIBRATED, causes.stated, is_calibrated=is_calibrated)
     verdict = assemble(
         causes,
         nominal,

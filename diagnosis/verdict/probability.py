@@ -217,7 +217,9 @@ def is_odd(found: Mapping[Channel, float]) -> float:
     return float(expit(slope * (max(off) - even))) if off else 0.0
 
 
-def unknown_beside(first: Explanation, trials: Trials | None, calibrated: str, stated: str) -> float:
+def unknown_beside(
+    first: Explanation, trials: Trials | None, calibrated: str, stated: str, *, is_calibrated: bool = False
+) -> float:
     """Probability of something that no effect of the library is.
 
     Args:
@@ -225,6 +227,8 @@ def unknown_beside(first: Explanation, trials: Trials | None, calibrated: str, s
         trials: Runs of the models; None where nothing was simulated.
         calibrated: Name of the model with the robot's calibration alone.
         stated: Name of the corrected model.
+        is_calibrated: Whether the nominal model holds this robot's ordinary errors already, from an earlier diagnosis:
+            what formulas leave of them is the usual, however little there is to calibrate.
     """
     beyond = first.remainder.beyond(USUAL_LEFT)
     distances = trials.distances() if trials is not None else {}
@@ -232,6 +236,7 @@ def unknown_beside(first: Explanation, trials: Trials | None, calibrated: str, s
         return is_unknown(None, 0.0, beyond, 0.0)
     best = first.selection.best
     errors, odd = size_of_errors(first.board, best.pulls), is_odd(excess(first.board, best))
+    errors = max(errors, USUAL_ERRORS) if is_calibrated else errors
     ordinary = ordinary_gap(trials.scatter_nm(), errors, odd, trials.scatter_of(stated))
     # A robot that lies where the plain nominal model lies has no gap either.
     explained = min(distances[calibrated], distances[NOMINAL]) - distances[stated]

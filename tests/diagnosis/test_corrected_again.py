@@ -1,6 +1,8 @@
 """A model that was corrected is corrected again: numbers add up, what is gone goes, and the model does not grow."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from diagnosis.selection.calibrated import learn_scales
 from diagnosis.selection.evidence import lay_out
 from diagnosis.selection.robot_models import _within, by_joint, merged
 from diagnosis.selection.search import search
+from diagnosis.verdict.probability import unknown_beside
 from spot_model.effects.base import Effect
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.effects.friction import CoulombFriction
@@ -144,3 +147,26 @@ def test_an_effect_with_an_error_of_its_own_has_no_second_column() -> None:
         robot = Robot(logs.joint_names, logs.legs)
         board = lay_out({view.name: view}, robot, [0], ["0"], library=LIBRARY, scales=ERROR_SCALES)
         assert board.ordinary.names.count("nominal") == columns
+
+
+def test_errors_that_the_nominal_model_holds_excuse_what_formulas_leave_of_them() -> None:
+    kind = SimpleNamespace(effect=SimpleNamespace(name="torque_gain"))
+    ordinary = SimpleNamespace(kinds=(kind,), names=("torque_gain",), scale=np.ones(1), published=np.ones(1))
+    none = np.zeros(0)
+    board = SimpleNamespace(ordinary=ordinary, by_channel={}, tolerance_square=none, relative_square=none)
+    best = SimpleNamespace(pulls=np.zeros(1), explained=none, held_out=none)
+    first: Any = SimpleNamespace(
+        board=board, selection=SimpleNamespace(best=best), remainder=SimpleNamespace(beyond=lambda _: 0.0)
+    )
+
+    def trials(floors: float) -> Any:
+        distances = dict.fromkeys(("nominal", "calibrated", "stated"), floors)
+        return SimpleNamespace(distances=lambda: distances, scatter_nm=lambda: 0.25, scatter_of=lambda _: 1.0)
+
+    given = ("calibrated", "stated")
+    assert (
+        unknown_beside(first, trials(1.6), *given)
+        > 0.5
+        > unknown_beside(first, trials(1.6), *given, is_calibrated=True)
+    )
+    assert unknown_beside(first, trials(4.0), *given, is_calibrated=True) > 0.9

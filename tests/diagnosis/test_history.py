@@ -190,7 +190,10 @@ def test_what_nothing_explains_and_what_cannot_be_told_is_said(history) -> None:
     put(history, "2026-11-12", since="2026-11-05", probability_unknown=0.93, status="unknown_effect")
     assert drift(history).outcome == "unknown_effect"
     assert "Something acts that no effect of the library explains (P 0.93)." in drift(history).since_last
-    put(history, "2026-11-19", since="2026-11-12", gains=(), status="cannot_tell")
+    put(history, "2026-11-18", since="2026-11-12", probability_unknown=0.8, status="unknown_effect")
+    assert drift(history).since_last[-1].endswith("(P 0.80), as on 2026-11-12.")
+    assert drift(history).outcome == "unchanged"
+    put(history, "2026-11-19", since="2026-11-18", gains=(), status="cannot_tell")
     assert drift(history).since_last == ("The logs of 2026-11-19 cannot tell.",)
 
 
