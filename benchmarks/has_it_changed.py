@@ -20,11 +20,12 @@ from typing import Final
 import numpy as np
 from calibrate_diagnosis import two_steps
 
-from diagnosis.report.drift import drift_of
+from diagnosis.report.drift import drift_of, significant
 from diagnosis.report.history import Dated
 from diagnosis.session import Inputs, Progress, run_session
 from spot_model.io.model_file import load_model, save_model
 from spot_model.policy.policy import load_policy
+from spot_model.robot.facts import JOINT_NAMES
 from withheld.cases import ordinary_sequences
 from withheld.plan import Fault, FaultRequest, RecordingPlan
 from withheld.realities.source import source_of
@@ -94,7 +95,8 @@ def score(given: Namespace) -> None:
                 again = dated(home / name)
                 faults = [Fault.model_validate(f) for f in json.loads((home / name / "truth.json").read_text())]
                 drift = drift_of((first, again))
-                ok, told = is_right(again, faults, drift.outcome), " ".join(drift.since_last)
+                changed = {m.track.effect for m in significant(drift.tracks, FIRST, name)}
+                ok, told = is_right(again, faults, drift.outcome, changed), " ".join(drift.since_last)
                 right.setdefault(kind, []).append(ok)
                 was = f"{faults[0].kind} {faults[0].size:.2f} {' '.join(faults[0].joints)[:12]}" if faults else "-"
                 print(f"{home.name} {kind:8} {'right' if ok else 'WRONG'}  {was:36} {told}")
@@ -108,14 +110,19 @@ def dated(folder: Path) -> Dated:
     return Dated(folder, load_verdict(folder / "verdict.json"), load_model(str(folder / "corrected_model.yaml")))
 
 
-def is_right(again: Dated, faults: list[Fault], told: str) -> bool:
-    """Whether what was there is named, itself or in its group and at its joints, and nothing where nothing was."""
+def is_right(again: Dated, faults: list[Fault], told: str, moved: set[str]) -> bool:
+    """Whether what was there is told, itself or in its group and at its joints, and nothing where nothing was.
+
+    Of a floor its number may have ``moved`` beyond the intervals, without a difference that is named.
+    """
     named = again.verdict.differences
     if not faults:
         return told == "unchanged"
-    hits = [d for d in named if set(d.group) & set(faults[0].names)]
-    joints = set(faults[0].joints)
-    return len(named) == 1 and any(not joints or len(joints) == 12 or joints & set(d.joints) for d in hits)
+    names, joints = set(faults[0].names), set(faults[0].joints)
+    is_floor = len(joints) == len(JOINT_NAMES)
+    if not named:
+        return is_floor and bool(names & moved)
+    return len(named) == 1 and all(names & set(d.group) and (is_floor or joints & set(d.joints)) for d in named)
 
 
 def main() -> None:
