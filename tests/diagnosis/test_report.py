@@ -261,6 +261,7 @@ def test_a_diagnosis_is_written_whole_or_not_at_all(
     assert sorted(p.name for p in out.iterdir()) == [
         "corrected_model.yaml",
         "experiments",
+        "possible_robots.yaml",
         "report.html",
         "verdict.json",
     ]
