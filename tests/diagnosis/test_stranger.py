@@ -13,9 +13,11 @@ from diagnosis.channels.stack import stack
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report.output import write_all
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from diagnosis.verdict.possible_robots import ROBOTS
 from diagnosis.verdict.posterior_file import load_posterior
 from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel, load_model
+from spot_model.io.models_file import load_models
 from spot_model.policy.policy import load_policy
 from trainer.signals.recording import record
 
@@ -46,6 +48,12 @@ def test_a_robot_with_nothing_wrong_has_no_gap(tmp_path: Path) -> None:
     posterior = load_posterior(paths["posterior"])
     assert sum(p.weight for p in posterior.possibilities) == pytest.approx(1.0)
     assert posterior.draw(LIBRARY, np.random.default_rng(0)).effects
+    # Robots that the logs allow: the fitted one first, then others whose calibration is drawn.
+    fitted, *robots = load_models(str(paths["robots"]))
+    assert fitted == load_model(str(paths["model"]))
+    gains = [[e.values["gain"] for e in r.effects if e.name == "torque_gain"] for r in robots]
+    assert len(robots) == ROBOTS
+    assert len({tuple(g) for g in gains}) == ROBOTS
 
 
 @pytest.mark.slow

@@ -5,16 +5,20 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from proof.training import bench_train
 from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
+from spot_model.policy.observation import COLUMNS, OBSERVATION
+from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.task_config import RandomisationConfig
 from trainer.config.train_config import TrainConfig, load_config
 from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
+from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, onnx_bytes, read_layers, run_torch
 from trainer.ppo.train import make_runner, resume, train
 from trainer.task.draws import Draws, training_effects
 from trainer.task.task import check_device
@@ -75,6 +79,55 @@ def test_a_run_can_start_from_anothers_networks(run: Path, tiny: TrainConfig, tm
     wide = config.model_copy(update={"ppo": tiny.ppo.model_copy(update={"hidden": (32, 8)})})
     with pytest.raises(BadInputError, match=r"do not fit the config's ppo.hidden"):
         train(wide, tmp_path / "wide", device="cpu")
+
+
+def test_a_run_can_start_from_a_policys_file_and_teaches_its_critic_first(tiny: TrainConfig, tmp_path: Path) -> None:
+    source = Path("policies/walk.onnx")
+    content, hidden = networks_of_policy(source)
+    actor = content["algorithm"]["actor_state_dict"]
+    seen = torch.randn(5, 48, generator=torch.Generator().manual_seed(0))
+    acted = load_policy(source).act(seen.numpy())
+    np.testing.assert_allclose(run_torch(actor_layers(actor), seen).numpy(), acted, atol=1e-5)
+    ppo = tiny.ppo.model_copy(update={"critic_first_iterations": 2})
+    config = tiny.model_copy(update={"start_from": str(source), "iterations": 3, "save_every": 1, "ppo": ppo})
+    train(config, tmp_path / "next", device="cpu")
+    before, after, moved = (parameters(tmp_path / "next" / f"checkpoint_{i:06d}.pt") for i in (1, 2, 3))
+    assert after["mlp.0.weight"].shape[0] == hidden[0]
+    for name, value in actor.items():
+        torch.testing.assert_close(after[name], value, rtol=0.0, atol=0.0)
+    assert not torch.equal(before["critic.mlp.0.weight"], after["critic.mlp.0.weight"])
+    assert not torch.equal(moved["mlp.0.weight"], after["mlp.0.weight"])
+
+
+def test_a_policy_with_other_servos_is_no_start(tmp_path: Path) -> None:
+    data, contract = Path("policies/walk.onnx").read_bytes(), load_policy(Path("policies/walk.onnx")).contract
+    stiff = contract.model_copy(update={"kp_nm_per_rad": (80.0,) * 12})
+    (tmp_path / "stiff.onnx").write_bytes(onnx_bytes(read_layers(data, "walk"), stiff))
+    with pytest.raises(BadInputError, match="kp_nm_per_rad"):
+        networks_of_policy(tmp_path / "stiff.onnx")
+
+
+def test_joints_in_another_order_are_put_in_order(tmp_path: Path) -> None:
+    policy = load_policy(Path("policies/walk.onnx"))
+    layers = read_layers(Path("policies/walk.onnx").read_bytes(), "walk")
+    order = list(reversed(range(12)))
+    columns = [
+        c for f in OBSERVATION for c in (np.arange(*COLUMNS[f.name].indices(48))[:: -1 if f.is_of_joints else 1])
+    ]
+    turned = [(w.clone(), b.clone()) for w, b in layers]
+    turned[0] = (turned[0][0][:, columns], turned[0][1])
+    turned[-1] = (turned[-1][0][order], turned[-1][1][order])
+    names = tuple(policy.contract.joint_names[i] for i in order)
+    default = tuple(policy.contract.default_position_rad[i] for i in order)
+    with torch.no_grad():
+        action = run_torch(turned, torch.tensor([policy.contract.stored_pair.observation]))[0]
+    pair = policy.contract.stored_pair.model_copy(update={"action": tuple(action.tolist())})
+    changed = {"joint_names": names, "default_position_rad": default, "stored_pair": pair}
+    (tmp_path / "turned.onnx").write_bytes(onnx_bytes(turned, policy.contract.model_copy(update=changed)))
+    found = actor_layers(networks_of_policy(tmp_path / "turned.onnx")[0]["algorithm"]["actor_state_dict"])
+    for (weight, bias), (wanted, wanted_bias) in zip(found, layers, strict=True):
+        torch.testing.assert_close(weight, wanted)
+        torch.testing.assert_close(bias, wanted_bias)
 
 
 def test_a_checkpoint_whose_robots_remember_something_else_is_refused(run: Path, tmp_path: Path) -> None:
