@@ -29,7 +29,9 @@ def improve(
     """Correct the model by a robot's logs, train the policy further on it, and compare old and new."""
     typer.echo("loading the diagnosis …", err=True)
     from diagnosis.improve.session import Inputs, improve_policy
+    from trainer.simulate.engine import check_device
 
+    check_device(device)
     inputs = Inputs.of(logs, policy, nominal, config, tuple(set_ or ()), n, seed)
     try:
         say = functools.partial(typer.echo, err=True)

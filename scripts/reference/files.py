@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from spot_model.io.model_file import BUILT_IN, ModelFileData
+from spot_model.io.models_file import ModelsFileData
 from spot_model.io.velocity_sequence import BUILT_IN as SEQUENCES
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.card import PolicyCard
@@ -32,6 +33,11 @@ def files_page() -> str:
                 "  - {effect: command_delay, delay_s: 0.005}\n```\n"
             ),
             keys_table(ModelFileData),
+            (
+                "### Models file\n\nSeveral models in one file, for `train`, `evaluate` and `refine`: the fitted robot first, "
+                "then others that its logs allow. Simulated robot i is of model i modulo their number.\n"
+            ),
+            keys_table(ModelsFileData),
             (
                 "## Velocity sequence\n\nVelocity commands over time, for `--sequence FILE`. Built in: "
                 f"{_names(SEQUENCES)}.\n"
