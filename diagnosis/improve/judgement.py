@@ -15,6 +15,7 @@ Evaluation = Mapping[str, Any]
 
 SPEED_SHARE: Final = 0.02
 """Of the speed held: two runs of one policy differ by less."""
+STANDS_M_S: Final = 0.03
 ERROR_M_S: Final = 0.02
 ERROR_RAD_S: Final = 0.03
 WORK_SHARE: Final = 0.05
@@ -33,7 +34,7 @@ class Figure:
     new: str
     kind: Kind
     is_decisive: bool = False
-    """Whether a worse one forbids the new policy: speed, falls, gait."""
+    """Whether a worse one forbids the new policy: speed, standing, falls, gait."""
 
 
 def figures(old: Evaluation, new: Evaluation) -> tuple[Figure, ...]:
@@ -59,6 +60,9 @@ def _figures(old: Evaluation, new: Evaluation) -> Iterator[Figure]:
         a, b = _error(old, new, key), _error(new, old, key)
         if a is not None and b is not None:
             yield Figure(name, unit, _number(a), _number(b), _change(-a, -b, least))
+    still = [float(e["tracking"]["standing_speed_m_s"]) for e in (old, new)]
+    change = _change(-still[0], -still[1], STANDS_M_S)
+    yield Figure("speed at zero command", "m/s", _number(still[0]), _number(still[1]), change, is_decisive=True)
     work = [_work(e, other) for e, other in ((old, new), (new, old))]
     if work[0] and work[1]:
         change = _change(-work[0], -work[1], WORK_SHARE * work[0])

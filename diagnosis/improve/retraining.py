@@ -41,7 +41,7 @@ def train_words(
 def take_training(step: Step, run: Path, n_envs: int, device: str, say: Say) -> float | None:
     """Train, from the last checkpoint where there is one; with half of the robots where a GPU's memory is too small."""
     while True:
-        if any(run.glob("checkpoint_*.pt")):
+        if sorted(run.glob("checkpoint_*.pt")):
             step = replace(step, words=("train", "--resume", str(run), "--device", device))
         elif run.exists():
             shutil.rmtree(run)  # Interrupted before there was anything to go on from.
@@ -49,7 +49,7 @@ def take_training(step: Step, run: Path, n_envs: int, device: str, say: Say) -> 
             return take(step, say)
         except GpuMemoryError:
             n_envs //= 2
-            if n_envs < FEWEST_ROBOTS or any(run.glob("checkpoint_*.pt")):
+            if n_envs < FEWEST_ROBOTS or sorted(run.glob("checkpoint_*.pt")):
                 raise
             say(f"{step.about}: the GPU has too little memory; with {n_envs} robots instead")
             step = replace(step, words=(*step.words, "--set", f"n_envs={n_envs}"))

@@ -34,8 +34,8 @@ def files_page() -> str:
             ),
             keys_table(ModelFileData),
             (
-                "### Models file\n\nSeveral models in one file, for `train`, `evaluate` and `refine`: the fitted robot first, "
-                "then others that its logs allow. Simulated robot i is of model i modulo their number.\n"
+                "### Models file\n\nSeveral models in one file, for `train`, `evaluate` and `refine`: the fitted robot "
+                "first, then others that its logs allow. Simulated robot i is of model i modulo their number.\n"
             ),
             keys_table(ModelsFileData),
             (

@@ -46,7 +46,7 @@ def evaluation(**changed: Any) -> dict[str, Any]:
         for v in (0.5, 1.0, 1.5)
     ]
     data: dict[str, Any] = {
-        "tracking": {"points": points},
+        "tracking": {"points": points, "standing_speed_m_s": 0.01},
         "top_speed": {"sustained_m_s": 4.0, "curve": [[1.0, 1.0, True], [4.0, 4.0, True]]},
         "episodes_slow": {"falls": 1, "episodes": 200},
         "fitted_robot": {"falls": 2, "episodes": 200},
@@ -87,6 +87,13 @@ def test_a_policy_that_hops_or_falls_at_every_speed_is_not_taken() -> None:
     assert not is_taken(figures(evaluation(), hops))
     falls = evaluation(top_speed={"sustained_m_s": None, "curve": [[4.0, 0.0, False]]})
     assert kinds(evaluation(), falls)["highest speed held"] == "worse"
+
+
+def test_a_policy_that_no_longer_stands_is_not_taken() -> None:
+    walks = copy.deepcopy(evaluation(top_speed={"sustained_m_s": 5.0, "curve": [[4.0, 5.0, True]]}))
+    walks["tracking"]["standing_speed_m_s"] = 0.59
+    assert kinds(evaluation(), walks)["speed at zero command"] == "worse"
+    assert not is_taken(figures(evaluation(), walks))
 
 
 def test_errors_are_compared_at_commands_that_both_know() -> None:
