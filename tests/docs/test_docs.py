@@ -167,7 +167,7 @@ def test_commands_that_sentences_name_are_there(words: list[str]) -> None:
     "line",
     [
         "spot-rl nothing",
-        "spot-rl diagnose logs --nominal ideal",
+        "spot-rl sysid logs --policy walk.onnx",
         "spot-rl ctl stop --now",
         "spot-rl ctl jump",
         "make nothing",
