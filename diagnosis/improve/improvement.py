@@ -51,7 +51,7 @@ class Improvement:
             return f"The logs show a gap that no effect explains: {self.policy} was not trained further"
         better, worse = (", ".join(f.name for f in self.figures if f.kind == kind) for kind in ("better", "worse"))
         if self.outcome == "improved":
-            return f"The new policy is better: {better}" + (f"; worse: {worse}" if worse else "")
+            return f"In simulation, the new policy is better: {better}" + (f"; worse: {worse}" if worse else "")
         why = f"the new one is worse: {worse}" if worse else "the new one is no better"
         return f"Keep the old policy: {why}" + (f" (better: {better})" if better else "")
 

@@ -60,9 +60,13 @@ def _found(result: Improvement, verdict: Verdict) -> Iterator[Html | str]:
 
 
 def _figures(result: Improvement) -> str:
-    classes = [{"better": "good", "worse": "bad", "same": ""}[f.kind] for f in result.figures]
-    rows = [(f.name, f"{f.old} {f.unit}".strip(), f"{f.new} {f.unit}".strip(), f.kind) for f in result.figures]
-    return table(("", "old", "new", ""), rows, row_classes=classes)
+    rows = [(f.name, f"{f.old} {f.unit}".strip(), f"{f.new} {f.unit}".strip(), _change(f.kind)) for f in result.figures]
+    return table(("", "old", "new", ""), rows)
+
+
+def _change(kind: str) -> Html:
+    css = {"better": "badge good", "worse": "badge bad"}.get(kind, "note")
+    return Html(f'<span class="{css}">{kind}</span>')
 
 
 def _speed(evaluations: Sequence[Mapping[str, Any]]) -> str:

@@ -368,7 +368,7 @@ def test_an_improvement_from_logs_to_a_policy(monkeypatch: pytest.MonkeyPatch, t
     result, page = loop.improve()
     assert [words[0] for words in loop.seen] == ["diagnose", "sysid", "train", "export", "evaluate", "evaluate"]
     assert result.outcome == "improved"
-    assert result.headline == "The new policy is better: highest speed held"
+    assert result.headline == "In simulation, the new policy is better: highest speed held"
     assert (loop.out / "improved.onnx").read_bytes() == POLICY.read_bytes()
     robots = load_models(str(loop.out / "robots.yaml"))
     assert curve_of(robots[0]).values["speed_min_rad_s"] == -22.2
