@@ -24,6 +24,7 @@ KNEES: Final = slice(2, None, 3)
 GRAVITY_M_S2: Final = 9.81
 JUMPS: Final = 8
 JUMP_S: Final = 1.5
+SETTLED_S: Final = 1.0
 LATERAL_M_S2: Final = 5.0
 """Largest speed times turn rate that is asked for."""
 
@@ -52,6 +53,8 @@ class Deployment:
     """Mean absolute error of the forward speed over the forward sequence, as far as it went."""
     cost_of_transport: float
     """Positive mechanical work of the joints over weight and distance, in the forward sequence."""
+    turning_error_rad_s: float
+    """Mean error of the turn rate over the last second of the random walks' commands, without those cut by a fall."""
     falls: int
     walks: int
     """Random ones with jumps of the command, in which falls were counted."""
@@ -92,6 +95,7 @@ def deployment(policy: str, climb: Run, forward: Run, walks: Sequence[Run]) -> D
         commanded_m_s=best.commanded_m_s,
         tracking_error_m_s=tracking_error(forward),
         cost_of_transport=cost_of_transport(forward),
+        turning_error_rad_s=turning_error(walks),
         falls=sum(run.outcome != "completed" for run in walks),
         walks=len(walks),
         stairs_end=climb.outcome,
@@ -115,6 +119,21 @@ def tracking_error(run: Run) -> float:
     """Mean absolute error of the forward speed."""
     command, speed, _ = active(run)
     return float(np.abs(speed - command[:, 0]).mean())
+
+
+def turning_error(walks: Sequence[Run]) -> float:
+    """Mean over commands of |commanded − mean turn rate of the last second|; NaN without a whole command."""
+    errors = []
+    for run in walks:
+        rows = run.ticks.mode == FOLLOWING_MODE
+        command, rate = run.ticks.velocity_command[rows], run.ticks.observation[rows, 5].astype(np.float64)
+        _, _, time_s = active(run)
+        edges = np.flatnonzero(np.any(np.diff(command, axis=0) != 0.0, axis=1)) + 1
+        for start, end in pairwise([0, *edges.tolist(), len(command)]):
+            if time_s[end - 1] - time_s[start] >= JUMP_S - 0.1:
+                last = time_s[start:end] > time_s[end - 1] - SETTLED_S
+                errors.append(abs(float(rate[start:end][last].mean()) - float(command[start, 2])))
+    return float(np.mean(errors)) if errors else float("nan")
 
 
 def cost_of_transport(run: Run) -> float:

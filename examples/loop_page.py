@@ -62,7 +62,8 @@ def loop_page(robot: str, truth: RobotModel, walked: Sequence[Walked]) -> str:
         boxed(
             "Before, after, oracle",
             "Highest mean speed over the last 5 s of a step of 10 s; error and cost of transport (positive mechanical "
-            "work over weight and distance) over the forward sequence; random walks with jumps of the command.",
+            "work over weight and distance) over the forward sequence; error of the turn rate, and falls, in "
+            "random walks with jumps of the command.",
             _table(list(rows.values())),
         ),
         beside(
@@ -117,7 +118,17 @@ def _ratio(over: float, under: float) -> str:
 def _table(rows: Sequence[Deployment]) -> str:
     before = rows[0]
     return table(
-        ["", "speed held, m/s", "commanded, m/s", "over before", "error, m/s", "cost of transport", "falls", "stairs"],
+        [
+            "",
+            "speed held, m/s",
+            "commanded, m/s",
+            "over before",
+            "error, m/s",
+            "cost of transport",
+            "turning error, rad/s",
+            "falls",
+            "stairs",
+        ],
         [
             [
                 r.policy,
@@ -126,6 +137,7 @@ def _table(rows: Sequence[Deployment]) -> str:
                 _ratio(r.held_m_s, before.held_m_s),
                 r.tracking_error_m_s,
                 r.cost_of_transport,
+                r.turning_error_rad_s,
                 f"{r.falls} of {r.walks}",
                 r.stairs_end,
             ]

@@ -147,8 +147,20 @@ def test_a_row_worked_out_by_hand(measures: ModuleType, policy: Policy) -> None:
     assert (row.falls, row.walks) == (1, 3)
 
 
+def test_the_turning_error_is_that_of_each_commands_last_second(measures: ModuleType, policy: Policy) -> None:
+    run = made(policy, np.zeros(150), np.zeros(150))
+    turns, rate = np.array(run.ticks.velocity_command), np.array(run.ticks.observation)
+    first = int(np.argmax(run.ticks.mode == "active"))
+    half = first + 75
+    turns[first:half, 2], turns[half:, 2] = 1.0, -1.0
+    rate[first:half, 5], rate[half:, 5] = 0.6, -0.9
+    rate[half : half + 15, 5] = 5.0
+    walk = replace(run, ticks=replace(run.ticks, velocity_command=turns, observation=rate))
+    assert measures.turning_error([walk]) == pytest.approx(0.25)
+
+
 def row(measures: ModuleType, policy: str, held_m_s: float, falls: int = 0) -> Any:
-    return measures.Deployment(policy, held_m_s, 5.5, 0.1, 0.3, falls, 10, "completed")
+    return measures.Deployment(policy, held_m_s, 5.5, 0.1, 0.3, 0.2, falls, 10, "completed")
 
 
 def test_the_verdict_follows_from_the_rows(parts: dict[str, ModuleType]) -> None:
