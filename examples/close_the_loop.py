@@ -131,10 +131,11 @@ def measured(name: str, policy: Policy, folder: Path) -> Walked:
 
 def lines(table: Sequence[Deployment]) -> list[str]:
     """The table as text."""
-    head = f"{'policy':<8} {'held (asked)':>17} {'error':>10} {'cost':>6} {'turning':>11} {'falls':>8}  stairs"
+    head = "policy        held (asked)       error    cost    at rest      turning    falls  stairs"
     rows = [
-        f"{r.policy:<8} {r.held_m_s:>5.2f} ({r.commanded_m_s:.1f}) m/s {r.tracking_error_m_s:>6.3f} m/s "
-        f"{r.cost_of_transport:>6.2f} {r.turning_error_rad_s:>5.2f} rad/s {r.falls:>3} of {r.walks}  {r.stairs_end}"
+        f"{r.policy:<8} {r.held_m_s:>6.2f} ({r.commanded_m_s:.1f}) m/s {r.tracking_error_m_s:>6.3f} m/s "
+        f"{r.cost_of_transport:>6.2f} {r.standing_m_s:>6.2f} m/s {r.turning_error_rad_s:>6.2f} rad/s "
+        f"{r.falls:>3} of {r.walks}  {r.stairs_end}"
         for r in table
     ]
     return [head, *rows]

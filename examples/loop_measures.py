@@ -53,6 +53,8 @@ class Deployment:
     """Mean absolute error of the forward speed over the forward sequence, as far as it went."""
     cost_of_transport: float
     """Positive mechanical work of the joints over weight and distance, in the forward sequence."""
+    standing_m_s: float
+    """Size of the mean forward speed over the last second of the forward sequence, when the command is zero."""
     turning_error_rad_s: float
     """Mean error of the turn rate over the last second of the random walks' commands, without those cut by a fall."""
     falls: int
@@ -95,6 +97,7 @@ def deployment(policy: str, climb: Run, forward: Run, walks: Sequence[Run]) -> D
         commanded_m_s=best.commanded_m_s,
         tracking_error_m_s=tracking_error(forward),
         cost_of_transport=cost_of_transport(forward),
+        standing_m_s=standing_speed(forward),
         turning_error_rad_s=turning_error(walks),
         falls=sum(run.outcome != "completed" for run in walks),
         walks=len(walks),
@@ -119,6 +122,13 @@ def tracking_error(run: Run) -> float:
     """Mean absolute error of the forward speed."""
     command, speed, _ = active(run)
     return float(np.abs(speed - command[:, 0]).mean())
+
+
+def standing_speed(run: Run) -> float:
+    """Size of the mean forward speed over the last second, if the command is zero there; else NaN, after a fall."""
+    command, speed, time_s = active(run)
+    last = time_s > time_s[-1] - SETTLED_S
+    return abs(float(speed[last].mean())) if not command[last].any() else float("nan")
 
 
 def turning_error(walks: Sequence[Run]) -> float:

@@ -25,6 +25,8 @@ PAPER_BEFORE_M_S, PAPER_AFTER_M_S = 3.8, 5.2
 PAPER: Final = "Miller et al. 2025, arXiv 2504.17857"
 OF_ORACLE: Final = 0.95
 OVER_BEFORE: Final = 1.30
+STANDS_M_S: Final = 0.1
+"""A robot that is told to stand and is slower stands."""
 STRIDES_S: Final = 0.9
 SPEEDS_RAD_S: Final = np.arange(-20.5, 21.0, 1.0)
 FEWEST: Final = 30
@@ -98,8 +100,9 @@ def verdict(robot: str, rows: dict[str, Deployment]) -> tuple[list[str], bool]:
         return ["There is no policy after: the improvement changed nothing, or was not made."], False
     speed = f"{_ratio(after.held_m_s, before.held_m_s)} times its speed"
     falls = f"{after.falls} falls in {after.walks} walks, {before.falls} before"
-    is_as_good = after.held_m_s >= before.held_m_s and after.falls <= before.falls
-    told = [(f"not slower and not less stable than before: {speed}, {falls}", is_as_good)]
+    rest = f"{after.standing_m_s:.2f} m/s when told to stand"
+    is_as_good = after.held_m_s >= before.held_m_s and after.falls <= before.falls and after.standing_m_s < STANDS_M_S
+    told = [(f"not slower and not less stable than before: {speed}, {falls}, {rest}", is_as_good)]
     if robot == "paper":
         papers = f"the paper: {PAPER_AFTER_M_S / PAPER_BEFORE_M_S:.2f}"
         is_faster = after.held_m_s >= OVER_BEFORE * before.held_m_s
@@ -112,7 +115,7 @@ def verdict(robot: str, rows: dict[str, Deployment]) -> tuple[list[str], bool]:
 
 
 def _ratio(over: float, under: float) -> str:
-    return f"{over / under:.2f}" if under > 0.0 else "no number, as the other held no step,"
+    return f"{over / under:.3f}" if under > 0.0 else "no number, as the other held no step,"
 
 
 def _table(rows: Sequence[Deployment]) -> str:
@@ -137,6 +140,7 @@ def _table(rows: Sequence[Deployment]) -> str:
                 _ratio(r.held_m_s, before.held_m_s),
                 r.tracking_error_m_s,
                 r.cost_of_transport,
+                r.standing_m_s,
                 r.turning_error_rad_s,
                 f"{r.falls} of {r.walks}",
                 r.stairs_end,

@@ -145,6 +145,8 @@ def test_a_row_worked_out_by_hand(measures: ModuleType, policy: Policy) -> None:
     # Twelve joints give 3 N·m at 2 rad/s, 72 W; at 1.5 m/s.
     assert row.cost_of_transport == pytest.approx(72.0 / (facts.TOTAL_MASS_KG * 9.81 * 1.5))
     assert (row.falls, row.walks) == (1, 3)
+    assert np.isnan(row.standing_m_s)
+    assert measures.standing_speed(made(policy, np.zeros(100), np.full(100, -0.3))) == pytest.approx(0.3)
 
 
 def test_the_turning_error_is_that_of_each_commands_last_second(measures: ModuleType, policy: Policy) -> None:
@@ -159,8 +161,8 @@ def test_the_turning_error_is_that_of_each_commands_last_second(measures: Module
     assert measures.turning_error([walk]) == pytest.approx(0.25)
 
 
-def row(measures: ModuleType, policy: str, held_m_s: float, falls: int = 0) -> Any:
-    return measures.Deployment(policy, held_m_s, 5.5, 0.1, 0.3, 0.2, falls, 10, "completed")
+def row(measures: ModuleType, policy: str, held_m_s: float, falls: int = 0, standing_m_s: float = 0.0) -> Any:
+    return measures.Deployment(policy, held_m_s, 5.5, 0.1, 0.3, standing_m_s, 0.2, falls, 10, "completed")
 
 
 def test_the_verdict_follows_from_the_rows(parts: dict[str, ModuleType]) -> None:
@@ -175,6 +177,7 @@ def test_the_verdict_follows_from_the_rows(parts: dict[str, ModuleType]) -> None
     assert met("paper", row(measures, "after", 5.1)) == ([True, False, False], False)
     assert met("harsher", row(measures, "after", 5.3)) == ([True, True], True)
     assert met("harsher", row(measures, "after", 5.3, falls=1)) == ([False, True], False)
+    assert met("harsher", row(measures, "after", 5.3, standing_m_s=0.2)) == ([False, True], False)
     assert page.verdict("paper", {"before": before})[1] is False
 
 
