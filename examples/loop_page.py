@@ -128,6 +128,7 @@ def _table(rows: Sequence[Deployment]) -> str:
             "over before",
             "error, m/s",
             "cost of transport",
+            "speed at rest, m/s",
             "turning error, rad/s",
             "falls",
             "stairs",
