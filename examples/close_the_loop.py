@@ -65,7 +65,10 @@ def improved(given: argparse.Namespace) -> Path | None:
     logs, out = given.out / "logs", given.out / "improve"
     asked = [load_sequence(source) for source in sequence_sources(",".join(PAPER_SEQUENCES))]
     make([(given.robot, given.before, s, 0, logs / f"{s.name}.mcap") for s in asked], given.runs_at_once)
-    words = ["improve", str(logs), "--policy", str(given.before), "--nominal", given.nominal, "--out", str(out)]
+    nominal = given.out / "nominal.yaml"
+    if not nominal.exists():
+        save_model(robot_of(given.robot).nominal(), nominal)
+    words = ["improve", str(logs), "--policy", str(given.before), "--nominal", str(nominal), "--out", str(out)]
     spot_rl([*words, "--device", given.device, "--set", WIDER])
     made: Path = out / "improved.onnx"
     return made if made.exists() else None
@@ -158,7 +161,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--robot", default="paper", help=f"{', '.join(ROBOTS)}, or a scenario file")
     parser.add_argument("--out", type=Path, required=True, help="folder of all files; finished steps are kept")
     parser.add_argument("--before", type=Path, default=Path("policies/baseline.onnx"), help="policy to begin with")
-    parser.add_argument("--nominal", default="paper_initial", help="model that it was trained on")
     parser.add_argument("--improved", type=Path, help="policy to take as after")
     parser.add_argument("--oracle", type=Path, help="policy to take as oracle")
     parser.add_argument("--runs-at-once", type=int, default=2, help="logs made at a time")

@@ -24,7 +24,7 @@ from spot_model.effects.commands import CommandDelay
 from spot_model.effects.drivetrain import TorqueBandwidth
 from spot_model.effects.friction import Armature, CoulombFriction
 from spot_model.effects.torque_limits import TorqueLimit
-from spot_model.io.model_file import RobotModel
+from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.velocity_sequence import VelocitySequence, save_sequence
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
@@ -49,6 +49,9 @@ class LoopRobot(Protocol):
 
     def walk(self, policy: Path, sequence: VelocitySequence, seed: int, path: Path) -> None:
         """Write the log of one walk to ``path``; the seed draws noise, delays and what else differs from run to run."""
+
+    def nominal(self) -> RobotModel:
+        """The simulator's model as it was before any log."""
 
     def truth(self) -> RobotModel:
         """What a policy trained with full knowledge of the robot may know: the closest model of the effect library."""
@@ -81,6 +84,10 @@ class FakeLoopRobot:
             subprocess.run(words, env=environment, stdout=said, stderr=said, check=False)  # noqa: S603
         (log,) = folder.glob("*.mcap")
         log.rename(path)
+
+    def nominal(self) -> RobotModel:
+        """The paper's initial model, in which *before* was trained."""
+        return load_model("paper_initial")
 
     def truth(self) -> RobotModel:
         """The scenario's effects, its inertia, and the mean delay that policies are trained with."""
@@ -127,6 +134,10 @@ class WithheldLoopRobot:
         add_ordinary_errors(robot, stream(self.seed, "ordinary errors"), 1.0)
         self.install(robot)
         return robot
+
+    def nominal(self) -> RobotModel:
+        """The withheld simulator's own model."""
+        return NOMINAL
 
     def truth(self) -> RobotModel:
         """The simulator's nominal model and the fault; ordinary errors are unknown to anybody."""
