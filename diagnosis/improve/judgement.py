@@ -17,6 +17,10 @@ SPEED_SHARE: Final = 0.02
 """Of the speed held: two runs of one policy differ by less."""
 STANDS_M_S: Final = 0.03
 ERROR_M_S: Final = 0.02
+FOLLOWS_M_S: Final = 0.15
+"""A policy follows a forward command whose speed it holds within this."""
+LOST_M_S: Final = 0.05
+"""Top speed that is bought with as large an error at commands that were followed is no gain."""
 ERROR_RAD_S: Final = 0.03
 WORK_SHARE: Final = 0.05
 """Differences that a person would not call one."""
@@ -60,6 +64,11 @@ def _figures(old: Evaluation, new: Evaluation) -> Iterator[Figure]:
         a, b = _error(old, new, key), _error(new, old, key)
         if a is not None and b is not None:
             yield Figure(name, unit, _number(a), _number(b), _change(-a, -b, least))
+    followed = _where_followed(old, new)
+    if followed is not None:
+        change = _change(-followed[0], -followed[1], LOST_M_S)
+        name = "its error where the old policy follows"
+        yield Figure(name, "m/s", _number(followed[0]), _number(followed[1]), change, is_decisive=True)
     still = [float(e["tracking"]["standing_speed_m_s"]) for e in (old, new)]
     change = _change(-still[0], -still[1], STANDS_M_S)
     yield Figure("speed at zero command", "m/s", _number(still[0]), _number(still[1]), change, is_decisive=True)
@@ -111,6 +120,17 @@ def _error(own: Evaluation, other: Evaluation, key: str) -> float | None:
     axis = AXES[key]
     errors = [p["error"][axis] for p in _points(own, other) if p["error"][axis] is not None]
     return sum(errors) / len(errors) if errors else None
+
+
+def _where_followed(old: Evaluation, new: Evaluation) -> tuple[float, float] | None:
+    """Mean errors of forward speed, m/s, over the commands that the old policy follows; what falls counts 1 m/s."""
+    before = {tuple(p["command"]): p["error"][0] for p in old["tracking"]["points"] if not p["fell"]}
+    kept = {command for command, error in before.items() if error is not None and error <= FOLLOWS_M_S}
+    after = {tuple(p["command"]): p for p in new["tracking"]["points"] if tuple(p["command"]) in kept}
+    if not after:
+        return None
+    lost = [1.0 if p["fell"] or p["error"][0] is None else float(p["error"][0]) for p in after.values()]
+    return sum(before[c] for c in after) / len(after), sum(lost) / len(lost)
 
 
 def _work(own: Evaluation, other: Evaluation) -> float | None:
