@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 from diagnosis.document import Verdict
 from diagnosis.improve.judgement import Figure, is_taken
 from diagnosis.improve.limits import Limit
+from diagnosis.report.words import LIKELY
 
 SCHEMA: Final = "spot-rl/improvement/1"
 Outcome = Literal["improved", "kept", "nothing", "unknown"]
@@ -30,8 +31,8 @@ class Improvement:
     """The outcome.
 
     ``improved``: the new policy is better, and worse in nothing that decides. ``kept``: it is not, so the old one
-    stays. ``nothing``: the logs show nothing that a training could be told. ``unknown``: they show a gap that no effect
-    explains.
+    stays. ``nothing``: the logs show no difference. ``unknown``: they show a gap that no effect explains, or cannot
+    tell.
     """
 
     outcome: Outcome
@@ -39,6 +40,8 @@ class Improvement:
     limits: tuple[Limit, ...]
     figures: tuple[Figure, ...]
     steps: tuple[TakenStep, ...]
+    notes: tuple[str, ...]
+    """What has to be known beside the figures."""
     config: dict[str, Any]
     """What was asked for, with seed and revision."""
 
@@ -46,9 +49,9 @@ class Improvement:
     def headline(self) -> str:
         """The outcome in a sentence."""
         if self.outcome == "nothing":
-            return f"The logs show nothing to correct: {self.policy} stays as it is"
+            return f"The logs show no difference to train for: {self.policy} stays as it is"
         if self.outcome == "unknown":
-            return f"The logs show a gap that no effect explains: {self.policy} was not trained further"
+            return f"The logs do not tell what differs: {self.policy} was not trained further"
         better, worse = (", ".join(f.name for f in self.figures if f.kind == kind) for kind in ("better", "worse"))
         if self.outcome == "improved":
             return f"In simulation, the new policy is better: {better}" + (f"; worse: {worse}" if worse else "")
@@ -78,7 +81,8 @@ def worth_training(verdict: Verdict, limits: Sequence[Limit]) -> Outcome | None:
     """Why nothing is trained; None where the logs give a training something to learn from."""
     if verdict.differences or any(limit.differs for limit in limits):
         return None
-    return "unknown" if verdict.status == "unknown_effect" else "nothing"
+    is_open = verdict.status in ("unknown_effect", "cannot_tell") or verdict.probability_unknown > LIKELY
+    return "unknown" if is_open else "nothing"
 
 
 def outcome_of(figures: tuple[Figure, ...]) -> Outcome:

@@ -52,10 +52,12 @@ def _found(result: Improvement, verdict: Verdict) -> Iterator[Html | str]:
         yield f"{words.found(d)}, probability {d.probability:.2f}: {sizes}"
     if not verdict.differences:
         yield f"No difference is shown; the probability that there is none is {verdict.probability_none:.2f}."
+    yield f"Probability of something that no effect of the library is: {verdict.probability_unknown:.2f}."
     for limit in result.limits:
         if limit.is_known:
             place = f"{limit.value:.4g} ({limit.low:.4g} to {limit.high:.4g}) {limit.unit}"
             yield f"{limit.parameter} of the knees is {place}; nominal {limit.nominal:.4g}"
+    yield from result.notes
     yield Html('The whole of it: <a href="diagnosis/report.html">diagnosis</a>')
 
 

@@ -115,7 +115,7 @@ def improve_policy(inputs: Inputs, out: Path, *, workers: int, device: str, say:
         gpu="cpu",
     )  # fmt: skip
     verdict = Verdict.model_validate_json(place["verdict"].read_bytes())
-    limits = _identify(inputs, place, device, workers, simple)
+    limits, said = _identify(inputs, place, device, workers, simple)
     why = worth_training(verdict, limits)
     evaluations: list[dict[str, Any]] = []
     if why is None:
@@ -137,7 +137,7 @@ def improve_policy(inputs: Inputs, out: Path, *, workers: int, device: str, say:
     compared = figures(*evaluations) if evaluations else ()
     outcome = why or outcome_of(compared)
     config = {**inputs.model_dump(by_alias=True), "device": device, "revision": software_revision()}
-    result = Improvement(outcome, policy.stem, limits, compared, tuple(steps), config)
+    result = Improvement(outcome, policy.stem, limits, compared, tuple(steps), (*verdict.warnings, *said), config)
     if outcome == "improved" and not place["improved"].exists():
         with whole_file(place["improved"]) as part:
             shutil.copyfile(place["retrained"], part)
@@ -174,11 +174,13 @@ class TakeStep(Protocol):
         """Run the words unless the result is there, with further words on the cores; "cpu" keeps it off a GPU."""
 
 
-def _identify(inputs: Inputs, place: dict[str, Path], device: str, workers: int, simple: TakeStep) -> tuple[Limit, ...]:
-    """What the paper's search finds of the knees' limits; nothing where the model has none."""
+def _identify(
+    inputs: Inputs, place: dict[str, Path], device: str, workers: int, simple: TakeStep
+) -> tuple[tuple[Limit, ...], tuple[str, ...]]:
+    """What the paper's search finds of the knees' limits, and what is to be said of it."""
     data = search_config(load_model(str(place["corrected"])), str(place["corrected"]), device, inputs.seed)
     if data is None:
-        return ()
+        return (), ("The model has no single curve of torque over speed, so no limits were identified.",)
     if not place["search"].exists():
         write_new(place["search"], yaml.safe_dump(data, sort_keys=False))
     folder = place["identified"].parent
@@ -186,7 +188,11 @@ def _identify(inputs: Inputs, place: dict[str, Path], device: str, workers: int,
     resumed = ("--resume",) if (folder / "search.jsonl").exists() else ()
     simple("identification of limits", (*words, *resumed), "identified", cores=("--workers", str(workers)))
     found = ResultData.model_validate_json(place["identified"].read_bytes())
-    return limits_of(found, load_model(inputs.nominal)) if is_nearer(found) else ()
+    if is_nearer(found):
+        return limits_of(found, load_model(inputs.nominal)), ()
+    return (), (
+        "The limits that were identified are left out: with them, simulated runs are no nearer to the robot's.",
+    )
 
 
 def _train(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,6 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from spot_model.errors import GpuMemoryError, SpotRlError
+from spot_model.process.child_process import module_command
+from spot_model.process.signals import run_in_foreground
 
 Say = Callable[[str], None]
 INTERRUPTED: Final = 130
@@ -62,7 +61,7 @@ def take(step: Step, say: Say) -> float | None:
         code = run(step.on_cores)
     if code == GpuMemoryError.exit_code:
         raise GpuMemoryError(f"{step.command}: the GPU has too little memory")
-    if code in (INTERRUPTED, -signal.SIGINT):
+    if code == INTERRUPTED:
         raise KeyboardInterrupt
     if not step.result.exists():
         raise StepError(
@@ -73,12 +72,12 @@ def take(step: Step, say: Say) -> float | None:
 
 
 def run(words: Sequence[str]) -> int:
-    """Run a spot-rl command in a process of its own, so that its memory, a GPU's included, is free afterwards."""
-    process = subprocess.Popen([sys.executable, "-m", "spot_model", *words])  # noqa: S603 - our own program
-    try:
-        return process.wait()
-    except KeyboardInterrupt:
-        # A terminal interrupts both; a signal to this process alone is passed on.
-        process.send_signal(signal.SIGINT)
-        process.wait()
-        raise
+    """Run a spot-rl command in a process of its own, so that its memory, a GPU's included, is free afterwards.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C or a termination came meanwhile; the command has ended.
+    """
+    ended = run_in_foreground(module_command("spot_model", *words))
+    if ended.is_interrupted:
+        raise KeyboardInterrupt
+    return ended.code

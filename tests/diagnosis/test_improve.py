@@ -317,7 +317,7 @@ class Loop(Commands):
         self.new = evaluation(top_speed={"sustained_m_s": 4.4, "curve": [[4.0, 4.4, True]]})
         found = verdict(())
         if not has_difference:
-            found = found.model_copy(update={"differences": (), "status": "calibration"})
+            found = found.model_copy(update={"differences": (), "status": "calibration", "probability_unknown": 0.1})
         model = load_model("paper_initial")
 
         def diagnosed(_: Sequence[str]) -> None:
@@ -417,12 +417,17 @@ def test_a_faultless_robot_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_pa
     result, page = loop.improve()
     assert result.outcome == "nothing"
     assert [words[0] for words in loop.seen] == ["diagnose", "sysid"]
-    assert "The logs show nothing to correct: walk stays as it is" in page.read_text()
+    assert "The limits that were identified are left out" in page.read_text()
+    assert "The logs show no difference to train for: walk stays as it is" in page.read_text()
 
 
 def test_a_gap_without_a_name_is_no_reason_to_train() -> None:
     found = verdict(()).model_copy(update={"differences": (), "status": "unknown_effect"})
     assert worth_training(found, ()) == "unknown"
+    for changed in ({"status": "cannot_tell"}, {"status": "calibration", "probability_unknown": 0.8}):
+        assert worth_training(found.model_copy(update=changed), ()) == "unknown"
+    quiet = {"status": "calibration", "probability_unknown": 0.1}
+    assert worth_training(found.model_copy(update=quiet), ()) == "nothing"
     assert worth_training(found, LIMITS) is None
 
 
@@ -448,3 +453,8 @@ def test_a_refinement_that_finds_nothing_keeps_the_old_policy(monkeypatch: pytes
     result, _ = improve_policy(loop.inputs(), loop.out, workers=2, device="cpu", say=ignore)
     assert result.outcome == "kept"
     assert result.headline == "Keep the old policy: the new one is no better"
+
+
+def test_a_command_runs_in_a_process_of_its_own() -> None:
+    assert steps.run(("--version",)) == 0
+    assert steps.run(("improve", "no_such.mcap", "--policy", str(POLICY), "--nominal", "ideal", "--out", "none")) == 2
