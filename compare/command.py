@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from spot_model.policy.built_in import policy_file
+
 
 def compare(
     log: Annotated[str, typer.Argument(help="The log (*.mcap) that the others are compared with.", metavar="LOG")],
@@ -17,7 +19,12 @@ def compare(
     out: Annotated[Path, typer.Option("--out", help="Folder for page, ghost log, figures and layout.")],
     policy: Annotated[
         Path | None,
-        typer.Option("--policy", help="The policy that ran; default: the file in policies/ with its digest."),
+        typer.Option(
+            "--policy",
+            parser=policy_file,
+            metavar="POLICY",
+            help="The policy that ran; default: the built-in one, or the file in ./policies, with the log's digest.",
+        ),
     ] = None,
     verdict: Annotated[
         Path | None,

@@ -62,7 +62,7 @@ def read_other(name: str, reference: Run, policy: Path | None, seed: int) -> Run
     found = find_policy(policy, [reference])
     if found is None:
         raise CompareError(
-            f"{name} cannot be simulated: policies/ has no policy with the log's digest "
+            f"{name} cannot be simulated: neither a built-in policy nor a file in ./policies has the log's digest "
             f"{reference.header.policy_sha256[:12] or '(none)'}…; give the policy that ran, --policy FILE"
         )
     return simulate_like(reference, load_model(name), found, np.random.default_rng(seed))

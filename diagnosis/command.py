@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 
 from diagnosis.next.command import next_experiment, predict_run
 from spot_model.errors import BadInputError
+from spot_model.policy.built_in import policy_file
 from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 EXPLAIN = "explain"
@@ -59,7 +60,12 @@ def explain_logs(
     ] = None,
     policy: Annotated[
         Path | None,
-        typer.Option("--policy", help="The policy that ran; default: the file in policies/ with its digest."),
+        typer.Option(
+            "--policy",
+            parser=policy_file,
+            metavar="POLICY",
+            help="The policy that ran; default: the built-in one, or the file in ./policies, with the log's digest.",
+        ),
     ] = None,
     robot: Annotated[
         Path | None, typer.Option("--robot", help="YAML file that describes a robot other than Spot.")

@@ -19,7 +19,7 @@ from typing import Any, Final
 import spot_rl
 from spot_model.io.model_file import save_model
 
-POLICY: Final = "policies/walk.onnx"
+POLICY: Final = "walk"
 ROTORS: Final = (
     {"effect": "armature", "joints": ["hips"], "inertia_kg_m2": 0.0403},
     {"effect": "armature", "joints": ["knees"], "inertia_kg_m2": 0.0731},

@@ -21,7 +21,7 @@ import spot_rl
 from fake_robot.scenario.scenario import load_scenario
 from spot_model.robot.facts import JOINT_NAMES
 
-POLICY: Final = "policies/walk.onnx"
+POLICY: Final = "walk"
 WALKS: Final = ((0.5, 0.0, 0.0), (1.2, 0.0, 0.0), (-0.3, 0.3, 0.4))
 FIRST_DAY: Final = np.datetime64("2026-10-29")
 WORN: Final = {"effect": "coulomb_friction", "joints": ["fr_kn"], "level_nm": 2.0}

@@ -13,7 +13,7 @@ from pathlib import Path
 import spot_rl
 from spot_model.io.model_file import save_model
 
-POLICY = "policies/walk.onnx"
+POLICY = "walk"
 HIDDEN_NM = 5.0
 WALKS = ((0.4, 0.0, 0.0), (0.9, 0.0, 0.0), (0.5, 0.0, 0.6))
 REPEATS = 3

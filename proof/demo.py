@@ -13,9 +13,10 @@ from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log import read_run
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
-from spot_model.console.command_registry import WALK, PolicyFile, ScenarioName
+from spot_model.console.command_registry import PolicyFile, ScenarioName
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.velocity_sequence import forward_sequence, save_sequence
+from spot_model.policy.built_in import WALK
 from spot_model.policy.policy import load_policy
 from spot_model.process.child_process import module_command
 from spot_model.process.signals import run_in_foreground

@@ -13,10 +13,11 @@ import typer
 from numpy.typing import NDArray
 
 from spot_log import Run
-from spot_model.console.command_registry import WALK, AsJson, PolicyFile
+from spot_model.console.command_registry import AsJson, PolicyFile
 from spot_model.effects.base import CommandEffect
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.policy.built_in import WALK
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts

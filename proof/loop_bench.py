@@ -15,8 +15,9 @@ from typing import Annotated, Any, Final
 import typer
 
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_model.console.command_registry import WALK, AsJson, PolicyFile, ScenarioName
+from spot_model.console.command_registry import AsJson, PolicyFile, ScenarioName
 from spot_model.errors import SpotRlError
+from spot_model.policy.built_in import WALK
 from spot_model.process.child_process import ChildProcess, module_command
 from spot_model.process.signals import exit_on_termination
 

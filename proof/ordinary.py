@@ -26,6 +26,7 @@ from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink
 from spot_model.console.command_registry import AsJson
 from spot_model.console.progress import Progress
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.process.signals import exit_on_termination
 from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
@@ -36,7 +37,7 @@ from spot_runtime.stops import StopReason
 from spot_tools.sources import ScriptedSource
 
 EXIT_FAILED: Final = 1
-POLICIES: Final = [Path(f"policies/{name}.onnx") for name in ("walk", "baseline", "fast", "bound")]
+POLICIES: Final = [policy_file(name) for name in ("walk", "baseline", "fast", "bound")]
 _WRONG: Final = ("false stop", "fell unseen", "not begun")
 TIPPED_RAD: Final = 0.7
 SUNK_M: Final = 0.27
@@ -219,7 +220,10 @@ def ordinary(
     out: Annotated[Path, typer.Option(help="File of the outcomes, a line each; an existing one is continued.")],
     as_json: AsJson = False,
     runs: Annotated[int, typer.Option(min=1, help="Runs of each policy, each on another robot.")] = 100,
-    policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; repeatable.")] = None,
+    policy: Annotated[
+        list[Path] | None,
+        typer.Option(parser=policy_file, metavar="POLICY", help="ONNX file or a built-in policy; repeatable."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
     quiet_minutes: Annotated[
         float, typer.Option(min=0.2, max=60.0, help="Length of every fifth robot's runs, in which nothing happens.")

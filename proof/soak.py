@@ -16,8 +16,9 @@ import typer
 
 from proof.faulty import FaultyHal
 from proof.rig import rig
-from spot_model.console.command_registry import WALK, AsJson, PolicyFile, ScenarioName
+from spot_model.console.command_registry import AsJson, PolicyFile, ScenarioName
 from spot_model.io.velocity_sequence import load_sequence
+from spot_model.policy.built_in import WALK
 from spot_model.process.signals import exit_on_termination
 from spot_runtime.session.summary import resident_mb
 from spot_tools.sources import ScriptedSource

@@ -43,8 +43,8 @@ def main() -> None:
         path = REPOSITORY / name
         try:
             findings += findings_of(name, path.read_text(encoding="utf-8"))
-        except UnicodeDecodeError:
-            continue  # a binary file
+        except (UnicodeDecodeError, IsADirectoryError):
+            continue  # a binary file; the link to the folder of policies
         except FileNotFoundError:
             continue  # deleted, and not committed yet
     if findings:

@@ -39,7 +39,7 @@ def simulate(
     Args:
         run: A log, from :func:`read_run`.
         model: The simulated robot: a built-in name, a model file, or a model.
-        policy: The policy that controls; by default the file in ``policies/`` with the log's digest.
+        policy: The policy that controls; by default the one with the log's digest, built in or in ``policies/``.
         seed: Random seed of sensor noise and delays.
         noise: Whether to simulate sensor noise, about as large as a real Spot's.
 
@@ -57,8 +57,8 @@ def simulate(
         chosen = policy if isinstance(policy, Policy) else load_policy(policy)
     if chosen is None:
         raise BadInputError(
-            f"policies/ has no policy with the log's digest {run.header.policy_sha256[:12] or '(none)'}…; "
-            "give the policy that ran: simulate(run, model, policy=FILE)"
+            "neither a built-in policy nor a file in ./policies has the log's digest "
+            f"{run.header.policy_sha256[:12] or '(none)'}…; give the policy that ran: simulate(run, model, policy=FILE)"
         )
     sensors = SensorNoise() if noise else SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     simulated, name = model_of(model)
@@ -120,7 +120,7 @@ def diagnose(
         logs: Log files of one robot, or folders of them; best three command sequences, each several times.
         nominal: The simulator's model: a built-in name (``paper_identified``), a model file, or a model.
         out: Folder for verdict.json, report.html and corrected_model.yaml; nothing in it is overwritten.
-        policy: The policy that ran; by default the file in ``policies/`` with the logs' digest, if there is one.
+        policy: The policy that ran; by default the one with the logs' digest, built in or in ``policies/``, if any.
         without: Effects to exclude from the library.
         add_effects: Effects of your own: each a class, or ``module:Class``.
         seed: Random seed.

@@ -35,7 +35,7 @@ class FakeSpot:
     ::
 
         with FakeSpot() as spot:
-            run = spot.walk("policies/walk.onnx", velocity=(0.5, 0.0, 0.0), duration_s=3.0)
+            run = spot.walk("walk", velocity=(0.5, 0.0, 0.0), duration_s=3.0)
 
     Args:
         scenario: The robot: a scenario file, the name of a built-in one, or its keys as a mapping.

@@ -13,6 +13,7 @@ from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from spot_model.io import model_file
 from spot_model.io.model_file import RobotModel
+from spot_model.policy import built_in
 from spot_model.policy import policy as policies
 from spot_model.policy.policy import Policy
 
@@ -103,7 +104,8 @@ def load_policy(path: AnyPath) -> Policy:
     """Load a policy from its ONNX file, and check its contract.
 
     Args:
-        path: A file of ``spot-rl export``, or one from ``policies/``.
+        path: A built-in policy's name (``walk``, ``fast``, ``baseline``, ``bound``, ``walk_rough``), or a file of
+            ``spot-rl export``.
 
     Returns:
         The policy: ``policy.contract`` says rate, gains, command range and training; ``policy.act(observation)``
@@ -112,13 +114,13 @@ def load_policy(path: AnyPath) -> Policy:
     Raises:
         SpotRlError: The file is not there, is no ONNX model, or its contract does not hold.
     """
-    return policies.load_policy(existing(path, "policy"))
+    return policies.load_policy(built_in.policy_file(to_path(path, "policy")))
 
 
 def policy_file(policy: AnyPath | Policy) -> Path:
-    """The file of a policy that was given as a path, or as :func:`load_policy` returned it."""
+    """The file of a policy that was given as a path, a built-in name, or as :func:`load_policy` returned it."""
     if not isinstance(policy, Policy):
-        return existing(policy, "policy")
+        return built_in.policy_file(to_path(policy, "policy"))
     if policy.path is None:
         raise BadInputError(f"policy {policy.contract.name} was not loaded from a file; give the path of its ONNX file")
     return existing(policy.path, "policy")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
+from spot_model.policy import built_in
 from spot_model.policy.policy import Policy, load_policy
 from spot_rl.inputs import AnyPath, existing, existing_all, model_of, policy_file, to_path, whole
 from trainer.config.train_config import TrainConfig, config_from_data, load_config
@@ -107,7 +108,7 @@ def evaluate(
     from trainer.evaluate.trials import evaluate as run_trials
 
     n, seed = whole(n, "n", 1), whole(seed, "seed")
-    loaded = policy if isinstance(policy, Policy) else load_policy(existing(policy, "policy"))
+    loaded = policy if isinstance(policy, Policy) else load_policy(policy_file(policy))
     return run_trials(Setting(policy=loaded, model=model_of(model)[0], seed=seed), n=n)
 
 
@@ -119,7 +120,7 @@ def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, A
         raise BadInputError(f"changes: {error}; allowed: numbers, text, lists and mappings") from error
     if isinstance(config, Mapping):
         return config_from_data(dict(config), source="config", overrides=overrides)
-    return load_config(existing(config, "config"), overrides)
+    return load_config(built_in.config_file(to_path(config, "config")), overrides)
 
 
 def identify(

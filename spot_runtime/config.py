@@ -25,7 +25,9 @@ class ServiceConfig(Settings):
     tls_certificate: Path | None = Field(default=None, description="PEM file: the service's certificate.")
     tls_key: Path | None = Field(default=None, description="PEM file: its key, readable by its owner alone.")
     tls_client_ca: Path | None = Field(default=None, description="PEM file: who signs the operators' certificates.")
-    policies: Path = Field(default=Path("policies"), description="Folder whose .onnx files may be armed, by name.")
+    policies: Path | None = Field(
+        default=None, description="Folder whose .onnx files may be armed, by name; null: the built-in policies."
+    )
     policy_sha256: tuple[str, ...] = Field(
         default=(), max_length=1000, description="If given, only policies with one of these digests may be armed."
     )

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from spot_model.console.command_registry import AsJson
+from spot_model.console.command_registry import AsJson, OptionalPolicyFile
 from spot_tools.checks import Finding, Verdict, is_fit
 from spot_tools.computer_checks import Host, checks_of_computer
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config
@@ -24,7 +24,7 @@ _COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red"
 
 def doctor(
     robot: Annotated[list[str] | None, typer.Option(help="Address of a robot to look at; repeatable.")] = None,
-    policy: Annotated[Path | None, typer.Option(help="ONNX file to check.")] = None,
+    policy: OptionalPolicyFile = None,
     config: ConfigFile = None,
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,

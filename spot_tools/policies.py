@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from spot_model.console.command_registry import PolicyArgument
 from spot_model.errors import BadInputError
 from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.card import card_lines, card_of, load_card, write_card
@@ -16,7 +17,7 @@ from spot_model.policy.signature import check_signature, private_key, signature_
 from spot_model.text import plain
 
 
-def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")]) -> None:
+def show(policy: PolicyArgument) -> None:
     """Check a policy file, and print its card: speeds, gait, gains, training, what it was tried on."""
     loaded = load_policy(policy)
     for line in card_lines(loaded, load_card(policy)):
@@ -26,7 +27,7 @@ def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contrac
 
 
 def card(
-    policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")],
+    policy: PolicyArgument,
     evaluation: Annotated[Path, typer.Argument(help="evaluation.json of 'spot-rl evaluate' of that file.")],
     about: Annotated[str, typer.Option(help="Description in one line.")] = "",
     gait: Annotated[str, typer.Option(help="Its gait: trot, bound, ...")] = "",
@@ -71,7 +72,7 @@ def key(
 
 
 def sign(
-    policy: Annotated[Path, typer.Argument(help="ONNX file.")],
+    policy: PolicyArgument,
     key: Annotated[Path, typer.Option(help="The private key.")],  # noqa: A002, RUF100 - the option's name
 ) -> None:
     """Write a signature beside a policy; an older one is replaced."""
@@ -84,7 +85,7 @@ def sign(
 
 
 def verify(
-    policy: Annotated[Path, typer.Argument(help="ONNX file.")],
+    policy: PolicyArgument,
     public_key: Annotated[Path, typer.Option(help="PEM file of the keys that are trusted.")],
 ) -> None:
     """Check a policy's signature; exit code 3 if it is not valid."""

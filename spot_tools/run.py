@@ -12,6 +12,7 @@ import typer
 
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import free_path, make_log_folder
+from spot_model.console.command_registry import OptionalPolicyFile
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import load_joint_experiment
 from spot_model.io.velocity_sequence import load_sequence
@@ -39,7 +40,7 @@ from spot_tools.sources import JointScriptSource, ScriptedSource, manual_source
 @exit_on_termination()
 def run(
     robot: RobotAddress,
-    policy: Annotated[Path | None, typer.Option(help="ONNX file with its contract.")] = None,
+    policy: OptionalPolicyFile = None,
     experiment: Annotated[
         Path | None,
         typer.Option(help="In place of a policy: a joint experiment (YAML), which the standing robot follows."),
@@ -85,7 +86,7 @@ def run(
         loaded = joint_script(load_joint_experiment(experiment))
         source = JointScriptSource(loaded)
     elif policy is None:
-        raise BadInputError("nothing to run; give --policy FILE.onnx, or --experiment FILE.yaml")
+        raise BadInputError("nothing to run; give --policy NAME or FILE.onnx, or --experiment FILE.yaml")
     else:
         loaded = load_policy(policy, provider=settings.control.inference, admit=admission(settings.service, policy))
         source = make_source(

@@ -35,7 +35,10 @@ from spot_tools.options import (
 
 def serve(
     robot: RobotAddress,
-    policies: Annotated[Path | None, typer.Option(help="Folder of the policies that may be armed, by name.")] = None,
+    policies: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the policies that may be armed, by name; by default the built-in ones."),
+    ] = None,
     listen: Annotated[
         str | None,
         typer.Option(help="unix:/path or HOST:PORT; other hosts need the configuration's tls_ files."),
@@ -56,9 +59,10 @@ def serve(
     changes = {"policies": policies, "listen": listen, "live_port": live_port}
     service = settings.service.model_copy(update={k: v for k, v in changes.items() if v is not None})
     settings = settings.model_copy(update={"service": service})
-    check_encodable(service.policies)
     parse_address(robot)
-    if not service.policies.is_dir():
+    if service.policies is not None:
+        check_encodable(service.policies)
+    if service.policies is not None and not service.policies.is_dir():
         raise BadInputError(f"there is no folder {service.policies} with policies; name it with --policies")
     make_log_folder(settings.log.directory)
     console = Console()

@@ -38,7 +38,9 @@ def run(
         str,
         typer.Option("--reality", help="judging, calibrating, or your own as module:Class."),
     ] = "judging",
-    policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
+    policies: Annotated[
+        Path | None, typer.Option("--policies", help="Folder of policies (ONNX); the built-in ones by default.")
+    ] = None,
     engine: EngineOption = EngineName.LOCAL,
     ray_address: RayAddress = None,
     until: Annotated[
@@ -51,6 +53,7 @@ def run(
     """Draw cases, seal their truth, diagnose them in isolation, open the seals, and score."""
     from spot_model.console.progress import Progress
     from spot_model.errors import BadInputError
+    from spot_model.policy.built_in import FOLDER
     from trainer.simulate.engine import Engine, Place
     from withheld.blind.execution import Job, execute, run_cases
     from withheld.blind.jail import MEANING, hide_this_process, strongest_level
@@ -58,6 +61,7 @@ def run(
     from withheld.cases import chosen
     from withheld.realities.source import source_of
 
+    policies = policies or FOLDER
     hide_this_process()
     source_of(reality)
     if not resume and (seed is None) != seed_from_os:

@@ -8,13 +8,13 @@ from typing import Annotated
 
 import typer
 
-from spot_model.console.command_registry import Overrides
+from spot_model.console.command_registry import Overrides, PolicyFile
 from trainer.simulate.engine import Device, Workers
 
 
 def improve(
     logs: Annotated[list[Path], typer.Argument(help="Log files of one robot and policy, or folders of them.")],
-    policy: Annotated[Path, typer.Option("--policy", help="The policy that ran (ONNX).")],
+    policy: PolicyFile,
     nominal: Annotated[str, typer.Option("--nominal", help="The model it was trained on: a file, or a built-in name.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of all results; a second call goes on there.")],
     config: Annotated[

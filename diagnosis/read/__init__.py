@@ -13,6 +13,7 @@ from diagnosis.read.robot_file import SPOT, RobotFile
 from diagnosis.read.signal_checks import plausible
 from spot_log import Run
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.policy.built_in import built_in_files
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.policy import Policy, load_policy
 from trainer.signals.log_files import Tell, read_each
@@ -54,8 +55,8 @@ def read_all(paths: Sequence[Path], tell: Tell = lambda _: None) -> tuple[tuple[
     return tuple(commanded or runs), tuple(warnings)
 
 
-def find_policy_file(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Path | None:
-    """The policy that was given, or the one in ``folder`` whose digest most logs name; None if there is none.
+def find_policy_file(path: Path | None, runs: Sequence[Run]) -> Path | None:
+    """The policy that was given, or that whose digest most logs name, built in or in ``policies/``; None if none.
 
     Logs of one network at several gains go together; see :func:`apart_by_gains`.
 
@@ -78,16 +79,16 @@ def find_policy_file(path: Path | None, runs: Sequence[Run], folder: Path = Path
         return path
     n_logs = Counter(run.header.policy_sha256 for run in runs)
     own: dict[Path, int] = {}
-    for file in sorted(folder.glob("*.onnx")):
+    for file in (*built_in_files(".onnx").values(), *sorted(Path("policies").glob("*.onnx"))):
         with suppress(SpotRlError):
             sha256 = load_policy(file).sha256
             own |= {file: n_logs[sha256]} if sha256 in wanted else {}
     return max(own, key=lambda file: own[file], default=None)
 
 
-def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Policy | None:
+def find_policy(path: Path | None, runs: Sequence[Run]) -> Policy | None:
     """The policy of :func:`find_policy_file`."""
-    file = find_policy_file(path, runs, folder)
+    file = find_policy_file(path, runs)
     return None if file is None else load_policy(file)
 
 

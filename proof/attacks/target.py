@@ -36,7 +36,7 @@ class AnsweringProcess:
 
 def serve(listen: str, **service: Any) -> tuple[OperatorServer, Supervisor]:
     """A service that believes its robot to be running."""
-    config = RunConfig.model_validate({"service": {"listen": listen, "policies": "policies", **service}})
+    config = RunConfig.model_validate({"service": {"listen": listen, **service}})
     supervisor = Supervisor("127.0.0.1:1", config, manager=ServiceManager(), tell=lambda _: None)
     supervisor.adopt(AnsweringProcess(supervisor), State.RUNNING)  # type: ignore[arg-type]
     return OperatorServer(supervisor, config), supervisor

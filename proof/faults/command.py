@@ -17,9 +17,10 @@ from proof.faults import rows_link, rows_log, rows_measured, rows_phases, rows_p
 from proof.faults.rows import Result, Row, tidy, try_row
 from proof.faults.search import search_cases
 from proof.rig import rig
-from spot_model.console.command_registry import WALK, AsJson, PolicyFile, ScenarioName
+from spot_model.console.command_registry import AsJson, PolicyFile, ScenarioName
 from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError
+from spot_model.policy.built_in import WALK
 from spot_model.policy.policy import load_policy
 from spot_model.process.signals import exit_on_termination
 

@@ -23,16 +23,19 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import SpotRlError
+from spot_model.policy.built_in import policy_file
 from spot_model.user_code import OWN_PACKAGES
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-PolicyFile = Annotated[Path, typer.Option("--policy", help="ONNX file with its contract.")]
+_POLICY_HELP = "ONNX file with its contract, or a built-in policy's name."
+PolicyFile = Annotated[Path, typer.Option("--policy", parser=policy_file, metavar="POLICY", help=_POLICY_HELP)]
+OptionalPolicyFile = Annotated[
+    Path | None, typer.Option("--policy", parser=policy_file, metavar="POLICY", help=_POLICY_HELP)
+]
+PolicyArgument = Annotated[Path, typer.Argument(parser=policy_file, metavar="POLICY", help=_POLICY_HELP)]
 Overrides = Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")]
 TorchDevice = Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")]
 ScenarioName = Annotated[str, typer.Option("--scenario", help="Scenario of the fake robot.")]
-
-WALK = Path("policies/walk.onnx")
-"""The policy of commands that need any that walks."""
 
 
 COMMAND_GROUP = "spot_rl.commands"

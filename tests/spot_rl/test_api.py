@@ -226,7 +226,7 @@ def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
         (lambda: spot_rl.diagnose(WALK, "ideal", "out", without=5), r"without = 5; allowed: one, or a list"),
         (lambda: spot_rl.diagnose(WALK, "ideal", "out", seed="a"), r"seed = 'a'; allowed: a whole number"),
         (lambda: spot_rl.train({"name": "x"}, "out"), r"iterations"),
-        (lambda: spot_rl.train("nowhere.yaml", "out"), r"config nowhere.yaml does not exist"),
+        (lambda: spot_rl.train("nowhere.yaml", "out"), r"config 'nowhere.yaml' does not exist"),
         (lambda: spot_rl.export("nowhere", "out.onnx"), r"run nowhere does not exist"),
         (lambda: spot_rl.make_env(changes={"rewards.gate": 1.0}), r"did you mean 'gait'"),
         (lambda: spot_rl.make_env().reset(options={"comand": (0, 0, 0)}), r"'comand' is unknown; allowed: command"),

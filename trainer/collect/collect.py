@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from spot_model.console.command_line import INTERRUPTED_EXIT_CODE
+from spot_model.console.command_registry import PolicyFile
 from spot_model.errors import SpotRlError
 from spot_model.process.child_process import module_command
 from spot_model.process.signals import run_in_foreground
@@ -28,7 +29,7 @@ class CollectionInterruptedError(SpotRlError):
 
 def collect(
     robot: RobotAddress,
-    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
+    policy: PolicyFile,
     out: Annotated[Path, typer.Option(help="Folder of the logs; complete runs in it are kept.")],
     sequences: Annotated[
         str,

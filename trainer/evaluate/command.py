@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from spot_model.console.command_registry import PolicyArgument
 from trainer.simulate.engine import Device, check_device
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ UNFINISHED = "unfinished.json"
 
 
 def evaluate(
-    policy: Annotated[Path, typer.Argument(help="ONNX policy.")],
+    policy: PolicyArgument,
     out: Annotated[Path, typer.Option("--out", help="Folder for evaluation.json and evaluation.html.")] = Path(
         "evaluation"
     ),

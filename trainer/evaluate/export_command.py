@@ -8,10 +8,18 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import BadInputError
+from spot_model.policy.built_in import policy_file
 
 
 def export(
-    run: Annotated[Path, typer.Argument(help="Run folder, a checkpoint, or a policy's ONNX file: measured anew.")],
+    run: Annotated[
+        Path,
+        typer.Argument(
+            parser=policy_file,
+            metavar="RUN",
+            help="Run folder, a checkpoint, or a policy (ONNX file or built-in name): measured anew.",
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", help="ONNX file to write.")] = Path("policy.onnx"),
     networks: Annotated[
         Path | None, typer.Option("--networks", help="Also write the networks alone, for start_from.")

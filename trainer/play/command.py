@@ -8,9 +8,18 @@ from typing import Annotated
 
 import typer
 
+from spot_model.policy.built_in import policy_file
+
 
 def play(
-    policy: Annotated[Path, typer.Argument(help="ONNX policy, or the folder of a running training.")],
+    policy: Annotated[
+        Path,
+        typer.Argument(
+            parser=policy_file,
+            metavar="POLICY",
+            help="ONNX file, a built-in policy's name, or the folder of a running training.",
+        ),
+    ],
     model: Annotated[str, typer.Option("--model", help="Built-in model, or a model file.")] = "paper_identified",
     velocity: Annotated[
         str | None,

@@ -10,10 +10,16 @@ from typing import Annotated
 import typer
 
 from spot_model.console.command_registry import Overrides, TorchDevice
+from spot_model.policy.built_in import config_file
 
 
 def train(
-    config: Annotated[Path | None, typer.Option("--config", help="Config file (YAML).")] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", parser=config_file, metavar="CONFIG", help="YAML file, or the name of a built-in config."
+        ),
+    ] = None,
     set_: Overrides = None,
     resume: Annotated[Path | None, typer.Option("--resume", help="Run folder of a training to continue.")] = None,
     device: TorchDevice = "cpu",
@@ -27,7 +33,7 @@ def train(
 
     overrides = tuple(set_ or ())
     if (config is None) == (resume is None):
-        raise BadInputError("give either --config FILE or --resume RUN")
+        raise BadInputError("give either --config CONFIG or --resume RUN")
     # A mistake in the config is told before torch is loaded, which takes seconds.
     checked = load_config(config, overrides) if config is not None else None
     typer.echo("loading torch …", err=True)

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
+from spot_model.console.command_registry import PolicyFile
 from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 
 def sysid(
     logs: Annotated[list[Path], typer.Argument(help="Log files of one policy, or folders of them.")],
-    policy: Annotated[Path, typer.Option("--policy", help="The policy that ran (ONNX).")],
+    policy: PolicyFile,
     out: Annotated[Path, typer.Option("--out", help="Folder for the result; nothing in it is overwritten.")],
     config: Annotated[
         Path | None, typer.Option("--config", help="Parameters and settings of the search (YAML).")

@@ -18,6 +18,7 @@ from fake_robot.network.requests import PathPlan, StandPose, Velocity, VelocityP
 from fake_robot.robot.motion.steering import GroundPose, Steering, hold, slewed, steer, turn_towards
 from fake_robot.robot.motion.vendor_motion import leg_angles_rad, stand_feet_m
 from spot_model.plant.command_channel import ServoCommand
+from spot_model.policy.built_in import policy_file
 from spot_model.robot import facts
 from spot_model.robot.facts import NS_PER_S, Array
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz
@@ -25,8 +26,6 @@ from spot_model.robot.state import RobotState
 
 if TYPE_CHECKING:
     from spot_model.policy.policy import Policy
-
-SHIPPED_POLICY: Final = Path(__file__).parent / "walk.onnx"
 
 _HANDOVER_S: Final = 0.5
 """From the gains and set-points of the stand to those of the policy."""
@@ -50,7 +49,7 @@ class Walker:
     """Steps a policy along a plan. Times are nanoseconds of robot time since the start.
 
     Args:
-        policy_path: The policy's file; the shipped one if None.
+        policy_path: The policy's file; the built-in *walk* if None.
         report: The robot's newest report.
         ground_pose: Where the body is in odom.
         stamp_ns: Turns a time into a stamp of the robot's clock, as plans bear them.
@@ -65,7 +64,7 @@ class Walker:
         stamp_ns: Callable[[int], int],
         stand_height_m: float,
     ) -> None:
-        self._path = policy_path or SHIPPED_POLICY
+        self._path = policy_path or policy_file("walk")
         self._report, self._ground_pose, self._stamp_ns = report, ground_pose, stamp_ns
         self._stand_height_m = stand_height_m
         self._loaded: Policy | None = None

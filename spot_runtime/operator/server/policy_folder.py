@@ -10,6 +10,7 @@ from typing import Final
 import grpc
 
 from spot_model.io.yaml_text import FileTooLargeError, read_at_most
+from spot_model.policy.built_in import FOLDER
 from spot_model.policy.contract import MAX_POLICY_BYTES, PolicyError, sha256_hex
 from spot_runtime.admission import admission
 from spot_runtime.config import ServiceConfig
@@ -42,7 +43,7 @@ class PolicyFolder:
 
     def __init__(self, config: ServiceConfig) -> None:
         """The folder that a configuration names; what may be armed is as it says."""
-        self._folder, self._config = config.policies, config
+        self._folder, self._config = config.policies or FOLDER, config
 
     def list(self) -> list[OfferedPolicy]:
         """All that can be named, at most :data:`MAX_LISTED`."""
