@@ -59,7 +59,7 @@ ELSEWHERE = {
         "trainer/test_training_log.py",
         'make_log("wandb")',
     ),
-    "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),
+    "make docs": ("docs/test_site.py", '"mkdocs", "build"'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
     "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (
         "trainer/test_refine.py",
