@@ -4,7 +4,7 @@ Each of tests/fake_robot/planted_errors.py is planted alone, in a server that pa
 
     python benchmarks/conformance_errors.py [--with-motion] [NAME ...]
 
-Claim: docs/benchmarks.md, "Programs and servers of others".
+Claim: docs/evidence/programs.md, "Errors that the conformance suite finds".
 """
 
 from __future__ import annotations

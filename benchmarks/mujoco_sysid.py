@@ -1,6 +1,6 @@
 """How near does `mujoco.sysid` come to the truths that claims/identification.py gives to `spot-rl sysid`?
 
-Claim it supports: *Beside mujoco.sysid* in docs/benchmarks.md. A fake robot with a known truth walks in lock-step; its
+Claim it supports: *Beside peers* in docs/evidence/identification.md. A fake robot with a known truth walks in lock-step; its
 joints, body and set-points, as logged, go into `mujoco.sysid` as its documentation shows: one MuJoCo model with
 position servos, windows that start at logged states, least squares over joint positions and velocities, intervals
 from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia and the knees' range of

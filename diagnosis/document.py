@@ -306,7 +306,7 @@ class Verdict(Settings):
 
     schema_name: Literal["spot-rl/verdict/2"] = Field(default="spot-rl/verdict/2", alias="schema")
     status: Status
-    """The answer, in one word; see [how it is decided](../diagnosis.md#how-it-works)."""
+    """The answer, in one word; see [how it is decided](../diagnosis.md#how-to-read-it)."""
     where: tuple[GapCell, ...]
     """Where the gap is largest, largest first."""
     headline: str = ""

@@ -1,6 +1,6 @@
 """Write the generated pages of the documentation, or check that they are what would be written.
 
-python scripts/write_docs.py            write them: commands, config, scenario, conformance, and docs/reference/
+python scripts/write_docs.py            write them: docs/reference/, and the bounds in docs/method/safety-checks.md
 python scripts/write_docs.py --check    write nothing; exit 1 and name the pages that differ
 """
 
@@ -23,8 +23,9 @@ from reference.effects import effects_page
 from reference.files import files_page
 from reference.log_schema import log_page
 from reference.python_api import python_page
-from reference.runtime_tables import runtime_page
+from reference.safety import safety_page
 from reference.scenario import scenario_page
+from reference.stops import stops_page
 from reference.training import training_page
 from reference.verdict import verdict_page
 from reference.words import NOTE, cell, keys_table
@@ -42,7 +43,7 @@ def commands_page() -> str:
     """Every command with its arguments and options."""
     parts = [
         "# Commands\n",
-        f"{NOTE}[Exit codes](runtime.md#exit-codes) are the same for all commands.\n",
+        f"{NOTE}[Exit codes](stops.md) are the same for all commands.\n",
     ]
     for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda e: e.name):
         if entry.value.startswith(("spot_", "fake_robot", "trainer", "diagnosis", "compare", "proof", "withheld")):
@@ -111,11 +112,12 @@ def main() -> None:
     parser.add_argument("--check", action="store_true", help="compare instead of writing")
     is_check = parser.parse_args().check
     pages = {
-        "commands.md": commands_page(),
-        "config.md": config_page(),
-        "runtime.md": runtime_page((DOCS / "runtime.md").read_text(encoding="utf-8")),
-        "scenario.md": scenario_page(),
-        "conformance.md": conformance_page(),
+        "reference/commands.md": commands_page(),
+        "reference/config.md": config_page(),
+        "method/safety-checks.md": safety_page((DOCS / "method/safety-checks.md").read_text(encoding="utf-8")),
+        "reference/scenario.md": scenario_page(),
+        "reference/conformance.md": conformance_page(),
+        "reference/stops.md": stops_page(),
         "reference/effects.md": effects_page(),
         "reference/files.md": files_page(),
         "reference/training-config.md": training_page(),

@@ -4,7 +4,7 @@ Fake robots with known actuators (the paper's, and others drawn as in benchmarks
 `identify` then searches as the paper does (CMA-ES on Wasserstein distances of closed-loop runs) and fits torques. Both
 answers are taken from the same run: the search's mean with all its parameters, and what `identify` gives, with those
 that it calls identified. An error counts as a share of the truth, of friction as a share of 0.3 N·m, so that 10 % is
-the bound of docs/benchmarks.md. Rotor inertia, which is read off the torques, stands beside the truth.
+the bound of docs/evidence/identification.md. Rotor inertia, which is read off the torques, stands beside the truth.
 
     python benchmarks/claims/identification.py [--truth 0] [--generations 12] [--seconds 10]
 """

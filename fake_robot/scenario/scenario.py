@@ -69,7 +69,7 @@ class ModelConfig(Part):
     robot: Literal["spot"] = "spot"
     """The robot's body."""
     effects: tuple[dict[str, Any], ...] = DEFAULT_EFFECTS
-    """As in a [model file](reference/files.md#model-file); they replace the default ones."""
+    """As in a [model file](files.md#model-file); they replace the default ones."""
 
 
 class Scenario(Part):

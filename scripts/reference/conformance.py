@@ -1,4 +1,4 @@
-"""docs/conformance.md: what a robot may refuse."""
+"""docs/reference/conformance.md: what a robot may refuse."""
 
 from __future__ import annotations
 

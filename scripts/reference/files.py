@@ -13,7 +13,7 @@ from .words import keys_table, page, plain, sections
 
 ABOUT = """\
 These are YAML files with their `schema` in the first line. An unknown key is refused with a list of the allowed ones.
-[Run configurations](../config.md), [scenarios](../scenario.md) and [training configs](training-config.md) have their
+[Run configurations](config.md), [scenarios](scenario.md) and [training configs](training-config.md) have their
 own pages."""
 
 

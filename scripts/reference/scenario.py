@@ -1,4 +1,4 @@
-"""docs/scenario.md: every key of a fake robot's scenario."""
+"""docs/reference/scenario.md: every key of a fake robot's scenario."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from spot_model.plant.delay import ConstantDelay, EmpiricalDelay, GammaDelay, Lo
 from .words import keys_table, page, sections
 
 ABOUT = """\
-A scenario describes one fake robot: its hidden [effects](reference/effects.md) (`model`), ground, payload, network,
+A scenario describes one fake robot: its hidden [effects](effects.md) (`model`), ground, payload, network,
 sensors, clock, battery, and what it refuses. It is a YAML file, for the option `--scenario FILE` of
 `spot-rl fake-robot`. All keys are optional; unknown keys are refused.
 

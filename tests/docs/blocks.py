@@ -9,11 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PAGES = [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+DOCS = REPOSITORY / "docs"
+PAGES = [
+    *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md")),
+    *(page for folder in ("", "method", "evidence") for page in sorted((DOCS / folder).glob("*.md"))),
+    DOCS / "reference" / "conformance.md",
+]
 _FENCE = re.compile(r"(?:<!-- doc-test: (?P<order>[^\n]*) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL)
 _SPAN = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")
-_GENERATED = ("commands", "config")
-"""Pages written from the parsers and models themselves: what their sentences name is there."""
+
 
 PROGRAMS = ("spot-rl", "python", "make", "pip", "torchrun", "bash", "sudo", "ssh", "systemctl", "journalctl")
 
@@ -59,8 +63,6 @@ def all_blocks() -> list[Block]:
 
 def spans_of(page: Path) -> list[list[str]]:
     """The commands that stand in a page's sentences and tables, each as words."""
-    if page.stem in _GENERATED:
-        return []
     spans = _SPAN.findall(_FENCE.sub("", page.read_text(encoding="utf-8")))
     return [shlex.split(span) for span in spans if span.split()[0] in PROGRAMS and span not in PROGRAMS]
 

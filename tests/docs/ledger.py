@@ -90,7 +90,6 @@ FORMS = {
     "spot-rl log info --all": "spot-rl log info",
     "spot-rl collect --other-gains": "spot-rl collect --sequences",
     "spot-rl COMMAND --help": "spot-rl --help",
-    "spot-rl run --config": "spot-rl run --robot HOST",
     "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock --port 8443": "spot-rl fake-robot --lock-step --admin",
     "spot-rl compare logs/LOG.mcap paper_identified --out first": "spot-rl compare logs/LOG.mcap paper_identified",
     "spot-rl fake-robot --address 192.168.50.3 --port 443 --username … --password-file …": (

@@ -1,8 +1,9 @@
-"""No figure stands alone: each part of the benchmarks names its command, and the README's figures stand there."""
+"""No figure stands alone: each part of the evidence names its command, and the README's figures stand there."""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -10,8 +11,9 @@ from proof.bench_all import read_claims
 
 from .blocks import REPOSITORY
 
+EVIDENCE = sorted((REPOSITORY / "docs" / "evidence").glob("*.md"))
 BENCHMARKS = REPOSITORY / "docs" / "benchmarks.md"
-PAGES = (BENCHMARKS, REPOSITORY / "docs" / "withheld.md", REPOSITORY / "policies" / "README.md")
+PAGES = (*EVIDENCE, REPOSITORY / "policies" / "README.md")
 COMMAND = re.compile(r"`{1,3}(?:sh\n)?[^`]*?\b(?:spot-rl \w+|python \S+\.py|make \w+|bash benchmarks/|torchrun )")
 UNITS = ("%", "ms", "µs", "s", "MB", "GB", "m/s", "Hz", "times", "robots", "policy steps", "faults")
 FIGURE = re.compile(rf"(?<![\w.,`])\d[\d,]*(?:\.\d+)?(?= (?:{'|'.join(UNITS)})(?!\w))")
@@ -40,8 +42,9 @@ def unknown_figures(row: str, pages: str) -> list[str]:
     return sorted(n for n in found if not re.search(rf"(?<![\d.,]){re.escape(n)}(?![\d]|[.,]\d)", pages))
 
 
-def test_every_table_of_the_benchmarks_names_its_command() -> None:
-    assert not without_command(BENCHMARKS.read_text(encoding="utf-8"))
+@pytest.mark.parametrize("page", [BENCHMARKS, *EVIDENCE], ids=lambda page: page.stem)
+def test_every_table_of_figures_names_its_command(page: Path) -> None:
+    assert not without_command(page.read_text(encoding="utf-8"))
 
 
 def test_a_table_without_a_command_is_found() -> None:

@@ -1,4 +1,4 @@
-"""Whatever a run, a service or a command ends with stands on the page of the runtime."""
+"""Whatever a run, a service or a command ends with stands in the reference of stops."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spot_runtime.hal.errors import HalError
 from spot_runtime.stops import StopReason
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "runtime.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "stops.md").read_text(encoding="utf-8")
 PACKAGES = ("spot_runtime", "spot_log", "spot_tools")
 
 

@@ -582,5 +582,5 @@ def test_the_count_of_planted_errors_runs(capsys: pytest.CaptureFixture[str], mo
 
 
 def test_the_table_stands_in_the_documentation() -> None:
-    page = Path(__file__).parents[2] / "docs" / "conformance.md"
+    page = Path(__file__).parents[2] / "docs" / "reference" / "conformance.md"
     assert markdown() in page.read_text(encoding="utf-8"), "run: make docs"
