@@ -1,12 +1,11 @@
 """How near does `mujoco.sysid` come to the truths that claims/identification.py gives to `spot-rl sysid`?
 
-Claim it supports: *Beside peers* in docs/evidence/identification.md. A fake robot with a known truth walks in lock-step; its
-joints, body and set-points, as logged, go into `mujoco.sysid` as its documentation shows: one MuJoCo model with
-position servos, windows that start at logged states, least squares over joint positions and velocities, intervals
-from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia and the knees' range of
-torque; torque limits that change with speed and command delays are not among its parameters, so their truths are left
-out.
-Intervals are of 90 %, as this project states them.
+Claim it supports: *Beside peers* in docs/evidence/identification.md. A fake robot with a known truth walks in lock-
+step; its joints, body and set-points, as logged, go into `mujoco.sysid` as its documentation shows: one MuJoCo model
+with position servos, windows that start at logged states, least squares over joint positions and velocities,
+intervals from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia and the knees'
+range of torque; torque limits that change with speed and command delays are not among its parameters, so their truths
+are left out. Intervals are of 90 %, as this project states them.
 
     pip install 'mujoco[sysid]==4.0.0'
     python benchmarks/mujoco_sysid.py [--truth 0] [--seconds 6] [--window 0.03]
