@@ -27,18 +27,23 @@ diagnose.command("predict")(predict_run)
 @wraps(command.explain_logs)
 def explain_and_compare(**asked: Any) -> None:
     """The diagnosis' own options and help; the comparison never fails a diagnosis that is written."""
-    from compare.tracks import CompareError
     from spot_model.io.whole import check_new
 
     if asked.get("out") is not None:
         check_new(Path(asked["out"]) / FOLDER)
     result, out = cast("tuple[Diagnosis, Path]", command.explain_logs(**asked))
-    folder = out / FOLDER
     typer.echo("comparing one log with the simulators …", err=True)
+    typer.echo(f"compare    {compared(result, out)}")
+
+
+def compared(result: Diagnosis, out: Path) -> str:
+    """Write the comparison into the folder of a diagnosis; returns where its page is, or why there is none."""
+    from compare.tracks import CompareError
+
     try:
-        typer.echo(f"compare    {set_beside(result, folder)}")
+        return str(set_beside(result, out / FOLDER))
     except CompareError as error:
-        typer.echo(f"compare    not written: {error}")
+        return f"not written: {error}"
 
 
 def set_beside(result: Diagnosis, folder: Path) -> Path:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from compare.compare import Comparison as Comparison
     from diagnosis.document import Verdict as Verdict
+    from diagnosis.next.prediction import Prediction as Prediction
     from spot_log.read.run import Run as Run
-    from spot_log.tools.gaits import gaits as gaits
     from spot_model.errors import SpotRlError as SpotRlError
     from spot_model.io.model_file import RobotModel as RobotModel
     from spot_model.policy.policy import Policy as Policy
@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from spot_rl.analysis import simulate as simulate
     from spot_rl.environment import SpotEnv as SpotEnv
     from spot_rl.environment import make_env as make_env
+    from spot_rl.experiments import next_experiment as next_experiment
+    from spot_rl.experiments import predict as predict
     from spot_rl.fake_spot import FakeSpot as FakeSpot
+    from spot_rl.inputs import gaits as gaits
     from spot_rl.inputs import load_model as load_model
     from spot_rl.inputs import load_policy as load_policy
     from spot_rl.inputs import read_run as read_run
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
 _WHERE = {
     "read_run": ("spot_rl.inputs", "runtime"),
     "Run": ("spot_log.read.run", "runtime"),
-    "gaits": ("spot_log.tools.gaits", "runtime"),
+    "gaits": ("spot_rl.inputs", "runtime"),
     "load_policy": ("spot_rl.inputs", "runtime"),
     "Policy": ("spot_model.policy.policy", "runtime"),
     "load_model": ("spot_rl.inputs", "runtime"),
@@ -48,6 +51,9 @@ _WHERE = {
     "Comparison": ("compare.compare", "diagnosis"),
     "diagnose": ("spot_rl.analysis", "diagnosis"),
     "Verdict": ("diagnosis.document", "diagnosis"),
+    "next_experiment": ("spot_rl.experiments", "diagnosis"),
+    "predict": ("spot_rl.experiments", "diagnosis"),
+    "Prediction": ("diagnosis.next.prediction", "diagnosis"),
     "identify": ("spot_rl.learning", "sysid"),
     "ResultData": ("trainer.sysid.result", "sysid"),
     "make_env": ("spot_rl.environment", "gym"),

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from compare.compare import Comparison, Named, compare_runs, named, simulate_like, write_comparison
+from compare.compare import FILES, Comparison, Named, compare_runs, named, simulate_like, write_comparison
+from compare.diagnose_command import FOLDER, compared
 from diagnosis.closed_loop.simulation import SensorNoise
 from diagnosis.document import Verdict
 from diagnosis.library.registry import chosen_library
@@ -22,10 +23,23 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, save_model
 from spot_model.io.whole import check_new
 from spot_model.policy.policy import Policy
-from spot_rl.inputs import AnyPath, existing_all, load_policy, model_of, one_or_more, policy_file, to_path, whole
+from spot_rl.checks import (
+    AnyPath,
+    a_folder,
+    a_run,
+    existing_all,
+    flag,
+    one_or_more,
+    text,
+    whole,
+    with_our_errors,
+    wrong,
+)
+from spot_rl.inputs import model_of, policy_file, policy_of
 from trainer.simulate.engine import EngineName, place_of
 
 
+@with_our_errors
 def simulate(
     run: Run,
     model: str | AnyPath | RobotModel,
@@ -50,11 +64,9 @@ def simulate(
     Raises:
         SpotRlError: The log has less than a second under a policy, or the policy is not found.
     """
-    _check_run(run)
-    if policy is None:
-        chosen = find_policy(None, [run])
-    else:
-        chosen = policy if isinstance(policy, Policy) else load_policy(policy)
+    a_run(run)
+    seed, noise = whole(seed, "seed"), flag(noise, "noise")
+    chosen = find_policy(None, [run]) if policy is None else policy_of(policy)
     if chosen is None:
         raise BadInputError(
             "neither a built-in policy nor a file in ./policies has the log's digest "
@@ -62,12 +74,13 @@ def simulate(
         )
     sensors = SensorNoise() if noise else SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     simulated, name = model_of(model)
-    made = simulate_like(run, simulated, chosen, np.random.default_rng(whole(seed, "seed")), sensors)
+    made = simulate_like(run, simulated, chosen, np.random.default_rng(seed), sensors)
     # A comparison names its runs by their paths.
     footer = RunFooter(host_stamp_ns=0, messages={}, dropped={}, outcome="simulated")
     return dataclasses.replace(made, path=Path(f"simulated-{Path(name).stem}"), footer=footer)
 
 
+@with_our_errors
 def compare(runs: Sequence[Run], out: AnyPath | None = None, *, names: Sequence[str] | None = None) -> Comparison:
     """Compare runs, aligned by their velocity commands.
 
@@ -83,23 +96,31 @@ def compare(runs: Sequence[Run], out: AnyPath | None = None, *, names: Sequence[
     Raises:
         SpotRlError: There are fewer than two runs, they follow different commands, or ``out`` holds a comparison.
     """
-    for run in runs:
-        _check_run(run)
-    if names is not None and len(names) != len(runs):
-        raise BadInputError(f"{len(names)} names for {len(runs)} runs; give one name a run")
-    if names is not None and (len(set(names)) < len(names) or not all(isinstance(name, str) for name in names)):
-        raise BadInputError(f"names = {list(names)!r:.80}; allowed: texts, each another one")
+    given: object = runs
+    if not isinstance(given, (list, tuple)):
+        raise wrong("runs", runs, "a list of two runs or more")
+    for number, run in enumerate(runs):
+        a_run(run, f"runs[{number}]")
+    if names is not None:
+        given_names: list[str] = one_or_more(names, "names")
+        told = [text(name, "names") for name in given_names]
+        if len(told) != len(runs) or len(set(told)) < len(told):
+            raise wrong("names", names, f"a list of {len(runs)} different texts, one a run")
+    folder = None if out is None else a_folder(out, "out")
+    if folder is not None:
+        check_new(*(folder / name for name in FILES))
     simulated = [str(run.path).startswith("simulated-") for run in runs]
     if names is not None:
         chosen = [Named(name, run, is_it) for name, run, is_it in zip(names, runs, simulated, strict=True)]
     else:
         chosen = named([Named(str(run.path), run, is_it) for run, is_it in zip(runs, simulated, strict=True)])
     found = compare_runs(chosen)
-    if out is not None:
-        write_comparison(found, to_path(out, "out"))
+    if folder is not None:
+        write_comparison(found, folder)
     return found
 
 
+@with_our_errors
 def diagnose(
     logs: AnyPath | Iterable[AnyPath],
     nominal: str | AnyPath | RobotModel,
@@ -119,7 +140,9 @@ def diagnose(
     Args:
         logs: Log files of one robot, or folders of them; best three command sequences, each several times.
         nominal: The simulator's model: a built-in name (``paper_identified``), a model file, or a model.
-        out: Folder for verdict.json, report.html and corrected_model.yaml; nothing in it is overwritten.
+        out: Folder for what ``spot-rl diagnose`` writes: report.html, verdict.json, corrected_model.yaml, compare/ (a
+            log beside the models) and the rest; nothing in it is overwritten. :func:`next_experiment`,
+            :func:`predict` and ``spot-rl diagnose next`` continue from it.
         policy: The policy that ran; by default the one with the logs' digest, built in or in ``policies/``, if any.
         without: Effects to exclude from the library.
         add_effects: Effects of your own: each a class, or ``module:Class``.
@@ -134,13 +157,17 @@ def diagnose(
     Raises:
         SpotRlError: A file is missing or not valid, or ``out`` holds a diagnosis.
     """
-    folder = to_path(out, "out")
+    folder = a_folder(out, "out")
     paths = existing_all(logs, "logs")
     model, name = model_of(nominal)
     added: list[str | type] = one_or_more(add_effects, "add_effects")
-    left_out: list[str] = one_or_more(without, "without")
+    excluded: list[str] = one_or_more(without, "without")
+    left_out = [text(effect, "without") for effect in excluded]
     library = chosen_library(added, left_out)
+    seed, progress = whole(seed, "seed"), flag(progress, "progress")
+    place = place_of(1, EngineName.LOCAL, None, text(device, "device", "cpu, cuda or cuda:N"))
     check_free(folder)
+    check_new(folder / FOLDER)
     kept = (folder / "nominal.yaml").absolute() if isinstance(nominal, RobotModel) else None
     if kept is not None:
         check_new(kept)
@@ -152,20 +179,8 @@ def diagnose(
         without=tuple(left_out),
     )
     with Progress(None if progress else Console(file=io.StringIO())) as say:
-        result, _ = run_session(
-            inputs,
-            folder,
-            say,
-            nominal=model,
-            library=library,
-            place=place_of(1, EngineName.LOCAL, None, device),
-            seed=whole(seed, "seed"),
-        )
+        result, _ = run_session(inputs, folder, say, nominal=model, library=library, place=place, seed=seed)
     if kept is not None:
         save_model(model, kept)
+    compared(result, folder)
     return result.verdict
-
-
-def _check_run(run: object) -> None:
-    if not isinstance(run, Run):
-        raise BadInputError(f"{run!r:.60} is no run; read a log first: run = spot_rl.read_run(PATH)")

@@ -15,7 +15,8 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot import facts
-from spot_rl.inputs import AnyPath, model_of
+from spot_rl.checks import AnyPath
+from spot_rl.inputs import model_of
 from spot_rl.learning import training_config
 from trainer.config.train_config import TrainConfig
 from trainer.task.draws import Draws, draw_simulations, training_effects

@@ -22,7 +22,8 @@ from spot_model.io.model_file import RobotModel
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
 from spot_model.policy.policy import Policy
 from spot_model.process.child_process import module_command, without_secrets
-from spot_rl.inputs import AnyPath, model_of, policy_file, read_run, to_path
+from spot_rl.checks import AnyPath, to_path
+from spot_rl.inputs import model_of, policy_file, read_run
 
 
 class WalkError(SpotRlError):

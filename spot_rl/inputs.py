@@ -1,14 +1,16 @@
-"""What a script gives, checked where it enters, and what it reads: logs, policies, models."""
+"""What a script reads: logs, policies, models."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from spot_log.read.reader import read_run as read_log
 from spot_log.read.run import Run
+from spot_log.tools.gaits import GaitSpan
+from spot_log.tools.gaits import gaits as gaits_of
 from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from spot_model.io import model_file
@@ -16,72 +18,10 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy import built_in
 from spot_model.policy import policy as policies
 from spot_model.policy.policy import Policy
-
-AnyPath = str | os.PathLike[str]
-T = TypeVar("T")
+from spot_rl.checks import AnyPath, a_file, a_run, mapping, to_path, with_our_errors, wrong
 
 
-def to_path(value: AnyPath, name: str) -> Path:
-    """The path that was given.
-
-    Raises:
-        BadInputError: It is neither text nor a path.
-    """
-    given: object = value
-    if isinstance(given, (str, os.PathLike)) and str(given):
-        return Path(given)
-    raise BadInputError(f"{name} = {value!r} is no path; allowed: text or a pathlib.Path")
-
-
-def existing(value: AnyPath, name: str) -> Path:
-    """The path that was given, which must be there.
-
-    Raises:
-        BadInputError: It is no path, or there is nothing.
-    """
-    path = to_path(value, name)
-    if not path.exists():
-        raise BadInputError(f"{name} {path} does not exist (looked in {Path.cwd()}); give the path of a file or folder")
-    return path
-
-
-def existing_all(values: AnyPath | Iterable[AnyPath], name: str) -> list[Path]:
-    """One path or several, which must be there.
-
-    Raises:
-        BadInputError: There is none, one is no path, or one is not there.
-    """
-    given = [values] if isinstance(values, (str, os.PathLike)) else list(values)
-    if not given:
-        raise BadInputError(f"{name} is empty; give at least one file or folder")
-    return [existing(value, name) for value in given]
-
-
-def whole(value: int, name: str, least: int = 0) -> int:
-    """The whole number that was given, as a seed or a count.
-
-    Raises:
-        BadInputError: It is none, or below ``least``.
-    """
-    given: object = value
-    if not isinstance(given, int) or isinstance(given, bool) or not least <= given < 2**63:
-        raise BadInputError(f"{name} = {value!r}; allowed: a whole number, {least} or more")
-    return given
-
-
-def one_or_more(values: T | Iterable[T], name: str) -> list[T]:
-    """One text or class, or several.
-
-    Raises:
-        BadInputError: It is something else.
-    """
-    if isinstance(values, (str, type)):
-        return [values]
-    if not isinstance(values, Iterable):
-        raise BadInputError(f"{name} = {values!r:.60}; allowed: one, or a list of them")
-    return list(values)
-
-
+@with_our_errors
 def read_run(path: AnyPath) -> Run:
     """Read one log into NumPy arrays.
 
@@ -97,9 +37,24 @@ def read_run(path: AnyPath) -> Run:
     Raises:
         SpotRlError: The file is not there, or is no log.
     """
-    return read_log(existing(path, "log"))
+    return read_log(a_file(path, "log"))
 
 
+@with_our_errors
+def gaits(run: Run) -> list[GaitSpan]:
+    """Measure the gait of every stretch of three seconds or more in which the velocity command was held or ramped.
+
+    Returns:
+        A span each, in order: ``start_s``, ``end_s``, ``command`` and ``gait`` (``name``, ``stride_hz``, ``duty``,
+        ``flight_share``, …; ``gait.sentence()`` says it in words). Empty where the run has no contacts or no policy.
+
+    Raises:
+        SpotRlError: It is no run.
+    """
+    return gaits_of(a_run(run))
+
+
+@with_our_errors
 def load_policy(path: AnyPath) -> Policy:
     """Load a policy from its ONNX file, and check its contract.
 
@@ -114,19 +69,25 @@ def load_policy(path: AnyPath) -> Policy:
     Raises:
         SpotRlError: The file is not there, is no ONNX model, or its contract does not hold.
     """
-    return policies.load_policy(built_in.policy_file(to_path(path, "policy")))
+    return policies.load_policy(policy_file(path))
 
 
 def policy_file(policy: AnyPath | Policy) -> Path:
     """The file of a policy that was given as a path, a built-in name, or as :func:`load_policy` returned it."""
     if not isinstance(policy, Policy):
-        return built_in.policy_file(to_path(policy, "policy"))
+        return a_file(built_in.policy_file(to_path(policy, "policy")), "policy")
     if policy.path is None:
         raise BadInputError(f"policy {policy.contract.name} was not loaded from a file; give the path of its ONNX file")
-    return existing(policy.path, "policy")
+    return a_file(policy.path, "policy")
 
 
-def load_model(name_or_path: AnyPath, *, effects: Sequence[Mapping[str, Any] | Effect] = ()) -> RobotModel:
+def policy_of(policy: AnyPath | Policy) -> Policy:
+    """A policy that was given as a path, or as :func:`load_policy` returned it."""
+    return policy if isinstance(policy, Policy) else load_policy(policy)
+
+
+@with_our_errors
+def load_model(name_or_path: AnyPath, *, effects: Iterable[Mapping[str, Any] | Effect] = ()) -> RobotModel:
     """Load the model of a simulated Spot: the effects that act in it.
 
     Args:
@@ -142,9 +103,14 @@ def load_model(name_or_path: AnyPath, *, effects: Sequence[Mapping[str, Any] | E
         SpotRlError: There is no such model or effect, or a key or value is not allowed.
     """
     model = model_file.load_model(str(to_path(name_or_path, "model")))
+    if isinstance(effects, (str, Mapping)) or not isinstance(effects, Iterable):
+        raise wrong("effects", effects, "a list of effects, each a mapping or an object")
     for effect in effects:
-        made = [effect] if isinstance(effect, Effect) else model_file.model_from_data({"effects": [effect]}).effects
-        model = model.with_effects(*made)
+        if not isinstance(effect, Effect):
+            keys = mapping(effect, "effects", 'mappings such as {"effect": "payload_mass", "mass_kg": 5.0}, or effects')
+            model = model.with_effects(*model_file.model_from_data({"effects": [keys]}).effects)
+        else:
+            model = model.with_effects(effect)
     return model
 
 

@@ -17,7 +17,8 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy import built_in
 from spot_model.policy.policy import Policy, load_policy
-from spot_rl.inputs import AnyPath, existing, existing_all, model_of, policy_file, to_path, whole
+from spot_rl.checks import AnyPath, existing, existing_all, to_path, whole
+from spot_rl.inputs import model_of, policy_file
 from trainer.config.train_config import TrainConfig, config_from_data, load_config
 
 if TYPE_CHECKING:

@@ -66,12 +66,19 @@ class Forecast(Settings):
     """One predicted number."""
 
     name: str
+    """Of the number, such as ``top_speed``."""
     title: str
+    """The name in words."""
     unit: str
+    """Of all numbers below."""
     value: float
+    """What is expected."""
     low: float
+    """Lower end of the interval."""
     high: float
+    """Upper end of the interval."""
     measured: float | None = None
+    """What the log of the run shows; None without a log."""
 
 
 class Prediction(Settings):
@@ -79,6 +86,7 @@ class Prediction(Settings):
 
     schema_name: Literal["spot-rl/prediction/2"] = Field(default="spot-rl/prediction/2", alias="schema")
     level: float = LEVEL
+    """Probability of the intervals."""
     sequence: VelocitySequence
     """The command."""
     policy_sha256: str
@@ -90,9 +98,11 @@ class Prediction(Settings):
     made_host_stamp_ns: int
     """When it was made, this computer's clock."""
     forecasts: tuple[Forecast, ...]
+    """The numbers."""
     fell: float = Field(ge=0.0, le=1.0)
     """Share of simulated robots that fell or were stopped."""
     notes: tuple[str, ...] = ()
+    """What could not be predicted, and why."""
 
     def to_json(self) -> str:
         """As text."""

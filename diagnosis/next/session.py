@@ -17,7 +17,15 @@ from diagnosis.next.candidates import Motion, given
 from diagnosis.next.design import Design, Proposal, design
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
 from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.prediction import check_log, check_prediction, digest_of, load_prediction, predict, with_log
+from diagnosis.next.prediction import (
+    Prediction,
+    check_log,
+    check_prediction,
+    digest_of,
+    load_prediction,
+    predict,
+    with_log,
+)
 from diagnosis.next.rounds import Answer, Lab, Limits, RobotRun, Story, ask_robot, read_story, run_on_robot
 from diagnosis.read import find_policy_file, read_logs
 from diagnosis.report.output import NAMES
@@ -138,7 +146,20 @@ class Session:
             )
 
     def predicted(self, sequence: str, log: Path | None, out: Path | None) -> list[str]:
+        """Predict a run, or compare a prediction with the log of the run; see :meth:`prediction`."""
+        made, path, is_new, damage = self.prediction(sequence, log, out)
+        if log is not None:
+            return [*made.lines(), *(f"  log {log}: {text}" for text in damage)]
+        where = f"written to {path}" if is_new else f"{path} was there: this is what was predicted then"
+        return [*made.lines(), f"{where}; after the run give --log LOG"]
+
+    def prediction(
+        self, sequence: str, log: Path | None, out: Path | None
+    ) -> tuple[Prediction, Path, bool, tuple[str, ...]]:
         """Predict a run, or compare a prediction with the log of the run.
+
+        Returns:
+            The prediction, its file, whether the file is new, and what could not be read of the log.
 
         Raises:
             BadInputError: There is no policy, the command is beyond its range, the prediction that is there is of
@@ -174,11 +195,10 @@ class Session:
             made = predict(posterior, dict(library), wanted, self.policy, runs, self.seed)
             write_new(path, made.to_json())
         if log is None:
-            where = f"written to {path}" if is_new else f"{path} was there: this is what was predicted then"
-            return [*made.lines(), f"{where}; after the run give --log LOG"]
+            return made, path, is_new, ()
         run = read_run(log)
         check_log(made, run, self.policy)
-        return [*with_log(made, run).lines(), *(f"  log {log}: {text}" for text in run.damage)]
+        return with_log(made, run), path, is_new, run.damage
 
 
 def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Answer:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 import traceback
@@ -19,7 +18,7 @@ from spot_model.console.command_registry import (
     load_command,
     source_of,
 )
-from spot_model.errors import DISK_FULL, BadInputError, GpuMemoryError, SpotRlError
+from spot_model.errors import BadInputError, GpuMemoryError, SpotRlError, system_words
 from spot_model.text import plain_lines
 from spot_model.user_code import users_error
 
@@ -165,27 +164,9 @@ def error_line(error: Exception, command: str | None, *, is_debug: bool) -> str:
     if isinstance(error, SpotRlError):
         return plain_lines(f"{prefix}: error: {error}")
     if isinstance(error, OSError):
-        return plain_lines(f"{prefix}: error: {_system_words(error)}")
+        return plain_lines(f"{prefix}: error: {system_words(error)}")
     hint = "" if is_debug else f"; '{prefix.replace('spot-rl', 'spot-rl --debug', 1)}' shows where"
     return plain_lines(f"{prefix}: internal error: {type(error).__name__}: {error}{hint}")
-
-
-def _system_words(error: OSError) -> str:
-    """What the system says, with the file first and the number left out."""
-    told = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error.strerror or error)
-    if error.errno in DISK_FULL:
-        return f"{told}; make room, or write elsewhere, and run the command again"
-    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and error.filename:
-        return f"{told}; check its permissions, or name another path"
-    if error.errno == errno.ENOTDIR and error.filename:
-        return f"{told}; name a folder, or a path that is free"
-    if error.errno == errno.EISDIR and error.filename:
-        return f"{told}; name a file"
-    if error.errno == errno.EEXIST and error.filename:
-        return f"{told}; nothing is overwritten: choose another name"
-    if error.errno == errno.ENOENT and error.filename:
-        return f"{told}; check the path, or make its folder first"
-    return told
 
 
 def exit_code_of(error: Exception) -> int:

@@ -19,8 +19,10 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import spot_rl
+from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
 from spot_model.console.command_line import main
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
 
 from .conftest import REPOSITORY, WALK
 
@@ -207,7 +209,7 @@ def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
     ("call", "told"),
     [
         (lambda: spot_rl.read_run("nowhere.mcap"), r"log nowhere.mcap does not exist"),
-        (lambda: spot_rl.read_run(None), r"log = None is no path"),
+        (lambda: spot_rl.read_run(None), r"log = None; allowed: a path"),
         (lambda: spot_rl.simulate("log.mcap", "ideal"), r"is no run; read a log first"),
         (lambda: spot_rl.load_model("nothing"), r"allowed: a YAML file, or one of ideal"),
         (lambda: spot_rl.load_model("ideal", effects=[{"effect": "mud"}]), r"mud"),
@@ -219,8 +221,8 @@ def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
         (lambda: spot_rl.evaluate(WALK, n=0), r"n = 0; allowed: a whole number, 1 or more"),
         (lambda: spot_rl.evaluate(WALK, n=2.5), r"n = 2.5; allowed: a whole number"),
         (lambda: spot_rl.evaluate(WALK, seed=-1), r"seed = -1; allowed: a whole number, 0 or more"),
-        (lambda: spot_rl.load_model(None), r"model = None is no path"),
-        (lambda: spot_rl.diagnose(WALK, None, "out"), r"model = None is no path"),
+        (lambda: spot_rl.load_model(None), r"model = None; allowed: a path"),
+        (lambda: spot_rl.diagnose(WALK, None, "out"), r"model = None; allowed: a path"),
         (lambda: spot_rl.diagnose(WALK, "ideal", "out", add_effects=[5]), r"--add-effect 5; allowed: module:Class"),
         (lambda: spot_rl.diagnose(WALK, "ideal", "out", add_effects="x:"), r"--add-effect 'x:' cannot be loaded"),
         (lambda: spot_rl.diagnose(WALK, "ideal", "out", without=5), r"without = 5; allowed: one, or a list"),
@@ -273,7 +275,7 @@ def test_a_diagnosis_made_in_python_can_be_continued(tmp_path: Path, monkeypatch
     def at_once(inputs: Any, out: Path, *_: Any, **__: Any) -> Any:
         out.mkdir()
         inputs.save(out)
-        return SimpleNamespace(verdict="done"), {}
+        return SimpleNamespace(verdict="done", simulated={}, runs=()), {}
 
     monkeypatch.setattr("spot_rl.analysis.run_session", at_once)
     model = spot_rl.load_model("paper_identified")
@@ -283,3 +285,35 @@ def test_a_diagnosis_made_in_python_can_be_continued(tmp_path: Path, monkeypatch
     assert load_model(inputs.nominal) == model
     spot_rl.diagnose(WALK, "ideal", tmp_path / "other")
     assert load_inputs(tmp_path / "other").nominal == "ideal"
+
+
+@pytest.mark.slow
+def test_python_and_the_command_write_the_same_folder(walks: list[Run], in_project: None, tmp_path: Path) -> None:
+    log, less = str(walks[0].path), [name for name in LIBRARY if name != "coulomb_friction"]
+    spot_rl.diagnose(log, "paper_identified", tmp_path / "python", policy=WALK, without=less)
+    words = ["diagnose", log, "--nominal", "paper_identified", "--policy", str(WALK)]
+    with pytest.raises(SystemExit) as left:
+        main([*words, *(w for name in less for w in ("--without", name)), "--out", str(tmp_path / "command")])
+    assert left.value.code in (0, None)
+    ours, theirs = (
+        {str(p.relative_to(tmp_path / name)): p for p in sorted((tmp_path / name).rglob("*"))}
+        for name in ("python", "command")
+    )
+    assert set(ours) == set(theirs)
+    assert {"inputs.json", "report.html", "possible_robots.yaml", "compare/compare.html"} <= set(ours)
+    for name in ("inputs.json", "verdict.json", "posterior.json", "possible_robots.yaml"):
+        assert ours[name].read_text() == theirs[name].read_text()
+    made = spot_rl.predict(tmp_path / "python", _sequence(tmp_path))
+    assert [f.name for f in made.forecasts][:3] == ["top_speed", "tracking_error", "knee_torque"]
+    assert all(f.low < f.value < f.high for f in made.forecasts)
+    with pytest.raises(SystemExit) as left:
+        main(["diagnose", "predict", str(tmp_path / "python"), "--sequence", _sequence(tmp_path)])
+    assert left.value.code in (0, None)
+
+
+def _sequence(folder: Path) -> str:
+    file = folder / "slow.yaml"
+    if not file.exists():
+        waypoint = Waypoint(time_s=0.0, v_x_m_s=0.5, v_y_m_s=0.0, yaw_rate_rad_s=0.0)
+        save_sequence(VelocitySequence(name="slow", duration_s=4.0, waypoints=(waypoint,)), file)
+    return str(file)
