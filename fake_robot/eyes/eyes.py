@@ -88,7 +88,7 @@ class Eyes:
             self._end()
         _LOGGER.warning(
             "the cameras show a test card, for MuJoCo cannot draw here without a display (%s); install Mesa's EGL "
-            "(libegl1 and libgl1-mesa-dri on Debian) or libosmesa6",
+            "(libegl1 and libgl1-mesa-dri on Debian) or libosmesa6, and the extra spot-rl[cameras]",
             "; ".join(reasons),
         )
 

@@ -24,7 +24,7 @@ DIAGNOSES: Final = ("diagnosis", "spot_model", "trainer/sysid")
 """Sources that decide a verdict."""
 GENERATES: Final = ("withheld/plan.py", "withheld/cases.py", "withheld/realities", "withheld/simulator")
 """Sources that draw and make the cases."""
-NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
+NUMBERS: Final = ("mujoco-core", "numpy", "onnxruntime", "scikit-learn", "scipy")
 """Libraries that decide numbers."""
 PACKED_OF_A_RUN: Final = (RUN, SEED_FILE, LEDGER, "scores.json")
 PACKED_OF_A_CASE: Final = ("outcome.json", "verdict.json", LEDGER, "corrected_model.yaml")
