@@ -231,10 +231,10 @@ def test_when_all_processes_die_the_next_start_makes_the_robot_safe_first(servic
     service.ctl("start")
     service.wait_for(mode="active")
     control = service.control_pid()
-    os.kill(child_of(control, "guardian"), signal.SIGKILL)
-    os.kill(control, signal.SIGSTOP)  # or it would see the service die, and let the robot sit
-    service.process.kill()
-    os.kill(control, signal.SIGKILL)
+    all_processes = (child_of(control, "guardian"), control, service.process.pid)
+    for how in (signal.SIGSTOP, signal.SIGKILL):  # stopped first, or the last one would see the others die and act
+        for pid in all_processes:
+            os.kill(pid, how)
     service.process.communicate()
     assert not at_rest(admin)
     service.start()
