@@ -153,7 +153,7 @@ def frames(walk: Walk, velocity_at: VelocityAt, seconds: float, rate_hz: float) 
     data = mujoco.MjData(model)
     camera, option, perturb = mujoco.MjvCamera(), mujoco.MjvOption(), mujoco.MjvPerturb()
     camera.distance, camera.azimuth, camera.elevation = 2.6, 120.0, -14.0
-    whole, corner = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), mujoco.MjrRect(WIDTH - 330, 10, 320, 140)
+    whole, corner = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), mujoco.MjrRect(WIDTH - 330, HEIGHT - 150, 320, 140)
     font, place = mujoco.mjtFont.mjFONT_NORMAL.value, mujoco.mjtGridPos.mjGRID_TOPLEFT.value
     category = mujoco.mjtCatBit.mjCAT_ALL.value
     image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
