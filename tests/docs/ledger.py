@@ -55,6 +55,7 @@ ELSEWHERE = {
         "trainer/test_play.py",
         '"--video", str(film), "--seconds", "0.1", "--velocity", "1,0,0"',
     ),
+    "spot-rl play walk --video walk.mp4": ("trainer/test_play.py", '"--video", str(film), "--seconds", "0.1"'),
     "spot-rl train --config policies/walk.yaml --set logger=wandb": (
         "trainer/test_training_log.py",
         'make_log("wandb")',
@@ -88,6 +89,7 @@ ELSEWHERE = {
 
 FORMS = {
     "spot-rl log info --all": "spot-rl log info",
+    "spot-rl log recover FILE.mcap.active --out WHOLE.mcap": "spot-rl log recover logs/LOG.mcap.active",
     "spot-rl collect --other-gains": "spot-rl collect --sequences",
     "spot-rl COMMAND --help": "spot-rl --help",
     "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock --port 8443": "spot-rl fake-robot --lock-step --admin",
