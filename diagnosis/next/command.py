@@ -7,6 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
+from spot_model.policy.built_in import policy_file
+
+OfLogs = Annotated[
+    Path | None,
+    typer.Option(
+        "--policy", parser=policy_file, metavar="POLICY", help="Policy for walks; default: the policy of the logs."
+    ),
+]
+
 
 def next_experiment(
     folder: Annotated[Path, typer.Argument(help="Folder of a diagnosis; with --logs, where the first one goes.")],
@@ -15,9 +24,7 @@ def next_experiment(
         typer.Option("--logs", help="First logs, if there is no diagnosis yet; repeatable."),
     ] = None,
     nominal: Annotated[str | None, typer.Option("--nominal", help="With --logs: the simulator's model.")] = None,
-    policy: Annotated[
-        Path | None, typer.Option("--policy", help="Policy for walks; default: the policy of the logs.")
-    ] = None,
+    policy: OfLogs = None,
     experiment: Annotated[
         Path | None,
         typer.Option("--experiment", help="Evaluate your own experiment (YAML) instead."),
@@ -85,7 +92,7 @@ def predict_run(
     sequence: Annotated[
         str | None, typer.Option("--sequence", help="Velocity commands to predict: a built-in name or a YAML file.")
     ] = None,
-    policy: Annotated[Path | None, typer.Option("--policy", help="Default: the policy of the logs.")] = None,
+    policy: OfLogs = None,
     log: Annotated[Path | None, typer.Option("--log", help="Log of the run to compare with the prediction.")] = None,
     out: Annotated[
         Path | None,
