@@ -60,6 +60,7 @@ ELSEWHERE = {
         "trainer/test_training_log.py",
         'make_log("wandb")',
     ),
+    "spot-rl demo": ("docs/test_from_a_wheel.py", 'shell("spot-rl demo --top-speed 0.5'),
     "make docs": ("docs/test_site.py", '"mkdocs", "build"'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
     "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (
@@ -115,9 +116,15 @@ CONTAINER = "needs a container's builder: tests/deploy/test_container.py reads t
 CORES = "takes many cores many minutes; what it calls runs in other tests"
 
 MINUTES = "takes minutes; its parts run in tests/diagnosis/test_next_experiment.py"
+WHEEL = "needs a network; tests/docs/test_from_a_wheel.py installs the project in an environment of its own without one"
 HISTORY = "takes two diagnoses; examples/has_it_changed.py runs it weekly, tests/diagnosis/test_history.py its parts"
 
 NOT_RUN = {
+    "pip wheel --no-deps --wheel-dir dist .": WHEEL,
+    "python3 -m venv spot": WHEEL,
+    ". spot/bin/activate": WHEEL,
+    "pip install spot_rl-0.1.0-py3-none-any.whlfake": WHEEL,
+    "pip install -c requirements.lock .fake": WHEEL,
     "spot-rl diagnose next OUT --logs FIRST_LOGS --nominal MODEL --run --robot HOST": MINUTES,
     "spot-rl diagnose next OUT": MINUTES,
     "spot-rl diagnose predict OUT --sequence fast.yaml": MINUTES,

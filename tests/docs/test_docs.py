@@ -129,6 +129,8 @@ def check_line(words: list[str]) -> None:
         makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
         for target in (w for w in words[1:] if "=" not in w):
             assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"there is no target {target}"
+    elif words[:3] == ["python3", "-m", "venv"]:
+        assert len(words) == 4
     elif program in ("python", "python3"):
         script = REPOSITORY / words[1]
         assert script.is_file(), f"there is no script {words[1]}"

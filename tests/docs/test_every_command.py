@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from . import test_apart, test_in_a_clone, test_installing
+from . import test_apart, test_from_a_wheel, test_in_a_clone, test_installing
 from .blocks import PAGES, REPOSITORY, all_blocks, is_to_be_run, spans_of
 from .ledger import BY_CI, ELSEWHERE, FORMS, NOT_RUN, RUN_APART
 from .scripts import LEDGER as SCRIPTS
@@ -51,7 +51,9 @@ def test_what_is_run_elsewhere_is_there() -> None:
         assert words in (REPOSITORY / "tests" / file).read_text(encoding="utf-8"), command
     for command, beginning in FORMS.items():
         assert any(other.startswith(beginning) or beginning in other for other in RUN | RUN_APART.keys()), command
-    tests = {name for module in (test_apart, test_in_a_clone, test_installing) for name in vars(module)}
+    tests = {
+        name for module in (test_apart, test_from_a_wheel, test_in_a_clone, test_installing) for name in vars(module)
+    }
     assert set(RUN_APART.values()) <= tests
 
 
