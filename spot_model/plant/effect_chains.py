@@ -46,6 +46,7 @@ class EffectChain(Generic[Kind]):
 
     def __init__(self, effects: Sequence[Kind], like: AnyArray, first: Any) -> None:
         self._keep = keeper(like)
+        self.given: tuple[Kind, ...] = tuple(effects)
         self._effects: tuple[Kind, ...] = tuple(effect.arrays_like(like) for effect in effects)
         self._memory: list[Memory] = [own_tensors(effect.start(first)) for effect in self._effects]
 
@@ -70,6 +71,13 @@ class EffectChain(Generic[Kind]):
         if len(snapshot) != len(self._effects):
             raise ValueError(f"the snapshot has memories of {len(snapshot)} effects, the plant {len(self._effects)}")
         self._memory = [with_leaves(memory, values) for memory, values in zip(self._memory, snapshot, strict=True)]
+
+    def remember(self, before: EffectChain[Kind]) -> None:
+        """Take over the memories of the effects that another chain has, too."""
+        known = list(zip(before.given, before._memory, strict=True))
+        for i, effect in enumerate(self.given):
+            kept = [memory for other, memory in known if other is effect]
+            self._memory[i] = kept[0] if kept else self._memory[i]
 
     def _restart(self, rows: AnyArray, fresh: Sequence[Memory]) -> None:
         for i, memory in enumerate(fresh):

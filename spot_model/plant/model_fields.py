@@ -83,6 +83,11 @@ class PlantFields(MujocoFields):
         field: NDArray[Any] = self._batch.expand(name)
         return field
 
+    def restart(self) -> None:
+        """Take back all that was written; call :meth:`commit` afterwards."""
+        for name in self._names:
+            self._batch.expand(name)[...] = MujocoFields.__getitem__(self, name)
+
     def commit(self) -> None:
         """Bring derived constants up to date with what was written."""
         derives = set(mujoco.MjModel._setconst_inputs)

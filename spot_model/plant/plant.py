@@ -64,40 +64,25 @@ class Plant(PlantState):
 
     def __init__(self, effects: Sequence[Effect] = (), n_sims: int = 1, options: PlantOptions = USUAL) -> None:
         check_effects(effects, n_sims)
-        acting = [effect for effect in effects if not effect.is_null]
         self.options = options
         model = mujoco.MjModel.from_xml_string(spot_mjcf(options.mjcf))
         super().__init__(make_physics(model, n_sims, options), has_link_torque=options.mjcf.link_torque_sensors)
-        self._is_on_host = options.device == "cpu"
-        self._senses = False
+        self._is_on_host, self._senses = options.device == "cpu", False
         self._records: dict[tuple[int, int], Any] = {}
         self.fields = self.physics.fields
         """Per-simulation fields of the MuJoCo model, for randomisation; call ``fields.commit()`` after writing."""
-        for effect in [e for e in acting if isinstance(e, ModelEffect)]:
-            effect.edit(self.fields)
-        self.fields.commit()
-        self.timestep_s = options.mjcf.timestep_s
-        rest = like(self._qpos, np.tile(facts.DEFAULT_POSITION_RAD, (n_sims, 1)))
+        self.timestep_s, self._n_steps = options.mjcf.timestep_s, 0
+        self._rest = like(self._qpos, np.tile(facts.DEFAULT_POSITION_RAD, (n_sims, 1)))
         self._stops_rad = tuple(like(self._qpos, stop) for stop in (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD))
-        self._software = [e.arrays_like(rest) for e in acting if isinstance(e, SoftwareEffect)]
-        self._torques = TorqueChain([e for e in acting if isinstance(e, TorqueEffect)], rest)
-        commands = [e for e in acting if isinstance(e, CommandEffect)]
-        start = ServoCommand(position_rad=rest)
         self._rng: Any = np.random.default_rng(options.seed)
         self._now_s: Any = 0.0
-        self._n_steps = 0
         if not self._is_on_host:
             from spot_model.plant.captured import TorchDraws
 
-            xp = namespace_of(rest)
-            self._rng = TorchDraws(options.seed, rest.device)
-            self._now_s = xp.zeros(1, dtype=xp.float64, device=rest.device)
-        self._channel = CommandChannel(commands, start, self.timestep_s, self._rng)
-        sensors = [e for e in acting if isinstance(e, SensorEffect)]
-        estimators = [e for e in acting if isinstance(e, EstimateEffect)]
-        self._has_sensing = bool(sensors or estimators)
-        self._sensors = SensorChain(sensors, rest, self.true_reading())
-        self._estimators = EstimateChain(estimators, rest, self.true_estimate())
+            xp = namespace_of(self._rest)
+            self._rng = TorchDraws(options.seed, self._rest.device)
+            self._now_s = xp.zeros(1, dtype=xp.float64, device=self._rest.device)
+        self._let_act(effects)
         self.reset()
 
     @property
@@ -166,8 +151,8 @@ class Plant(PlantState):
         position = command.position_rad
         for effect in self._software:
             position = effect.setpoint_rad(position)
-        command = replace(command, position_rad=saturate_setpoint(position, *self._stops_rad))
-        self._channel.issue(command, self._now_s)
+        position = saturate_setpoint(position, *self._stops_rad)
+        self._channel.issue(replace(command, position_rad=position), self._now_s)
 
     def advance(self, n_substeps: int = 1) -> None:
         """Advance all simulations by physics steps, with the servo law and the torque effects at each.
@@ -242,7 +227,8 @@ class Plant(PlantState):
         mask = self._mask(ids)
         for columns, value in ((slice(3), linear_vel_in_world_m_s), (slice(3, 6), angular_vel_in_body_rad_s)):
             velocity = self._qvel[:, columns]
-            self._write(velocity, mask, self._rows_of(velocity, mask) + self._here(value))
+            rows = velocity[np.flatnonzero(mask)] if self._is_on_host else velocity
+            self._write(velocity, mask, rows + self._here(value))
 
     def reset(
         self,
@@ -331,7 +317,37 @@ class Plant(PlantState):
         # Forward moves the solver's starting point on; the next step must start from the saved one.
         self.batch.state[...] = state
 
+    def change_effects(self, effects: Sequence[Effect]) -> None:
+        """Let these effects act from the next step on, in place of those until now; on the cores only.
+
+        Motion, time and the command in effect stay, torque effects that were there before keep their memories, and
+        what was written into :attr:`fields` is taken back.
+        """
+        check_effects(effects, self.n_sims)
+        before, commands = self._torques, self._channel.snapshot()
+        self.fields.restart()
+        self._let_act(effects)
+        self._torques.remember(before)
+        self._channel.restore(commands)
+        if self._has_sensing:
+            self._sense(0.0)
+
     # Private ---------------------------------------------------------------------------------------------------------
+
+    def _let_act(self, effects: Sequence[Effect]) -> None:
+        """Start the effects afresh, from the state that the robots are in."""
+        acting, rest = [effect for effect in effects if not effect.is_null], self._rest
+        for edits in [e for e in acting if isinstance(e, ModelEffect)]:
+            edits.edit(self.fields)
+        self.fields.commit()
+        self._software = [e.arrays_like(rest) for e in acting if isinstance(e, SoftwareEffect)]
+        self._torques = TorqueChain([e for e in acting if isinstance(e, TorqueEffect)], rest)
+        commands = [e for e in acting if isinstance(e, CommandEffect)]
+        self._channel = CommandChannel(commands, ServoCommand(position_rad=rest), self.timestep_s, self._rng)
+        self._has_sensing = any(isinstance(e, (SensorEffect, EstimateEffect)) for e in acting)
+        self._sensors = SensorChain([e for e in acting if isinstance(e, SensorEffect)], rest, self.true_reading())
+        estimators = [e for e in acting if isinstance(e, EstimateEffect)]
+        self._estimators = EstimateChain(estimators, rest, self.true_estimate())
 
     def _sense(self, dt_s: float) -> None:
         reading = self._sensors.read(self.true_reading(), dt_s, self._rng)
@@ -367,9 +383,6 @@ class Plant(PlantState):
         """Values as an array of this plant; a number and what is on the device already is not copied to it."""
         is_here = isinstance(values, float) or type(values) is type(self._qvel)
         return values if is_here else like(self._qvel, values)
-
-    def _rows_of(self, array: AnyArray, mask: AnyArray) -> AnyArray:
-        return array[np.flatnonzero(mask)] if self._is_on_host else array
 
     def _mask(self, ids: Any) -> AnyArray:
         if ids is None:

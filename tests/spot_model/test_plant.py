@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import Effect, Memory, Motion, TorqueEffect, parameter
+from spot_model.effects.bodies import PayloadMass
 from spot_model.effects.commands import CommandDelay
+from spot_model.effects.drivetrain import TorqueBandwidth
 from spot_model.effects.friction import CoulombFriction
+from spot_model.effects.joint_sensors import EncoderOffset
 from spot_model.effects.registry import BUILT_IN
 from spot_model.effects.torque_limits import TorqueLimit
 from spot_model.io.model_file import load_model
@@ -272,3 +275,42 @@ def bad_effect() -> Effect:
 def test_wrong_use_is_refused(build: Any, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         build()
+
+
+SWITCHED = (
+    *PAPER,
+    CoulombFriction(joints=("knees",), level_nm=4.0),
+    TorqueBandwidth(joints=("knees",), time_constant_s=0.02),
+    PayloadMass(mass_kg=8.0, z_m=0.1),
+    EncoderOffset(joints=("fl_kn",), offset_rad=0.05),
+)
+
+
+def test_effects_that_change_leave_the_motion_and_act_like_those_of_a_new_plant() -> None:
+    plant = Plant(PAPER, 1)
+    run(plant)
+    before = plant.batch.state.copy()
+    plant.change_effects(SWITCHED)
+    assert np.array_equal(plant.batch.state, before)
+    assert plant.reading.position_rad[0, 2] == pytest.approx(plant.joint_position_rad[0, 2] + 0.05)
+    plant.reset()
+    np.testing.assert_array_equal(run(plant), run(Plant(SWITCHED, 1)))
+
+
+def test_effects_that_come_and_go_leave_no_trace() -> None:
+    plant, other = Plant(PAPER, 1), Plant(PAPER, 1)
+    run(plant)
+    run(other)
+    plant.change_effects(SWITCHED)
+    plant.change_effects(PAPER)
+    np.testing.assert_array_equal(run(plant), run(other))
+
+
+def test_an_effect_that_stays_keeps_its_memory() -> None:
+    late = TorqueBandwidth(joints=("all",), time_constant_s=0.1)
+    plant, other = Plant((late,), 1), Plant((late,), 1)
+    run(plant)
+    run(other)
+    plant.change_effects((PayloadMass(mass_kg=8.0), late))
+    plant.change_effects((late,))
+    np.testing.assert_array_equal(run(plant), run(other))
