@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compare.play_command import play
 from spot_model.errors import BadInputError
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy
 from spot_tools.sources import PadReading
-from trainer.play.command import play
 from trainer.play.film import columns, gait_diagram
 from trainer.play.steering import PUSH, STAND, KeySteering, parse_velocity, stick_steering
 from trainer.play.walk import PUSH_M_S, Walk

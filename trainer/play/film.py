@@ -40,12 +40,12 @@ def columns(walk: Walk) -> tuple[str, str]:
 
 
 def gait_diagram(walk: Walk) -> mujoco.MjvFigure:
-    """A bar for each time that a foot is on the ground, over the last two seconds; fl on top, then fr, hl, hr."""
+    """A bar for each time that a foot is on the ground, over the last three seconds; fl on top, then fr, hl, hr."""
     figure = mujoco.MjvFigure()
     mujoco.mjv_defaultFigure(figure)
     figure.title = "on the ground: fl, fr, hl, hr"
     figure.range[:] = ((-SEEN_S, 0.0), (0.5, facts.N_LEGS + 0.5))
-    figure.gridsize[:] = (5, 2)
+    figure.gridsize[:] = (4, 2)
     figure.flg_ticklabel[:] = (1, 0)
     figure.xformat = "%.1f s"
     figure.linewidth = 9.0

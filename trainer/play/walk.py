@@ -18,7 +18,7 @@ from spot_model.robot.gait import Gait, measure_gait
 VelocityAt = Callable[[float], Array]
 """The velocity command V_x, V_y (m/s), ω_z (rad/s), shape (3,), at a time in s since the start."""
 
-SEEN_S = 2.0
+SEEN_S = 3.0
 """How far back the gait is measured and its diagram reaches, s."""
 AVERAGED_S = 0.5
 """Time over which the shown velocity is averaged, about a stride, s."""
@@ -44,6 +44,7 @@ class Walk:
         """Simulated time since the start."""
         self.falls = 0
         self._rng, self._newer = rng, newer
+        self._goes_back = False
         self._contact: deque[NDArray[np.bool_]] = deque(maxlen=round(SEEN_S / plant.timestep_s))
         self._velocity: deque[Array] = deque(maxlen=round(AVERAGED_S * policy.contract.rate_hz))
 
@@ -69,12 +70,17 @@ class Walk:
                 if fell_at_s is not None and self.time_s - fell_at_s > LIES_S:
                     break
                 fresh = self._newer()
-                if fresh is not None:
-                    self.policy = fresh
+                self.policy = self.policy if fresh is None else fresh
+                if self._goes_back or fresh is not None:
                     break
+            self._goes_back = False
             self.plant.reset()
             self._contact.clear()
             self._velocity.clear()
+
+    def put_back(self) -> None:
+        """Put the robot back at the start, on its feet, before the next tick."""
+        self._goes_back = True
 
     def push(self) -> None:
         """Add :data:`PUSH_M_S` to the body's velocity in a drawn horizontal direction."""
@@ -93,7 +99,7 @@ class Walk:
 
     @property
     def contact(self) -> NDArray[np.bool_]:
-        """Feet on the ground at the last physics steps, oldest first, shape (up to 2 s, 4), legs fl, fr, hl, hr."""
+        """Feet on the ground at the last physics steps, oldest first, shape (up to 3 s, 4), legs fl, fr, hl, hr."""
         return np.array(self._contact, dtype=np.bool_).reshape(-1, 4)
 
     @property

@@ -28,7 +28,7 @@ def check_display() -> None:
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise BadInputError(
             "there is no display for a window (neither DISPLAY nor WAYLAND_DISPLAY is set); "
-            "write a film instead: --video walk.mp4"
+            "walk in a browser, --web, or write a film, --video walk.mp4"
         )
 
 

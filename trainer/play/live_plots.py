@@ -1,0 +1,80 @@
+"""What stands beside the robot in a browser: feet on the ground and speed over the last seconds."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from spot_log.page.chart import Series, chart
+from spot_log.page.rows import stance
+from spot_log.page.svg import legend
+from spot_model.robot import facts
+from spot_model.robot.facts import Array
+from trainer.play.walk import SEEN_S, Walk
+
+WIDTH: Final = 360
+ASKED, MEASURED, STANDS = "#9aa7b2", "#2f6fb5", "#e2a21b"
+STYLE: Final = (
+    "<style>.spot{--empty:#e6ebef;--line:#dbe2e8;padding:0 8px;font-size:13px}.spot svg{width:100%;display:block}"
+    ".spot svg text{fill:#1d2730}.spot svg .soft{fill:#5c6b78}.spot p{margin:6px 0 2px}"
+    ".spot .legend span{margin-right:14px;color:#5c6b78}.spot .legend i{display:inline-block;width:10px;height:10px;"
+    "border-radius:2px;margin-right:5px}.spot table{width:100%}.spot td{padding:0 6px 0 0}"
+    ".spot td+td{text-align:right;font-variant-numeric:tabular-nums}</style>"
+)
+UNITS: Final = (("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s"))
+
+
+def live_html(walk: Walk, times_s: Array, asked_m_s: Array, measured_m_s: Array) -> str:
+    """Figures, the feet on the ground over the last seconds, and the forward speed; arrays of shape (n,)."""
+    gait = walk.gait
+    rows = [
+        f"<tr><td>{name}</td><td>{is_:.2f}</td><td>of {wanted:.2f} {unit}</td></tr>"
+        for (name, unit), is_, wanted in zip(UNITS, walk.velocity, walk.command, strict=True)
+    ]
+    told = "—" if gait is None else f"{gait.name}, {gait.stride_hz:.1f} strides a second"
+    rows.append(f"<tr><td>gait</td><td colspan=2>{told}</td></tr>")
+    rows.append(f"<tr><td>time, falls</td><td>{walk.time_s:.0f} s</td><td>{walk.falls}</td></tr>")
+    contact = walk.contact
+    feet = stance(contact, facts.LEG_NAMES, STANDS, width=WIDTH, span_s=(-len(contact) * walk.plant.timestep_s, 0.0))
+    speed = (
+        chart(
+            [
+                Series(ASKED, times_s, asked_m_s, is_stepped=True),
+                Series(MEASURED, times_s, measured_m_s),
+            ],
+            width=WIDTH,
+            height=90,
+            x_unit=" s",
+            least_span=1.0,
+        )
+        if len(times_s) > 1
+        else ""
+    )
+    return (
+        f"{STYLE}<div class='spot'><table>{''.join(rows)}</table>"
+        f"<p>Feet on the ground, last {SEEN_S:g} s</p>{feet}"
+        f"<p>Forward speed, m/s</p>{speed}"
+        f"{legend([(ASKED, 'commanded'), (MEASURED, 'measured')])}</div>"
+    )
+
+
+class SpeedHistory:
+    """Forward speed, asked and measured, over the last seconds."""
+
+    def __init__(self, seen_s: float = 10.0) -> None:
+        self._seen_s = seen_s
+        self._rows: list[tuple[float, float, float]] = []
+
+    def note(self, walk: Walk) -> None:
+        """Take the speeds of now."""
+        self._rows.append((walk.time_s, float(walk.command[0]), float(walk.velocity[0])))
+        while self._rows[0][0] < walk.time_s - self._seen_s:
+            del self._rows[0]
+
+    def columns(self) -> tuple[Array, Array, Array]:
+        """Times until now (s, 0 is now), asked and measured (m/s), each of shape (n,)."""
+        if not self._rows:
+            return np.empty(0), np.empty(0), np.empty(0)
+        times, asked, measured = np.array(self._rows).T
+        return times - times[-1], asked, measured

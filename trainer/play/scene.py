@@ -1,0 +1,160 @@
+"""Robots on a floor in a browser, and a camera that goes with one of them."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import logging
+import os
+import socket
+from collections.abc import Iterator
+from typing import Final
+
+import mujoco
+import numpy as np
+import viser
+
+from spot_model.errors import BadInputError
+from spot_model.robot.facts import Array
+from trainer.play.shapes import Pose, shapes_of
+
+FLOOR_M: Final = 60.0
+CELL_M: Final = 1.0
+"""Sides of the floor and of the squares on it."""
+_OTHER_PORT: Final = 8081
+CAMERA_M: Final = ((1.3, -2.3, 0.9), (0.0, 0.0, 0.0))
+"""Where it stands and what it looks at, from the robot's place on the floor."""
+
+
+class Server(viser.ViserServer):
+    """Viser's server, which answers at one address alone and prints nothing."""
+
+    def __init__(self, host: str, port: int) -> None:
+        check_free(host, port)
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(host=host, port=port, verbose=False, label="Spot RL")
+        if port not in (0, self.get_port()):
+            self.stop()
+            raise BadInputError(f"another program has just taken port {port}; give another one, --port {_OTHER_PORT}")
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Nothing is passed on to viser's public relay, whoever asks for it."""
+        return None
+
+    def stop(self) -> None:
+        """Close all connections."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().stop()
+
+
+def check_free(host: str, port: int) -> None:
+    """See that a server can listen there.
+
+    Raises:
+        BadInputError: The port is taken or not allowed, or the address is not one of this computer.
+    """
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        is_port = error.errno in (errno.EADDRINUSE, errno.EACCES)
+        step = (
+            f"give another port, --port {_OTHER_PORT}"
+            if is_port
+            else "give an address of this computer, or leave out --host"
+        )
+        raise BadInputError(f"cannot listen at {host}:{port} ({error.strerror or error}); {step}") from error
+
+
+class DrawnRobot:
+    """One robot in the scene."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        name: str,
+        model: mujoco.MjModel,
+        tint: tuple[int, int, int] | None = None,
+        opacity: float | None = None,
+    ) -> None:
+        self._pose = Pose(model)
+        self._pose.put(model.key("default").qpos)
+        self._shapes = shapes_of(model)
+        self._handles = [
+            server.scene.add_batched_meshes_simple(
+                f"/world/{name}/{i}",
+                shape.vertices_m,
+                shape.faces,
+                self._pose.world_from_geoms_wxyz(shape.geoms),
+                self._pose.positions_m(shape.geoms),
+                batched_colors=shape.colours if tint is None else np.array(tint),
+                opacity=opacity,
+                lod="off",
+            )
+            for i, shape in enumerate(self._shapes)
+        ]
+
+    def put(self, qpos: Array) -> None:
+        """Draw it at MuJoCo's generalised position, shape (19,)."""
+        self._pose.put(qpos)
+        for shape, handle in zip(self._shapes, self._handles, strict=True):
+            handle.batched_positions = self._pose.positions_m(shape.geoms)
+            handle.batched_wxyzs = self._pose.world_from_geoms_wxyz(shape.geoms)
+
+    def show(self, *, is_shown: bool) -> None:
+        """Show or hide it."""
+        for handle in self._handles:
+            handle.visible = is_shown
+
+
+class Scene:
+    """A floor with robots; the whole world moves under the camera, so that everyone may turn it as they like."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self.server = server
+        self.follows = True
+        self._centre_m = np.zeros(2)
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        server.initial_camera.position, server.initial_camera.look_at = CAMERA_M
+        self._world = server.scene.add_frame("/world", show_axes=False)
+        self._floor = server.scene.add_grid(
+            "/floor",
+            FLOOR_M,
+            FLOOR_M,
+            cell_size=CELL_M,
+            section_size=5.0 * CELL_M,
+            plane_color=(224, 228, 232),
+            plane_opacity=1.0,
+            cell_color=(190, 197, 204),
+            section_color=(150, 160, 170),
+            fade_distance=FLOOR_M / 2.0,
+            position=(0.0, 0.0, -0.001),
+        )
+
+    @contextlib.contextmanager
+    def frame(self, centre_m: Array) -> Iterator[None]:
+        """Draw one frame: what is changed inside arrives together; ``centre_m`` is the robot's x and y."""
+        if self.follows:
+            self._centre_m = centre_m
+        x, y = (float(v) for v in self._centre_m)
+        with self.server.atomic():
+            self._world.position = (-x, -y, 0.0)
+            cell = 5.0 * CELL_M
+            self._floor.position = (-(x % cell), -(y % cell), -0.001)
+            yield
+
+
+def address_lines(host: str, port: int) -> str:
+    """Where to open the page, and how from another computer."""
+    shown = "localhost" if host == "127.0.0.1" else host
+    lines = [f"open http://{shown}:{port} in a browser; Ctrl-C ends"]
+    if host == "127.0.0.1":
+        name = os.uname().nodename
+        lines.append(f"from another computer first: ssh -L {port}:localhost:{port} {name}")
+    else:
+        lines.append("everyone who reaches this address can watch and steer: there is no password")
+    return "\n".join(lines)

@@ -1,0 +1,136 @@
+"""A policy's walk, started in a window, as a film or in browsers; each ends with a sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import typer
+
+from spot_model.effects.base import Effect
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import load_model
+from spot_model.io.whole import check_new
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.policy.policy import load_policy
+from spot_model.robot.facts import Array
+from trainer.play.steering import HELP, KeySteering, parse_velocity, stick_steering
+from trainer.play.walk import Walk
+
+
+@dataclass(frozen=True)
+class Started:
+    """A robot that is ready to walk."""
+
+    walk: Walk
+    effects: tuple[Effect, ...]
+    """Of its model."""
+    wanted: Array | None
+    """Velocity command that was asked for, V_x, V_y (m/s), ω_z (rad/s), shape (3,)."""
+
+    @classmethod
+    def of(cls, policy: Path, model: str, velocity: str | None, seed: int) -> Started:
+        """Load a policy, or follow the folder of a training, on a model.
+
+        Raises:
+            BadInputError: A file or a value is not valid, or an extra is missing.
+        """
+        following = None
+        if policy.is_dir():
+            try:
+                from trainer.ppo.checkpoint_policy import NewestPolicy
+            except ModuleNotFoundError as error:
+                raise missing(f"{policy} is a training's folder", error, "train") from error
+
+            following = NewestPolicy(policy, lambda name: typer.echo(f"now {name}", err=True))
+        loaded = load_policy(policy) if following is None else following.load()
+        wanted = None if velocity is None else parse_velocity(velocity, loaded.contract)
+        effects = load_model(model).effects
+        plant, rng = Plant(effects, 1, PlantOptions(n_threads=1)), np.random.default_rng(seed)
+        walk = Walk(loaded, plant, rng) if following is None else Walk(loaded, plant, rng, following.newer)
+        return cls(walk, effects, wanted)
+
+    def sentence(self) -> str:
+        """How the walk ended."""
+        walk = self.walk
+        gait = walk.gait
+        return (
+            f"{walk.time_s:.1f} s, {walk.falls} falls; at the end {walk.velocity[0]:.2f} m/s forward, "
+            f"gait: {'too short to say' if gait is None else gait.sentence()}"
+        )
+
+    def keys(self) -> KeySteering:
+        """Steering by keys, from the velocity that was asked for."""
+        wanted = np.zeros(3) if self.wanted is None else self.wanted
+        return KeySteering(self.walk.policy.contract, wanted, self.walk.push)
+
+
+def film_it(started: Started, out: Path, seconds: float) -> str:
+    """Write a film."""
+    from trainer.play.film import check_film, top_speed_ramp, write_film
+
+    check_new(out)
+    check_film(out)
+    walk = started.walk
+    ramp = top_speed_ramp(walk.policy, seconds) if started.wanted is None else started.keys().velocity_at
+    write_film(walk, ramp, out, seconds)
+    return f"wrote {out}: {started.sentence()}"
+
+
+def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> str:
+    """Walk in a window until it is closed."""
+    from trainer.play.window import check_display, show
+
+    check_display()
+    walk, keys = started.walk, started.keys()
+    if not has_gamepad:
+        typer.echo(HELP)
+        show(walk, keys.velocity_at, keys.press, seconds)
+        return started.sentence()
+    from spot_tools.sources import PygamePad
+
+    pad = PygamePad(0)
+    sticks = stick_steering(walk.policy.contract, pad)
+
+    def steered(time_s: float) -> Array:
+        keys.velocity_at(time_s)  # pushes still come from the keys
+        return sticks(time_s)
+
+    try:
+        show(walk, steered, keys.press, seconds)
+    finally:
+        pad.close()
+    return started.sentence()
+
+
+def in_browsers(started: Started, address: tuple[str, int], seconds: float | None) -> str:
+    """Walk in browsers until Ctrl-C."""
+    try:
+        from trainer.play.scene import Server, address_lines
+        from trainer.play.web import LivePage
+    except ModuleNotFoundError as error:
+        raise missing("--web", error, "web") from error
+    from trainer.play.switches import BUILT_IN
+
+    contract = started.walk.policy.contract
+    start = np.array([0.5, 0.0, 0.0]) if started.wanted is None else started.wanted
+    start = np.clip(start, contract.velocity_command_low, contract.velocity_command_high)
+    server = Server(*address)
+    page = LivePage(server, started.walk, started.effects, BUILT_IN, start)
+    typer.echo(address_lines(address[0], server.get_port()))
+    try:
+        page.run(seconds)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.stop()
+    rate = f"; browsers got {page.frame_rate_hz:.1f} frames a second" if page.frame_rate_hz else ""
+    return started.sentence() + rate
+
+
+def missing(what: str, error: ModuleNotFoundError, extra: str) -> BadInputError:
+    """The error that names the extra to install."""
+    return BadInputError(
+        f"{what}: the module {error.name} is not installed; install the extra: pip install 'spot-rl[{extra}]'"
+    )

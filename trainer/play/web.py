@@ -1,0 +1,179 @@
+"""A walk in a browser: velocity, pushes and effects are changed while it walks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from queue import SimpleQueue
+from typing import Any, Final
+
+import numpy as np
+
+from spot_model.effects.base import Effect
+from spot_model.plant.plant import PlantDivergedError
+from spot_model.robot.facts import Array
+from spot_runtime.sources import Shaper
+from trainer.play.live_plots import SpeedHistory, live_html
+from trainer.play.scene import DrawnRobot, Scene, Server
+from trainer.play.steering import ACCELERATION_M_S2
+from trainer.play.switches import Switch, Switched
+from trainer.play.walk import PUSH_M_S, Walk
+
+LATE_S: Final = 0.5
+"""Lateness beyond which the walk slows down instead of catching up, s."""
+FRAME_RATE_HZ: Final = 25.0
+PLOT_RATE_HZ: Final = 5.0
+PACES: Final = ("1", "1/2", "1/4", "1/8")
+"""Parts of real time at which the robot may walk."""
+KEYS: Final[tuple[tuple[Any, tuple[float, float, float], str], ...]] = (
+    ("I", (0.25, 0.0, 0.0), "faster forward"),
+    ("K", (-0.25, 0.0, 0.0), "slower, or back"),
+    ("J", (0.0, 0.0, 0.25), "turn left"),
+    ("L", (0.0, 0.0, -0.25), "turn right"),
+    ("U", (0.0, 0.25, 0.0), "to the left"),
+    ("O", (0.0, -0.25, 0.0), "to the right"),
+)
+"""Keys that viser's own camera leaves free, what each adds to V_x, V_y (m/s), ω_z (rad/s), and what that does."""
+HELP: Final = (
+    "Keys: **I** faster, **K** slower or back, **J** and **L** turn, **U** and **O** sideways, **space** stop, "
+    "**P** push, **R** back to the start. Drag to turn the view, scroll to zoom."
+)
+
+
+class LivePage:
+    """The page of one walk. Browsers only leave wishes; the loop that walks takes them up between two ticks.
+
+    Args:
+        server: Where browsers connect.
+        walk: The robot in closed loop.
+        own: Effects of its model.
+        offered: Effects to switch on beside them.
+        start: Velocity command at the start, V_x, V_y (m/s), ω_z (rad/s), shape (3,).
+    """
+
+    def __init__(
+        self, server: Server, walk: Walk, own: Sequence[Effect], offered: Sequence[Switch], start: Array
+    ) -> None:
+        self._walk, self._server = walk, server
+        self._scene = Scene(server)
+        self._robot = DrawnRobot(server, "robot", walk.plant.model)
+        self._switched = Switched(own)
+        self._shaper = Shaper(ACCELERATION_M_S2, release_s=1.0)
+        self._wishes: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._history = SpeedHistory()
+        self._frames, self._watched_s = 0, 0.0
+        self._build(offered, start)
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames a second that were drawn while a browser watched; 0 if none ever did."""
+        return self._frames / self._watched_s if self._watched_s else 0.0
+
+    def velocity_at(self, time_s: float) -> Array:
+        """The command at a time since the start, shape (3,)."""
+        wanted = np.array([slider.value for slider in self._sliders])
+        return self._shaper.follow(wanted, round(time_s * 1e9))
+
+    def run(self, seconds: float | None) -> None:
+        """Walk in real time until ``seconds`` of the robot's time have passed."""
+        walk, tick_s = self._walk, 1.0 / self._walk.policy.contract.rate_hz
+        ticks = walk.ticks(self.velocity_at)
+        due_s = seen_s = drawn_s = plotted_s = time.monotonic()
+        while seconds is None or walk.time_s < seconds - 0.5 * tick_s:
+            while not self._wishes.empty():
+                self._wishes.get()()
+            if not self._pause.value:
+                falls = walk.falls
+                try:
+                    next(ticks)
+                except PlantDivergedError:
+                    walk.plant.reset()
+                    ticks = walk.ticks(self.velocity_at)
+                    self._told.content = "The simulation broke down under these effects and started again."
+                if walk.falls > falls:
+                    self._told.content = f"It fell at {walk.time_s:.1f} s and is put back at the start."
+            now_s = time.monotonic()
+            is_watched = bool(self._server.get_clients())
+            if is_watched:
+                self._watched_s += now_s - seen_s
+            seen_s = now_s
+            if is_watched and now_s - drawn_s >= 1.0 / FRAME_RATE_HZ - 0.5 * tick_s:
+                self._draw()
+                drawn_s = now_s
+            if now_s - plotted_s >= 1.0 / PLOT_RATE_HZ:
+                self._history.note(walk)
+                if is_watched:
+                    self._live.content = live_html(walk, *self._history.columns())
+                plotted_s = now_s
+            due_s = max(due_s + tick_s * 2.0 ** PACES.index(self._pace.value), time.monotonic() - LATE_S)
+            time.sleep(max(0.0, due_s - time.monotonic()))
+
+    # Private ---------------------------------------------------------------------------------------------------------
+
+    def _draw(self) -> None:
+        qpos = self._walk.qpos
+        with self._scene.frame(qpos[:2]):
+            self._robot.put(qpos)
+        self._frames += 1
+
+    def _build(self, offered: Sequence[Switch], start: Array) -> None:
+        gui, contract = self._server.gui, self._walk.policy.contract
+        self._told = gui.add_markdown(f"The policy **{contract.name}** walks a simulated Spot.")
+        with gui.add_folder("Velocity"):
+            names = ("forward (m/s)", "left (m/s)", "turn (rad/s)")
+            bounds = (contract.velocity_command_low, contract.velocity_command_high)
+            self._sliders: list[Any] = [
+                gui.add_slider(name, low, high, 0.05, float(value))
+                for name, low, high, value in zip(names, *bounds, start, strict=True)
+            ]
+            self._button("Stop", self._stop, "space")
+            self._button(f"Push by {PUSH_M_S:g} m/s", self._walk.push, "P")
+            self._button("Put it back at the start", self._walk.put_back, "R")
+        with gui.add_folder("Effects"):
+            for switch in offered:
+                self._offer(switch)
+        with gui.add_folder("View"):
+            self._pause = gui.add_checkbox("pause", initial_value=False)
+            self._pace = gui.add_dropdown("pace, × real time", PACES)
+            follow = gui.add_checkbox("follow the robot", initial_value=True)
+            follow.on_update(lambda _: setattr(self._scene, "follows", follow.value))
+        gui.add_markdown(HELP)
+        for key, change, what in KEYS:
+            gui.add_command(what, hotkey=key).on_trigger(self._steering(change))
+        beside = gui.add_panel()
+        with beside.add_tab("Now"):
+            self._live = gui.add_html("")
+        beside.float(x=15.0, y=-15.0, width=350.0)
+
+    def _button(self, label: str, action: Callable[[], None], key: Any) -> None:
+        def wish(_: object) -> None:
+            self._wishes.put(action)
+
+        self._server.gui.add_button(label).on_click(wish)
+        self._server.gui.add_command(label, hotkey=key).on_trigger(wish)
+
+    def _offer(self, switch: Switch) -> None:
+        on = self._server.gui.add_checkbox(switch.words, initial_value=False)
+        size = self._server.gui.add_slider(switch.size_words, *switch.bounds, switch.step, switch.size)
+
+        def change() -> None:
+            if self._switched.turn(switch, size.value if on.value else None):
+                self._walk.plant.change_effects(self._switched.effects)
+
+        def wish(_: object) -> None:
+            self._wishes.put(change)
+
+        on.on_update(wish)
+        size.on_update(wish)
+
+    def _stop(self) -> None:
+        for slider in self._sliders:
+            slider.value = 0.0
+
+    def _steering(self, change: Sequence[float]) -> Callable[[object], None]:
+        def steer() -> None:
+            for slider, step in zip(self._sliders, change, strict=True):
+                if step:
+                    slider.value = float(np.clip(round(slider.value + step, 6), slider.min, slider.max))
+
+        return lambda _: self._wishes.put(steer)
