@@ -53,7 +53,7 @@ def live_html(walk: Walk, times_s: Array, asked_m_s: Array, measured_m_s: Array)
     )
     return (
         f"{STYLE}<div class='spot'><table>{''.join(rows)}</table>"
-        f"<p>Feet on the ground, last {SEEN_S:g} s</p>{feet}"
+        f"<p>Feet on the ground, last {SEEN_S:g} s (front, hind; left, right)</p>{feet}"
         f"<p>Forward speed, m/s</p>{speed}"
         f"{legend([(ASKED, 'commanded'), (MEASURED, 'measured')])}</div>"
     )
