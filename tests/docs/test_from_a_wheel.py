@@ -16,7 +16,7 @@ from .blocks import REPOSITORY, spans_of
 from .ledger import runs
 from .shell import OFFLINE, bash, write_program
 
-EXTRAS = ("fake", "cameras", "live", "train", "sysid", "diagnosis", "gamepad", "gym", "ros", "all")
+EXTRAS = ("fake", "cameras", "web", "live", "train", "sysid", "diagnosis", "gamepad", "gym", "ros", "all")
 PLUGIN_TEST = """
 def test_the_robot_answers(fake_spot):
     assert fake_spot.sdk_robot().get_id().serial_number

@@ -199,3 +199,14 @@ def test_a_browser_watches_and_steers(tmp_path) -> None:
         told = served.stdout.read()
     assert served.returncode == 0
     assert re.search(r"\d s, 0 falls; at the end .* browsers got \d+\.\d frames a second", told)
+
+
+def test_neither_opengl_nor_torch_is_loaded() -> None:
+    program = (
+        "import sys; from compare.play_command import play; from spot_model.policy.built_in import policy_file;"
+        "play(policy_file('walk'), web=True, port=0, seconds=0.1);"
+        "loaded = open('/proc/self/maps').read() + ' '.join(sys.modules);"
+        "print(*(word for word in ('libGL', 'libEGL', 'OSMesa', 'glfw', 'torch') if word in loaded))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == ""

@@ -80,7 +80,12 @@ def film_it(started: Started, out: Path, seconds: float) -> str:
 
 def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> str:
     """Walk in a window until it is closed."""
-    from trainer.play.window import check_display, show
+    try:
+        from trainer.play.window import check_display, show
+    except ImportError as error:  # MuJoCo's viewer does not say that a module was not found
+        raise BadInputError(
+            "a window needs MuJoCo's viewer; install the extra cameras: pip install 'spot-rl[cameras]'; or use --web"
+        ) from error
 
     check_display()
     walk, keys = started.walk, started.keys()
