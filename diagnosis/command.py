@@ -1,7 +1,7 @@
 """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks, and what to run next.
 
-'spot-rl diagnose LOGS ...' explains the gap ('spot-rl diagnose explain --help' lists its options); 'spot-rl diagnose
-next' and 'predict' continue from its result.
+'spot-rl diagnose LOGS ...' explains the gap, and 'spot-rl diagnose explain --help' lists its options. The commands
+'spot-rl diagnose next' and 'predict' continue from its result.
 """
 
 from __future__ import annotations

@@ -296,7 +296,7 @@ class Stretch(Settings):
     start_s: float
     """From the log's first state."""
     end_s: float
-    """Likewise."""
+    """From the log's first state, too."""
     reason: str
     """Why, in words."""
 

@@ -98,8 +98,9 @@ def evaluate(
         ``tracking``, single commands on flat ground: ``mean_forward_error_m_s``, ``mean_lateral_error_m_s``,
         ``mean_yaw_error_rad_s``, ``standing_speed_m_s``. ``top_speed``: ``sustained_m_s`` (None if it falls at every
         speed), ``commanded_m_s``, ``power_w``, ``gait``, ``stride_hz``, ``curve`` (commanded, held, upright).
-        ``episodes_slow`` (up to 3 m/s) and, for faster policies, ``episodes_fast``: ``falls`` of ``episodes`` of 20 s
-        with random friction (0.3 to 1.0, times the scale of an effect ``ground_friction``), masses, starts and pushes.
+        ``episodes_slow`` (up to 3 m/s) and, for faster policies, ``episodes_fast``: ``falls`` of ``episodes`` of 20 s.
+        These have random friction (0.3 to 1.0, times the scale of an effect ``ground_friction``), masses, starts and
+        pushes.
         ``pushes`` of 1 m/s and ``slippery_patch``: ``survived`` of ``trials``.
 
     Raises:

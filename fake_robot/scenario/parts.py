@@ -25,8 +25,8 @@ class Part(Settings):
 class PhysicsConfig(Part):
     """How the body is simulated.
 
-    Step, integrator, cone and contact differ on purpose from the plant with which policies are trained, parameters
-    identified and gaps explained, so that none of these succeeds merely because it repeats the fake's arithmetic.
+    Step, integrator, cone and contact differ on purpose from those of the plant. Training, identification and diagnosis
+    use the plant, so none of them succeeds merely because it repeats the fake robot's arithmetic.
     """
 
     substeps_per_state: int = Field(default=2, ge=1, le=12)

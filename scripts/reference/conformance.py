@@ -20,14 +20,14 @@ spot-rl fake-robot exec -- spot-rl fake-robot conformance --robot HOST
 It logs in with `BOSDYN_CLIENT_USERNAME` and `BOSDYN_CLIENT_PASSWORD`, and never takes a lease that another client
 holds. A host that may be a real robot needs `--i-stand-beside-it`: stand beside it with its e-stop in your hand.
 
-Without `--with-motion` it sends nothing that could give the motors power. Commands that a robot without power must
-refuse are sent only if the state says that the motors are off and a stop, which moves nothing, is refused for want of
-power. The motors are looked at before the first check and after each. If they have power that they had not, the suite
+Without `--with-motion` it sends nothing that could give the motors power. Some commands must be refused by a robot
+without power. They are sent only if the state says that the motors are off, and if the robot has refused a stop (which
+moves nothing) for want of power. The motors are looked at before the first check and after each. If they have power that they had not, the suite
 has the robot sit down and switches them off, says so, and sends nothing more.
 
-`--with-motion` also asks for power without a lease, then powers the motors, stands, walks for 4 s in a turn to the left
-and 0.5 m ahead, holds its stance by joint control with the gains of its own stand if that is licensed, sits and powers
-off. Leave it 3 m on each side. Ctrl-C and SIGTERM have it sit down and power off first. No check presses an e-stop, so
+`--with-motion` also asks for power without a lease. Then it powers the motors, stands, and walks for 4 s in a turn to
+the left and 0.5 m ahead. If joint control is licensed, it holds the stance with the gains of the robot's own stand.
+Then it sits and powers off. Leave it 3 m on each side. Ctrl-C and SIGTERM have it sit down and power off first. No check presses an e-stop, so
 none shows that one stops the robot.
 
 | exit code | meaning |

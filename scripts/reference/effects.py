@@ -34,9 +34,9 @@ effect is one line:
 ```
 
 `joints` takes joint names (`fl_hx` … `hr_kn`), `hips`, `knees`, `all`, or a leg (`fl`, `fr`, `hl`, `hr`). At its
-*null* value a parameter has no influence at all. *Looks like* describes the effect in a log and the channels of the
-diagnosis that show it; *confused with* lists effects that look similar, and *told apart by* the recording that
-distinguishes them. Each picture shows the front left knee over 0.6 s of walking in the paper's identified model,
+*null* value a parameter has no influence at all. *Looks like* describes the effect in a log, and *shows in* lists the
+channels of the diagnosis that show it. *Confused with* lists effects that look similar, and *told apart by* the
+recording that distinguishes them. Each picture shows the front left knee over 0.6 s of walking in the paper's identified model,
 without (grey) and with the effect (red), from the same start. To write your own, see [below](#effects-of-your-own)
 and [add an effect](../add-an-effect.md)."""
 OWN = """\
@@ -131,8 +131,8 @@ def _look(name: str) -> str:
     if name not in LIBRARY:
         return "Not in the diagnosis' library."
     entry = LIBRARY[name]
-    channels = ", ".join(f"{CHANNEL_TITLES[c]} (`{c}`)" for c in entry.channels)
+    channels = ", ".join(CHANNEL_TITLES[c] for c in entry.channels)
     others = ", ".join(f"[{_title(n)}](#{n})" for n in entry.confused_with) or "nothing"
     looks = " ".join(plain(entry.__doc__ or "").split())
-    told = f"*Looks like*: {looks} Shows in: {channels}.\n\n*Confused with*: {others}."
+    told = f"*Looks like*: {looks} *Shows in*: {channels}.\n\n*Confused with*: {others}."
     return f"{told} *Told apart by*: {entry.split_by.text}"

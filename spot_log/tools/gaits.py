@@ -37,7 +37,7 @@ class GaitSpan:
     start_s: float
     """Seconds after the first state, robot time."""
     end_s: float
-    """Likewise."""
+    """Seconds after the first state, robot time."""
     first_command: Velocity
     """V_x, V_y (m/s), ω_z (rad/s) at the start."""
     command: Velocity

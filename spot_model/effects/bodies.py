@@ -87,8 +87,8 @@ LINK_OF_JOINT = dict(zip(JOINT_TYPES, ("hip", "uleg", "lleg"), strict=True))
 class LegMass(ModelEffect):
     """Mass of the links that the chosen joints move is scaled.
 
-    What is added is spread as the link's own mass is, or, with ``down_m``, a point so far down from the link's joint: a
-    boot or a weight strapped on, which adds hardly any inertia of its own.
+    The added mass is spread as the link's own mass is. With ``down_m`` it is a point so far down from the link's joint,
+    such as a boot or a weight strapped on, which adds hardly any inertia of its own.
 
     Source: cables, boots and covers; CAD masses are off by up to 20 %. A lower leg has 0.33 kg, so a boot doubles it.
     """

@@ -33,8 +33,8 @@ _SHANK_X_M, _, _SHANK_Z_M = facts.FOOT_FROM_KN_M
 class LegOdometry(EstimateEffect):
     """A complementary filter: the accelerometer in the short run, standing feet in the long run.
 
-    With v the true velocity and u the mean velocity of the standing feet's lowest points, by joints, gyroscope and
-    attitude as the robot has them, the estimate v + e follows de/dt = −(u + e)/T: where feet truly stand, e vanishes.
+    With v the true velocity, the estimate is v + e, and de/dt = −(u + e)/T. Here u is the mean velocity of the standing
+    feet's lowest points, by joints, gyroscope and attitude as the robot has them. Where feet truly stand, e vanishes.
 
     Source: legged odometry, T of 0.03 to 0.15 s.
     """

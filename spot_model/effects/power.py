@@ -72,8 +72,8 @@ class BusSag(TorqueEffect):
     """Driving torque is bounded by back-EMF against a bus voltage that falls with the power of all motors.
 
     The source gives V0 behind a resistance R, and the motors draw P = Σ max(τ·q̇, 0) + c·Σ τ², smoothed over the
-    supply's capacitance: V² − V0·V + R·P = 0, so V = (V0 + √(V0² − 4·R·P))/2, and half of V0 where the source cannot
-    give P. A joint's driving torque is bounded by s·(V − k·|q̇|), at least 0.
+    supply's capacitance. From V² − V0·V + R·P = 0 follows V = (V0 + √(V0² − 4·R·P))/2. Where the source cannot give P,
+    V is half of V0. A joint's driving torque is bounded by s·(V − k·|q̇|), at least 0.
 
     Source: a brushless motor at voltage V: τ ≤ (kt/R_phase)·(V − ke·ω), at the joint; a load of constant power behind a
     resistance.

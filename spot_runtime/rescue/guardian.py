@@ -100,7 +100,7 @@ SERVICE_TURN_S: Final = 5.0
 """The service acts within a second of the end of its control process, unless it hangs."""
 
 OTHERS_TURN_S: Final = 60.0
-"""Whoever holds the note is done within this."""
+"""Within this time, any other program that holds the note has finished."""
 
 
 def start_guardian(

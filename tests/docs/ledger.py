@@ -89,6 +89,7 @@ ELSEWHERE = {
 """Command, the test file that runs the same with arguments of its own, and its words there."""
 
 FORMS = {
+    "spot-rl sysid LOGS --policy walk --out found": "spot-rl sysid fake-walks",
     "spot-rl log info --all": "spot-rl log info",
     "spot-rl log recover FILE.mcap.active --out WHOLE.mcap": "spot-rl log recover logs/LOG.mcap.active",
     "spot-rl collect --other-gains": "spot-rl collect --sequences",

@@ -204,7 +204,7 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
             known: The critic's.
             actions: What was done, shape (n, 12).
             old_mean: Of the policy that acted, shape (n, 12).
-            old_std: Likewise.
+            old_std: Of the same policy, shape (n, 12).
             numbers: Log probability of the action then, advantage, return, value then; shape (n, 4).
             mirrors: Whether the mirror loss acts.
         """

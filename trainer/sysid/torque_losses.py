@@ -63,7 +63,7 @@ class LossFit:
     inertia_kg_m2: Array
     """Of hips and knees, beside what the model holds; shape (2,)."""
     viscosity_nm_s_per_rad: Array
-    """Likewise."""
+    """Of hips and knees, beside what the model holds; shape (2,)."""
     residual_nm: float
 
 

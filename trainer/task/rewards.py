@@ -118,8 +118,8 @@ def trot(m: Moment, c: RewardShape) -> Tensor:
     """1 on one diagonal alone, a quarter on one or three feet, else 0.
 
     That is the share of the six pairs of feet that are as a trot has them, above the third that standing, pronk, pace
-    and bound have. It knows no time, so strides of any length are paid alike. In flight the last support counts, as far
-    as the commanded speed allows flight.
+    and bound have. It does not depend on time, so strides of any length are paid alike. In flight it is the value of
+    the last support, times a share that rises from 0 to 1 over the commanded speeds ``flight_allowed_m_s``.
     """
     fl, fr, hl, hr = m.support.unbind(dim=-1)
     diagonal = (fl == hr) & (fr == hl) & (fl != fr)

@@ -62,7 +62,7 @@ class Estimator:
             turn_rad_s: Gyroscope, unit's frame, (n, 3).
             acceleration_m_s2: Specific force, mean since the last state, (n, 3).
             position_rad: Joints as read, (n, 12).
-            velocity_rad_s: Likewise.
+            velocity_rad_s: Joints as read, (n, 12).
             contact_age: States since each foot was said to stand, (n, 4).
             foot_force_n: As the contact detector has it, (n, 4).
         """
