@@ -148,8 +148,8 @@ class VelocityFilterEntry(LibraryEffect):
     """A low-passed velocity: the true one is ahead by the time constant times its rate, and is the position's slope.
 
     The second derivative's share tells filters apart. It is zero for a filter of first order. For a pure delay, or a
-    Butterworth filter of second order, it is half the square of the time constant. How much of the damping the servo takes from the true
-    velocity, and how much of it the body's channels see, are shares.
+    Butterworth filter of second order, it is half the square of the time constant. How much of the damping the servo
+    takes from the true velocity, and how much of it the body's channels see, are shares.
     """
 
     title = "lag of the joint velocity"

@@ -21,9 +21,9 @@ It logs in with `BOSDYN_CLIENT_USERNAME` and `BOSDYN_CLIENT_PASSWORD`, and never
 holds. A host that may be a real robot needs `--i-stand-beside-it`: stand beside it with its e-stop in your hand.
 
 Without `--with-motion` it sends nothing that could give the motors power. Some commands must be refused by a robot
-without power. They are sent only if the state says that the motors are off, and if the robot has refused a stop (which
-moves nothing) for want of power. The motors are looked at before the first check and after each. If they have power that they had not, the suite
-has the robot sit down and switches them off, says so, and sends nothing more.
+without power. They are sent only if the state says that the motors are off, and if the robot has refused a stop
+(which moves nothing) for want of power. The motors are looked at before the first check and after each. If they have
+power that they had not, the suite has the robot sit down and switches them off, says so, and sends nothing more.
 
 `--with-motion` also asks for power without a lease. Then it powers the motors, stands, and walks for 4 s in a turn to
 the left and 0.5 m ahead. If joint control is licensed, it holds the stance with the gains of the robot's own stand.

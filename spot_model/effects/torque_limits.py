@@ -45,7 +45,8 @@ class TorqueSpeedCurve(TorqueEffect):
     """Torque is bounded by a maximum and a minimum that shrink with speed in the driving quadrants.
 
     The upper bound is ``torque_max`` up to the speed ``intersect_max``, then falls in a straight line to zero at
-    ``speed_max`` and stays there. The lower bound mirrors it with the ``_min`` numbers at negative speeds. Braking torque keeps the full bound.
+    ``speed_max`` and stays there. The lower bound mirrors it with the ``_min`` numbers at negative speeds.
+    Braking torque keeps the full bound.
 
     Source: the paper, torque–speed limits with six parameters (+97.00/−108.79 N·m, +25.03/−22.22 rad/s, intersects
     +9.48/−8.32 rad/s identified for the knees).
