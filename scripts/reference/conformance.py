@@ -27,8 +27,8 @@ power that they had not, the suite has the robot sit down and switches them off,
 
 `--with-motion` also asks for power without a lease. Then it powers the motors, stands, and walks for 4 s in a turn to
 the left and 0.5 m ahead. If joint control is licensed, it holds the stance with the gains of the robot's own stand.
-Then it sits and powers off. Leave it 3 m on each side. Ctrl-C and SIGTERM have it sit down and power off first. No check presses an e-stop, so
-none shows that one stops the robot.
+Then it sits and powers off. Leave it 3 m on each side. Ctrl-C and SIGTERM have it sit down and power off first. No
+check presses an e-stop, so none shows that one stops the robot.
 
 | exit code | meaning |
 |---|---|

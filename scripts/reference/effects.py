@@ -36,9 +36,9 @@ effect is one line:
 `joints` takes joint names (`fl_hx` … `hr_kn`), `hips`, `knees`, `all`, or a leg (`fl`, `fr`, `hl`, `hr`). At its
 *null* value a parameter has no influence at all. *Looks like* describes the effect in a log, and *shows in* lists the
 channels of the diagnosis that show it. *Confused with* lists effects that look similar, and *told apart by* the
-recording that distinguishes them. Each picture shows the front left knee over 0.6 s of walking in the paper's identified model,
-without (grey) and with the effect (red), from the same start. To write your own, see [below](#effects-of-your-own)
-and [add an effect](../add-an-effect.md)."""
+recording that distinguishes them. Each picture shows the front left knee over 0.6 s of walking in the paper's
+identified model, without (grey) and with the effect (red), from the same start. To write your own, see
+[below](#effects-of-your-own) and [add an effect](../add-an-effect.md)."""
 OWN = """\
 ## Effects of your own
 

@@ -76,8 +76,8 @@ N_STEPS: Final = 64
 class TorqueDelay(TorqueEffect):
     """τ(t) = τ_asked(t − d), between two physics steps by the straight line.
 
-    The servo's own answer to the joint's motion is late, too. A delay of commands does not make that answer late; unlike
-    this effect, it shows in the robot's receipts of commands.
+    The servo's own answer to the joint's motion is late, too. A delay of commands does not make that answer late;
+    unlike this effect, it shows in the robot's receipts of commands.
 
     Source: dead time of field buses and sampled current loops, 1 to 10 ms.
     """
