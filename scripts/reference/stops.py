@@ -14,7 +14,7 @@ from spot_runtime.host.instance_lock import AlreadyRunningError, LockError
 from spot_runtime.operator.listening import ListenError
 from spot_runtime.rescue.lease_note import LeaseNoteError
 from spot_runtime.rescue.make_safe import NotSafeError
-from spot_runtime.stops import StopReason
+from spot_runtime.stops import Reaction, StopReason
 from spot_tools.client import RefusedError, UnreachableError
 from trainer.collect.collect import CollectionError
 
@@ -36,7 +36,8 @@ COMMAND_ERRORS: tuple[type[SpotRlError], ...] = (
 )
 ABOUT = """\
 Every run ends with a *reason*: a name in its log and on the terminal, and an exit code. What the robot does then is its
-*reaction*. [The runtime](../runtime.md) explains both, and [the fault table](../evidence/faults.md) shows how quickly.
+*reaction*, one of [four](../runtime.md#stops): *hand back*, *damp*, *expire* and *e-stop*. After each, the motors are
+powered off. [The fault table](../evidence/faults.md) shows how quickly each came.
 
 All commands share these exit codes:
 
@@ -74,9 +75,10 @@ def stops_page() -> str:
 def stops_table() -> str:
     """Every reason for which a run ends."""
     rules = [(reason.label, reason.value) for reason in StopReason]
+    words = {reaction: reaction.name.lower().replace("_", " ").replace("estop", "e-stop") for reaction in Reaction}
     return table(
         ("reason", "exit code", "meaning", "reaction", "next step"),
-        [(f"`{n}`", str(r.exit_code), r.text, r.reaction.value, r.next_step or "–") for n, r in rules],
+        [(f"`{n}`", str(r.exit_code), r.text, words[r.reaction], r.next_step or "–") for n, r in rules],
     )
 
 
