@@ -17,8 +17,8 @@ WINDOW_S: Final = 0.018
 """A window of states spans at least this: one policy period of 20 ms, less a state of 3 ms that may be early."""
 
 GAP_S: Final = 0.025
-"""Two states further apart leave a hole in which nothing is known, and their window is not judged: a stream of 50 Hz is
-judged, and one that is slower loses ticks of the policy."""
+"""Two states further apart leave a hole in which nothing is known, so their window is not judged. A stream of 50 Hz is
+judged; a slower one loses ticks of the policy."""
 
 # Signals that stand still ---------------------------------------------------------------------------------------------
 
@@ -40,8 +40,8 @@ STEPS: Final = 3.0
 change of any of them shows the step. By three steps in each window, with noise as large, 1 in 8 repeats by chance."""
 
 STILL_WINDOWS: Final = 10
-"""Windows in a row, 0.2 s. At a probability of one half for each repetition by chance, 1 in 1000 would be wrong; with
-neighbours that move by more than the resolution in each window, a repetition is far less likely than that."""
+"""Windows in a row, 0.2 s. At a probability of one half for each repetition by chance, 1 in 1000 would be wrong. While
+the neighbours move by more than the resolution in each window, a repetition is far less likely."""
 
 QUICK_FACTOR: Final = 50.0
 """Neighbours that move by fifty times the resolution in 20 ms leave no room for repetition by chance, ..."""
@@ -58,16 +58,16 @@ SLOPE_MEMORY_S: Final = 0.2
 """The difference fades with this time constant: about one stride at the quickest gaits (5 Hz)."""
 
 SLOPE_RAD: Final = 0.04
-"""Difference that is always allowed: a velocity biased by 0.1 rad/s over the memory is 0.02 rad, an encoder whose
-eccentricity is ten of its minutes of arc adds 0.003 rad, and backlash of 1° between encoder and joint 0.017 rad."""
+"""Difference that is always allowed. A velocity biased by 0.1 rad/s over the memory makes 0.02 rad. An encoder that is
+eccentric by ten minutes of arc adds 0.003 rad, and backlash of 1° between encoder and joint 0.017 rad."""
 
 SLOPE_LAG_S: Final = 0.015
 """Velocities are filtered: a lag of two to four state periods (6 to 12 ms), and half a period of the trapezoid rule. A
 lag of τ makes a difference of τ times the change of the velocity, summed and faded as the difference itself is."""
 
 SLOPE_BEND_S: Final = SLOPE_LAG_S**2 / (2.0 * WINDOW_S)
-"""What a lag leaves beyond that is its square times half the change of the acceleration: this, times the range of the
-velocity within a window."""
+"""Beyond that, a lag leaves its square times half the change of the acceleration. That is this number times the range
+of the velocity within a window."""
 
 SLOPE_WINDOWS: Final = 2
 """Windows in a row, so that one state with an impact in it decides nothing."""
@@ -78,8 +78,8 @@ TURN_MEMORY_S: Final = 0.5
 """As above; the body turns more slowly than joints do."""
 
 TURN_RAD: Final = 0.06
-"""A gyro biased by 0.05 rad/s over the memory is 0.025 rad, a scale error of 2 % at 1.5 rad/s 0.015 rad,
-and corrections of an estimator by accelerometer and legs, at most 1° within the memory, 0.017 rad."""
+"""A gyro biased by 0.05 rad/s over the memory makes 0.025 rad, and a scale error of 2 % at 1.5 rad/s 0.015 rad.
+Corrections of an estimator by accelerometer and legs, at most 1° within the memory, make 0.017 rad."""
 
 TURN_LAG_S: Final = 0.015
 """Lag between the estimator's attitude and rate, either way; it acts as in joints."""
@@ -100,14 +100,14 @@ GRAVITY_HOLE_S: Final = 0.0045
 """What was felt in a longer hole between states, one and a half of their periods, is missing from the mean."""
 
 GRAVITY_ANGLE_RAD: Final = 0.25
-"""Between averaged specific force and the attitude's vertical: 3° of estimator, 2° of mounting, and a mean acceleration
-that is not seen in the velocity of 1.5 m/s² (8.7°) are 14°."""
+"""Between averaged specific force and the attitude's vertical. An estimator errs by 3°, mounting by 2°, and a mean
+acceleration of 1.5 m/s² that is not seen in the velocity adds 8.7°: 14° in all."""
 
 GRAVITY_LEAST_M_S2: Final = 6.0
 """A shorter average does not contain gravity: the robot reports accelerations without it, and the check is off."""
 
 IMU_ANGLE_RAD: Final = 0.2
-"""Between the attitude of the body and that of the inertial unit, which is bolted to it: 11°, of which 2° are mounting,
+"""Between the attitude of the body and that of the inertial unit, which is bolted to it. Of these 11°, 2° are mounting,
 3° estimators, and 6° a lag of 20 ms at 5 rad/s."""
 
 IMU_TURN_RATE_RAD_S: Final = 1.0
@@ -128,26 +128,27 @@ IMU_SILENT_WINDOWS: Final = 25
 # The body's velocity against feet that stand --------------------------------------------------------------------------
 
 FOOT_SPEED_M_S: Final = 0.5
-"""A foot that stands moves by the sums of errors: 0.1 m/s of the estimator, 0.35 m (hip to foot) times a turn-rate
-error of 0.1 rad/s, 0.65 m of leg times joint-velocity errors of 0.3 rad/s at touch-down, and slip of 0.15 m/s."""
+"""A foot that stands moves by the sum of errors. These are 0.1 m/s of the estimator, 0.35 m (hip to foot) times a
+turn-rate error of 0.1 rad/s, and slip of 0.15 m/s. At touch-down, 0.65 m of leg times joint-velocity errors of 0.3
+rad/s add to it."""
 
 FOOT_SPEED_SHARE: Final = 0.5
-"""The same, for what grows with speed: feet that lose their grip slide at up to half the body's speed; beside that,
+"""The same, for what grows with speed. Feet that lose their grip slide at up to half the body's speed. Beside that,
 odometry scale, filters' lag and the rolling of the sole are small."""
 
 FOOT_MEMORY_S: Final = 0.5
 """A stride of a slow gait."""
 FOOT_SHARE: Final = 0.75
-"""Share of the time with contact in which no foot in contact stands. In flight and at touch-down no foot stands; a
-gait that lands on any foot has one that does for at least a quarter of its contact."""
+"""Share of the time with contact in which no foot in contact stands. In flight and at touch-down no foot stands. In
+any gait that lands on a foot, one foot stands for at least a quarter of its contact."""
 
 # Contacts -------------------------------------------------------------------------------------------------------------
 
 LEG_M: Final = -(facts.KN_FROM_HY_M[2] + facts.FOOT_FROM_KN_M[2])
 LOWEST_HIP_M: Final = 0.25
 TRAVEL_M: Final = 1.25 * 2.0 * math.sqrt(LEG_M**2 - LOWEST_HIP_M**2)
-"""The body cannot travel further with the same feet on the ground: twice the reach of a stretched leg under a hip at
-its lowest allowed height, and a quarter for feet that slide and odometry that errs."""
+"""The body cannot travel further with the same feet on the ground. This is twice the reach of a stretched leg under a
+hip at its lowest allowed height, and a quarter more for feet that slide and odometry that errs."""
 
 TRAVEL_MEMORY_S: Final = TRAVEL_M / 0.4
 """The path fades with this time constant: a body that sways at 0.4 m/s for ever, the push of a robot at rest, stays
@@ -159,12 +160,12 @@ AIRBORNE_S: Final = 0.8
 # Load against set-point and motion ------------------------------------------------------------------------------------
 
 LOAD_NM: Final = 30.0
-"""Difference that is always allowed between the measured load and what the servo law asks: friction and gear losses of
-10 N·m, rotor inertia 0.073 kg·m² at 200 rad/s², 15 N·m, and a sensor's offset of 5 N·m."""
+"""Difference that is always allowed between the measured load and what the servo law asks. Friction and gear losses
+make 10 N·m, a rotor inertia of 0.073 kg·m² at 200 rad/s² 15 N·m, and a sensor's offset 5 N·m."""
 
 LOAD_SHARE: Final = 0.5
-"""The same as a share of what is asked: gains that err by 15 %, a sensor's scale by 10 %, and a torque that is limited
-by speed, temperature or voltage to less than was asked."""
+"""The same as a share of what is asked. Gains err by 15 %, a sensor's scale by 10 %, and the torque may be limited by
+speed, temperature or voltage."""
 
 LOAD_LAG_S: Final = 0.012
 """Position and velocity at which the robot's servo acts are this much older or newer than those reported."""
@@ -184,15 +185,15 @@ ANSWER_LEAST_S: Final = 0.5 * ANSWER_MEMORY_S
 """Of it, before anything is judged."""
 
 ANSWER_NM: Final = 15.0
-"""Root mean square of a torque that is judged: gear losses of 10 N·m and a sensor's offset of 5 N·m, however they fall,
-neither turn such a load round nor double it."""
+"""Root mean square of a torque that is judged. Gear losses of 10 N·m and a sensor's offset of 5 N·m can neither reverse
+such a load nor double it."""
 
 ANSWER_MOST: Final = 2.0
 """Load as a multiple of what was asked, by least squares: gains and sensors err by a quarter of that."""
 
 STOP_RAD: Final = 0.05
-"""From a joint's stop, within which it may lie on it: 1° each of backlash, of an encoder's offset and of a stop that
-gives way."""
+"""A joint this near to its stop may lie on it: 1° each of backlash, of an encoder's offset and of a stop that gives
+way."""
 
 UNASKED_NM: Final = 10.0
 """Mean load that nobody asked for: a sensor's offset of 5 N·m, and friction of 5 N·m that always acts the same way."""
@@ -222,11 +223,11 @@ REST_WINDOWS: Final = 10
 """0.2 s of a robot at rest that carries its weight in a way that cannot be."""
 
 CARRIED_LEAST: Final = 0.3
-"""See the next."""
+"""Lower bound of the share that the next one explains."""
 
 CARRIED_MOST: Final = 3.0
-"""Force of the ground by the loads of a robot that stands, as a share of its weight: a payload of its own weight and
-gear friction of half the load lie between; a load of the wrong sign or unit does not."""
+"""Force of the ground by the loads of a robot that stands, as a share of its weight. A payload of its own weight and
+gear friction of half the load lie between the two bounds; a load of the wrong sign or unit lies outside."""
 
 WEIGHT_N: Final = facts.TOTAL_MASS_KG * GRAVITY_M_S2
 
@@ -236,13 +237,13 @@ concrete (OpenStax, College Physics, table 5.1), and a robot may press its feet 
 steepest slope, 30°, a share of 0.58 is its own weight's. Legs taken for others may seem to press harder."""
 
 FOOT_ERROR_SHARE: Final = 0.15
-"""Of the weight: loads that are off by 5 N·m seem to push a foot along the ground by 23 N and upward by 36 N, 0.19
-together in the worst case; friction beyond 0.8 is rare, which leaves a fifth of what a foot carries, 0.04."""
+"""Of the weight. Loads that are off by 5 N·m seem to push a foot along the ground by 23 N and upward by 36 N, 0.19
+together in the worst case. Friction beyond 0.8 is rare, which leaves a fifth of what a foot carries, 0.04."""
 
 NET_SIDEWAYS_SHARE: Final = 0.35
-"""Sum of the forces along the ground, as a share of the weight. A robot at rest has none; loads that are off by 5 N·m
-in the same way at four hips half a metre above the ground make 0.13, gains that differ by 20 % between front and hind
-hips 0.1, and the legs' own weight and a vertical that is 4° off 0.07 more each."""
+"""Sum of the forces along the ground, as a share of the weight. A robot at rest has none. Loads that are off by 5 N·m
+in the same way at four hips half a metre above the ground make 0.13. Gains that differ by 20 % between front and hind
+hips make 0.1, and the legs' own weight and a vertical that is 4° off 0.07 more each."""
 
 TWIST_M: Final = 0.3
 """Height of two diagonal feet over the other two, added up: one foot on a step of 0.3 m, the highest that the vendor
