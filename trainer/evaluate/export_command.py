@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import BadInputError
-from spot_model.policy.built_in import policy_file
+from spot_model.policy.built_in import policy_or_run
 
 
 def export(
     run: Annotated[
         Path,
         typer.Argument(
-            parser=policy_file,
+            parser=policy_or_run,
             metavar="RUN",
             help="Run folder, a checkpoint, or a policy (ONNX file or built-in name): measured anew.",
         ),

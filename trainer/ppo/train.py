@@ -10,7 +10,7 @@ from typing import Final
 import torch
 
 from spot_model.errors import BadInputError
-from spot_model.policy.built_in import policy_file
+from spot_model.policy.built_in import policy_or_run
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, make_run_folder, read_checkpoint
 from trainer.ppo.checkpoint_policy import networks_of_policy
@@ -28,7 +28,7 @@ def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") 
     """
     device = local_device(device)
     check_device(device)
-    source = find_checkpoint(policy_file(config.start_from)) if config.start_from else None
+    source = find_checkpoint(policy_or_run(config.start_from)) if config.start_from else None
     networks = None
     if source is not None and source.suffix == ".onnx":
         networks, hidden = networks_of_policy(source)

@@ -205,8 +205,15 @@ def pack(out: Path, file: Path, most_mib: float) -> int:
 
 
 def policy_digests(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each policy."""
-    return {path.stem: file_digest(path) for path in sorted(folder.glob("*.onnx"))}
+    """Return the SHA-256 of each policy.
+
+    Raises:
+        BadInputError: The folder has none.
+    """
+    found = {path.stem: file_digest(path) for path in sorted(folder.glob("*.onnx"))}
+    if not found:
+        raise BadInputError(f"folder {folder} has no policy (*.onnx); name another with --policies, or leave it out")
+    return found
 
 
 def source_digests() -> tuple[str, str]:

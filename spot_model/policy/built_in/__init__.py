@@ -27,6 +27,15 @@ def policy_file(name_or_path: str | os.PathLike[str]) -> Path:
     return _find(name_or_path, ".onnx", "policy", "the path of an ONNX file")
 
 
+def policy_or_run(name_or_path: str | os.PathLike[str]) -> Path:
+    """Like :func:`policy_file`, where a training's folder or checkpoint will do as well.
+
+    Raises:
+        BadInputError: It is neither a built-in name nor a path of something that exists.
+    """
+    return _find(name_or_path, ".onnx", "policy or run", "the path of an ONNX file, of a training's folder or checkpoint")
+
+
 def config_file(name_or_path: str | os.PathLike[str]) -> Path:
     """A built-in training config by name, or the path that was given.
 
