@@ -33,7 +33,7 @@ def policy_or_run(name_or_path: str | os.PathLike[str]) -> Path:
     Raises:
         BadInputError: It is neither a built-in name nor a path of something that exists.
     """
-    return _find(name_or_path, ".onnx", "policy or run", "the path of an ONNX file, of a training's folder or checkpoint")
+    return _find(name_or_path, ".onnx", "policy or run", "the path of an ONNX file, a run's folder or checkpoint")
 
 
 def config_file(name_or_path: str | os.PathLike[str]) -> Path:
