@@ -145,7 +145,7 @@ def _gap_map(signal: str, cells: Sequence[GapCell], joints: Sequence[str]) -> st
     largest = max(c.gap for c in by_key.values())
     rows = [(regime, [_cell(by_key.get((regime, joint)), largest) for joint in joints]) for regime in regimes]
     label = f"Gap by signal, regime and joint: {signal}"
-    return heat_map(joints, rows, label, title=signal, width=HALF, left=160, row=18, is_turned=True, scale=scale(cells))
+    return heat_map(joints, rows, label, title=signal, left=160, row=18, scale=scale(cells))
 
 
 def _cell(cell: GapCell | None, largest: float) -> Cell:

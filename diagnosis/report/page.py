@@ -25,19 +25,9 @@ COLOURS: Final = (
 )
 STYLE: Final = """
 .calibration { background: #2f6fb5; } .warning { border: 2px solid var(--bad); }
-section { overflow-wrap: break-word; } section svg { max-width: calc(1.2 * var(--width)); margin: 0 auto; }
-td svg { width: 200px; } .out td { font-weight: 600; } .two > * { min-width: 0; } td.number { text-align: left; }
-td:last-child, th:last-child { padding-right: 0; } td:has(code) { min-width: 0 !important; }
-@media (max-width: 700px) { section { background: var(--card); padding: 14px 12px; } section svg { min-width: 0; }
-  td, th { padding-right: 8px; font-size: 13px; } td svg { width: 90px; } h1 { font-size: 21px; } }
-@media print { main { padding: 0; } section { break-inside: auto; margin: 8px 0; padding: 10px 12px; }
-  svg, tr, pre, h3 { break-inside: avoid; } h2, h3, .note { break-after: avoid; }
-  .two { grid-template-columns: 1fr 1fr; gap: 8px; margin: 8px 0; }
-  main > section:last-of-type { display: none; } td, th { padding: 2px 8px 2px 0; font-size: 12px; }
-  body { font-size: 13px; line-height: 1.35; } h1 { font-size: 19px; }
-  .lead { font-size: 14px; } td svg { width: 110px; } }
+section > svg:not(.wide) { max-width: 576px; margin: 0 auto; }
+td svg { width: 200px; } .out td { font-weight: 600; } td.number { text-align: left; }
 """
-"""What this page has beyond the look of all pages: figures shrink to a narrow window, and print flows over pages."""
 MOST_NAMED: Final = 6
 """Effects that were left out and are named on the page; the verdict lists all."""
 MOST_NUMBERS: Final = 12
@@ -66,6 +56,7 @@ def page(result: Diagnosis) -> str:
         _warnings(v),
         _head(result),
         beside(_where(result, by_joint, named), _together(v)),
+        _changes_of_all(v),
         boxed("Differences", words.probabilities(v), "".join(map(_difference, v.differences))),
         _calibration(v),
         _remains(v),
@@ -130,9 +121,19 @@ def _together(v: Verdict) -> str:
         return ""
     key = legend(zip(figures.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
     told = listed(words.sentence(words.gap_told(g)) for g in c.gaps)
-    changes = table(("", "nominal", "corrected", "robot", ""), _changes(c))
     title, about = "What the corrected model does", words.measured_on(v, c)
-    return boxed(title, about, f"{key}{figures.gap_bars(c)}{told}{changes}")
+    return boxed(title, f"{about} Each gap has its own scale.", f"{key}{figures.gap_bars(c)}{told}" if c.gaps else "")
+
+
+def _changes_of_all(v: Verdict) -> str:
+    """What the corrected model changes in the walk."""
+    c = words.whole(v)
+    if c is None:
+        return ""
+    same = "What the policy does on both models and on the robot, with the same commands."
+    about = same if c.gaps else words.measured_on(v, c)
+    head = ("quantity", "nominal model", "corrected model", "robot", "change from nominal to corrected")
+    return boxed("How the walk changes", about, table(head, _changes(c)))
 
 
 def _changes(c: Consequences) -> list[tuple[str, ...]]:
@@ -152,7 +153,12 @@ def _figure(value: float | None) -> Html:
 
 def _difference(d: Difference) -> str:
     rows = [
-        (words.parameter(n), words.place(kind), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}")
+        (
+            words.parameter(n),
+            words.place(kind) or words.joints_in_short(d.joints),
+            f"{p.value:.4g} {p.unit}",
+            f"{p.low:.4g} to {p.high:.4g}",
+        )
         for kind, numbers in {"": d.parameters, **d.by_type}.items()
         for n, p in numbers.items()
     ]
@@ -166,10 +172,11 @@ def _difference(d: Difference) -> str:
         gaps = [
             (f"{g.gap} gap, {g.unit}", *map(_figure, (g.before, g.after, g.floor)), words.gap_told(g)) for g in c.gaps
         ]
-        last = "robot; of gaps, floor" if gaps else "robot"
-        does = f"<div>{table(('', 'without', 'with', last, ''), [*gaps, *_changes(c)])}</div>"
-    sizes = table(("size", "", "", "90 % interval"), rows)
-    return f"{title}{beside(f'<div>{sizes}{_group(d)}</div>', does)}"
+        last = "robot; of a gap, its floor" if gaps else "robot"
+        head = ("quantity", "without it", "with it", last, "change")
+        does = table(head, [*gaps, *_changes(c)])
+    sizes = table(("size", "where", "value", "90 % interval"), rows)
+    return f"{title}{sizes}{_group(d)}{does}"
 
 
 def _group(d: Difference) -> str:
@@ -184,7 +191,7 @@ def _group(d: Difference) -> str:
     likely = [(words.plain(n), p) for n, p in sorted(d.rivals.items(), key=lambda x: -x[1]) if p >= 0.005]
     if len(likely) > 1:
         rivals = "; ".join(f"{name} {p:.2f}" for name, p in likely)
-        out += f"<p class='note'>Probability of each in this place: {esc(rivals)}.</p>"
+        out += f"<p class='note'>Probability that it is this one: {esc(rivals)}.</p>"
     total = sum(g for g in d.channels.values() if g > 0.0)
     shown = [(c, g) for c, g in sorted(d.channels.items(), key=lambda x: -x[1]) if g > 0.005 * total]
     evidence = ", ".join(f"{CHANNEL_TITLES.get(c, c)} {100 * g / total:.0f} %" for c, g in shown)
@@ -197,7 +204,7 @@ def _calibration(v: Verdict) -> str:
     first = max(n_out, MOST_NUMBERS)
     about = (
         f"{counted(len(numbers), 'number')} of the robot's own beside the nominal ones; {n_out} stand out. The axis "
-        "counts published standard deviations; the shade is two of them, the line is the nominal number."
+        "counts published standard deviations. The shade is two of them, and the red line is the nominal number."
     )
     shown = _numbers(numbers[:first])
     if numbers[first:]:
@@ -221,12 +228,17 @@ def _numbers(numbers: list[CalibratedNumber]) -> str:
         for n in numbers
     ]
     css = ["out" if n.stands_out else "" for n in numbers]
-    return table(("number", "where", "nominal", "robot (90 %)", ""), rows, row_classes=css)
+    return table(("number", "where", "nominal", "robot (90 % interval)", ""), rows, row_classes=css)
 
 
 def _remains(v: Verdict) -> str:
     rows = [
-        (g.gap, f"{words.number(g.left)} {g.unit}", words.number(g.floor), "—" if g.ratio is None else f"{g.ratio:.1f}")
+        (
+            g.gap,
+            f"{words.number(g.left)} {g.unit}",
+            f"{words.number(g.floor)} {g.unit}",
+            "—" if g.ratio is None else f"{g.ratio:.1f}",
+        )
         for g in v.remainder
     ]
     content = table(("gap", "left", "floor", "times its floor"), rows) + _unknown(v)

@@ -306,12 +306,12 @@ def next_step(v: Verdict) -> str:
 
 
 def probabilities(v: Verdict) -> str:
-    """Probabilities, each by itself."""
-    named = "".join(f"{found(d)} {d.probability:.2f}; " for d in v.differences)
-    return (
-        f"Probability that it is there, each by itself: {named}an effect that the library lacks "
-        f"{v.probability_unknown:.2f}; nothing beside the robot's own calibration {v.probability_none:.2f}."
-    )
+    """Probabilities, each by itself, and that they are no shares of one whole."""
+    named = [f"{found(d)} {d.probability:.2f}" for d in v.differences]
+    rest = f"an effect that the library lacks {v.probability_unknown:.2f}"
+    none = f"Probability that there is nothing beside the robot's own calibration: {v.probability_none:.2f}."
+    told = f"Probability that it is there: {'; '.join([*named, rest])}. {none}"
+    return f"{told} Effects can act together, so these numbers do not add up to 1." if named else told
 
 
 def measured_on(v: Verdict, c: Consequences) -> str:
@@ -319,7 +319,9 @@ def measured_on(v: Verdict, c: Consequences) -> str:
     if c.loop == "open":
         return "Logged signals are predicted from each other, in folds that nothing was fitted to."
     if v.shrink is not None and not v.shrink.held_out:
-        return "The policy runs on both models, on the commands of the logs to which the corrected one was fitted."
+        return (
+            "The policy runs on both models. The commands are those of the logs to which the corrected one was fitted."
+        )
     return "The policy runs on both models, on command sequences that nothing was fitted to."
 
 

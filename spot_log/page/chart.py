@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spot_log.page.svg import QUARTER, WIDE, Frame, disc, line, rect, rounded, svg, text, thinned
+from spot_log.page.svg import QUARTER, WIDE, Frame, dot, line, rect, rounded, text, thinned, wide
 
 MAX_POINTS: Final = 600
 
@@ -83,19 +83,19 @@ def chart(
     low, high = y_range or ((0.0 if zero else low - pad), high + pad)
     first, last = min(float(x.min()) for _, x, _ in drawn), max(float(x.max()) for _, x, _ in drawn)
     frame = Frame((first, last), (low, high), width, height, left=62 if y_title else 44, top=26 if title else 8)
-    parts = [_shade(s, frame) for s in shades] + frame.axes(x_unit=x_unit)
+    inside = [_shade(s, frame) for s in shades] + frame.grid()
     for s, x, y in drawn:
-        parts += _drawn(s, x, y, frame)
+        inside += _drawn(s, x, y, frame)
+    parts = [frame.plot(inside), *frame.heights(), *frame.across(x_unit, x_title)]
     if title:
-        parts.append(text(frame.left, 16, title, size=13, weight=500))
+        parts.append(text(0, 16, title, size=13, weight=500))
     if y_title:
         name = text(0, 0, y_title, size=12.5, anchor="middle")
-        parts.append(f'<g transform="translate(14 {frame.top + height / 2:.0f}) rotate(-90)">{name}</g>')
-    bottom = frame.total_height
-    if x_title:
-        parts.append(text((width + frame.left) / 2, bottom + 12, x_title, size=12.5, anchor="middle", css="soft"))
-        bottom += 20
-    return svg(width, bottom, parts, f"{y_title or title} over {x_title or 'time'}")
+        parts.append(
+            f'<g transform="translate({14 - frame.left:g} {frame.top + height / 2:.0f}) rotate(-90)">{name}</g>'
+        )
+    bottom = frame.total_height + (20 if x_title else 0)
+    return frame.picture(bottom, parts, f"{y_title or title} over {x_title or 'time'}")
 
 
 def _shade(s: Shade, frame: Frame) -> str:
@@ -115,7 +115,7 @@ def _drawn(s: Series, x: np.ndarray, y: np.ndarray, frame: Frame) -> list[str]:
             parts.append(line(corners, s.colour, s.width, "stroke-dasharray:4 5;" if s.is_dotted else ""))
     if s.has_points:
         parts += [
-            disc(*frame.at(float(a), float(b)), 4, s.colour, f"{s.name} {b:.4g} at {a:.4g}".strip())
+            dot(*frame.at(float(a), float(b)), 4, s.colour, f"{s.name} {b:.4g} at {a:.4g}".strip())
             for a, b in zip(x[good], y[good], strict=True)
         ]
     return parts
@@ -146,14 +146,14 @@ def histogram(values: ArrayLike, title: str, *, width: float = QUARTER, height: 
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if not len(known):
-        return svg(width, height, [text(44, 16, title, weight=500), text(44, 40, "not known", css="soft")], title)
+        return wide(height, [text(4, 16, title, weight=500), text(4, 40, "not known", css="soft")], title)
     low, top = float(known.min()), float(np.percentile(known, _SHOWN_PERCENT))
     counts, edges = np.histogram(known, bins=_BINS, range=(low, top if top > low else low + 1.0))
     frame = Frame((float(edges[0]), float(edges[-1])), (0.0, 1.08 * counts.max()), width, height, left=44, top=58)
-    parts = [text(4, 16, title, weight=500), *frame.axes()]
+    inside = frame.grid()
     for count, a, b in zip(counts, edges[:-1], edges[1:], strict=True):
         (left, y), (right, base) = frame.at(float(a), float(count)), frame.at(float(b), 0.0)
-        parts.append(
+        inside.append(
             rect(
                 left, y, right - left, base - y, "var(--floor)", f"{count} from {rounded(a)} to {rounded(b)}", radius=0
             )
@@ -161,9 +161,10 @@ def histogram(values: ArrayLike, title: str, *, width: float = QUARTER, height: 
     p50, p99 = (float(p) for p in np.percentile(known, [50, 99]))
     for value in (p50, p99):
         x = frame.at(value, 0.0)[0]
-        parts.append(line([(x, frame.top), (x, frame.top + height)], "var(--nominal)", 1.5, "stroke-dasharray:3 4;"))
-    parts.append(text(4, 33, f"median {rounded(p50)}, 99 % below {rounded(p99)}", size=12, css="soft"))
+        inside.append(line([(x, frame.top), (x, frame.top + height)], "var(--nominal)", 1.5, "stroke-dasharray:3 4;"))
+    parts = [text(-40, 16, title, weight=500), frame.plot(inside), *frame.heights(), *frame.across()]
+    parts.append(text(-40, 33, f"median {rounded(p50)}, 99 % below {rounded(p99)}", size=12, css="soft"))
     beyond = int(np.sum(known > edges[-1]))
     if beyond:
-        parts.append(text(4, 49, f"{beyond} more, up to {rounded(float(known.max()))}", size=12, css="soft"))
-    return svg(width, frame.total_height, parts, title)
+        parts.append(text(-40, 49, f"{beyond} more, up to {rounded(float(known.max()))}", size=12, css="soft"))
+    return frame.picture(frame.total_height, parts, title)

@@ -16,16 +16,18 @@ class Html(str):
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]], *, row_classes: Sequence[str] = ()) -> Html:
-    """A table; empty without rows."""
+    """A table; empty without rows. One of many columns is a list of its rows on a narrow screen."""
     rows = list(rows)
     if not rows:
         return Html("")
     names = "".join(f"<th>{escaped(name)}</th>" for name in head)
     lines = [f"<tr>{names}</tr>"] if head else []
+    is_many = len(rows[0]) >= _MANY_COLUMNS
+    heads = head if is_many and head else [""] * len(rows[0])
     for i, row in enumerate(rows):
         css = f' class="{escaped(row_classes[i])}"' if row_classes else ""
-        lines.append(f"<tr{css}>{''.join(map(_cell, row))}</tr>")
-    return Html(f"<table>{''.join(lines)}</table>")
+        lines.append(f"<tr{css}>{''.join(map(_cell, row, heads))}</tr>")
+    return Html(f"<table{' class=many' if is_many else ''}>{''.join(lines)}</table>")
 
 
 def facts(rows: Iterable[tuple[str, object]]) -> Html:
@@ -44,13 +46,15 @@ def escaped(text: object) -> str:
     return str(text) if isinstance(text, Html) else esc(text)
 
 
-def _cell(value: object) -> str:
+def _cell(value: object, head: str = "") -> str:
+    told = f' data-head="{escaped(head)}"' if head else ""
     if isinstance(value, bool) or not isinstance(value, (int, float, type(None))):
-        return f"<td>{escaped(value)}</td>"
+        return f"<td{told}>{escaped(value)}</td>"
     text = "—" if value is None else str(value) if isinstance(value, int) else f"{value:.4g}"
-    return f'<td class="number">{text}</td>'
+    return f'<td class="number"{told}>{text}</td>'
 
 
+_MANY_COLUMNS: Final = 4
 _HERE: Final = files(__package__)
 STYLE: Final = (_HERE / "look.css").read_text(encoding="utf-8")
 SCRIPT: Final = (_HERE / "look.js").read_text(encoding="utf-8")

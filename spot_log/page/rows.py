@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spot_log.page.chart import Shade
-from spot_log.page.svg import WIDE, Frame, disc, heat, on_heat, rect, svg, text
+from spot_log.page.svg import WIDE, Frame, dot, esc, heat, on_heat, placed, rect, stretched, text, wide
 
 _ROW: Final = 18
 _COLOURS_SHOWN: Final = 40
+_HEAT_RIGHT: Final = 22
+"""Room for the slope of the last column's name, pixels."""
 
 
 class Bar(NamedTuple):
@@ -37,27 +39,28 @@ class Cell(NamedTuple):
     """Whether it has a dot."""
 
 
-def bars(groups: Sequence[tuple[str, str, Sequence[Bar]]], label: str, *, width: float = 480, left: float = 150) -> str:
+def bars(groups: Sequence[tuple[str, str, Sequence[Bar]]], label: str, *, left: float = 150, right: float = 66) -> str:
     """Groups of bars.
 
     Args:
         groups: Name, what stands small below it, and bars.
         label: What it shows, for those who cannot see it.
-        width: Of the picture.
-        left: Room for the names.
+        left: Room for the names, pixels.
+        right: Room for the words behind the longest bar, pixels.
     """
-    parts, y = [], 4.0
+    names, drawn, y = [], [], 4.0
     for name, below, group in groups:
         is_single = len(group) == 1
-        parts.append(text(left - 10, y + (13 if is_single else 22), name, size=13.5, anchor="end", weight=600))
-        parts.append(text(left - 10, y + 38, below, size=12, anchor="end", css="soft") if below else "")
+        names.append(text(-10, y + (13 if is_single else 22), name, size=13.5, anchor="end", weight=600))
+        names.append(text(-10, y + 38, below, size=12, anchor="end", css="soft") if below else "")
         for bar in group:
-            span = (width - left - 66) * bar.share
-            parts.append(rect(left, y, span, 14, bar.colour, bar.tip))
-            parts.append(text(left + span + 6, y + 12, bar.words, size=12.5))
+            told = f' data-t="{esc(bar.tip)}"' if bar.tip else ""
+            look = f'width="{100.0 * bar.share:.2f}%" height="14" rx="2" style="fill:{bar.colour}"'
+            words = text(6, y + 12, bar.words, size=12.5)
+            drawn.append(f'<rect x="0" y="{y:g}" {look}{told}/>{placed(100.0 * bar.share, 0, words)}')
             y += 16
         y += 10 if is_single else 14
-    return svg(width, y, parts, label)
+    return wide(y, [*names, *drawn], label, left=left, right=right)
 
 
 def bands(
@@ -80,16 +83,17 @@ def bands(
         x_unit: Behind the numbers of the axis; None: no axis.
     """
     frame = Frame(span, (0.0, 1.0), width, _ROW * len(rows), left=left, top=4)
-    parts = []
+    names, drawn = [], []
     for i, (name, stretches) in enumerate(rows):
         y = frame.top + _ROW * i
-        parts.append(text(left - 8, y + 12, name, size=12, anchor="end"))
+        names.append(text(-8, y + 12, name, size=12, anchor="end"))
         for s in stretches:
             begin, end = frame.at(s.start, 0.0)[0], frame.at(s.end, 0.0)[0]
-            parts.append(rect(begin, y, end - begin, _ROW - 4, s.colour, s.tip, radius=0))
+            drawn.append(rect(begin, y, end - begin, _ROW - 4, s.colour, s.tip, radius=0))
+    parts = [*names, frame.plot(drawn)]
     if x_unit is None:
-        return svg(width, frame.top + frame.height, parts, label)
-    return svg(width, frame.total_height, parts + frame.axes(x_unit=x_unit, has_y=False), label)
+        return frame.picture(frame.top + frame.height, parts, label)
+    return frame.picture(frame.total_height, [*parts, *frame.across(x_unit)], label)
 
 
 def stance(
@@ -124,47 +128,50 @@ def heat_map(
     label: str,
     *,
     title: str = "",
-    width: float = WIDE,
     left: float = 130,
     row: float = 30,
-    is_turned: bool = False,
     scale: Sequence[str] = (),
 ) -> str:
-    """A map of colours: rows down, columns across.
+    """A map of colours: rows down, columns across, whose names stand on a slope.
 
     Args:
         columns: Their names.
         rows: Name, and a cell each column.
         label: What it shows, for those who cannot see it.
         title: Above the names of the rows.
-        width: Of the picture.
-        left: Room for the names of the rows.
-        row: Height of one.
-        is_turned: Whether the columns' names stand on a slope.
+        left: Room for the names of the rows, pixels.
+        row: Height of one, pixels.
         scale: Words below the scale of colours; no scale without them.
     """
-    top, step = 74 if is_turned else 26, (width - left - 14) / len(columns)
-    parts = [text(left - 10, 40, title, size=15, anchor="end", weight=600) if title else ""]
-    for j, name in enumerate(columns):
-        x, turn = left + (j + 0.5) * step, "rotate(-60)" if is_turned else ""
-        words = text(0, 0, name, size=12, anchor="start" if is_turned else "middle", css="soft" if is_turned else "")
-        parts.append(f'<g transform="translate({x + (4 if is_turned else 0):.1f} {top - 6}) {turn}">{words}</g>')
+    top, height, n = 74.0, row * len(rows), len(columns)
+    parts = [text(-10, 40, title, size=15, anchor="end", weight=600) if title else ""]
+    middles = [100.0 * (j + 0.5) / n for j in range(n)]
+    boxes, over = [], []
+    for at, name in zip(middles, columns, strict=True):
+        words = text(0, 0, name, size=12, css="soft cell")
+        over.append(placed(at, top - 6, f'<g transform="translate(4 0) rotate(-60)">{words}</g>'))
     for i, (name, cells) in enumerate(rows):
-        y = top + row * i
-        parts.append(text(left - 10, y + 0.5 * row + 4, name, size=12.5, anchor="end"))
+        y = row * i
+        parts.append(text(-10, top + y + 0.5 * row + 4, name, size=12.5, anchor="end"))
         for j, cell in enumerate(cells):
             fill, ink = ("var(--empty)", "") if cell.share is None else (heat(cell.share), on_heat(cell.share))
-            parts.append(rect(left + j * step, y, step - 1.5, row - 1.5, fill, cell.tip))
-            x = left + (j + 0.5) * step - 0.75
+            boxes.append(rect(10 * j, y, 9.7, row - 1.5, fill, cell.tip, radius=0))
             if cell.words:
-                parts.append(text(x, y + 0.5 * row + 4, cell.words, size=12, anchor="middle", fill=ink))
+                middle = f"{middles[j]:.2f}%"
+                over.append(
+                    text(middle, top + y + 0.5 * row + 4, cell.words, size=12, anchor="middle", css="cell", fill=ink)
+                )
             if cell.is_marked:
-                parts.append(f'<g pointer-events="none">{disc(x, y + 0.5 * row - 0.75, 2.2, ink)}</g>')
-    bottom = top + row * len(rows)
+                boxes.append(f'<g pointer-events="none">{dot(10 * j + 4.85, y + 0.5 * row - 0.75, 2.2, ink)}</g>')
+    parts += [
+        stretched(top, height, boxes, f"0 0 {10 * n} {height:g}"),
+        f'<g pointer-events="none">{"".join(over)}</g>',
+    ]
+    bottom = top + height
     if scale:
-        parts.append(scale_bar(width - 330, bottom + 14, 260, scale))
+        parts.append(placed(100.0, bottom + 14, scale_bar(-250, 0, 240, scale)))
         bottom += 48
-    return svg(width, bottom, parts, label)
+    return wide(bottom, parts, label, left=left, right=_HEAT_RIGHT)
 
 
 def scale_bar(x: float, y: float, width: float, words: Sequence[str]) -> str:

@@ -25,8 +25,36 @@ def svg(width: float, height: float, parts: Iterable[str], label: str) -> str:
     return f'<svg viewBox="0 0 {width:g} {height:g}" {look}>{"".join(parts)}</svg>'
 
 
+def wide(height: float, parts: Iterable[str], label: str, *, left: float = 0, right: float = 0) -> str:
+    """A picture as wide as its place and ``height`` pixels high, in which words keep their size.
+
+    The origin lies ``left`` pixels from its left edge. Places across are pixels from there, or percent of the width
+    between the margins.
+    """
+    look = f'class="wide" style="height:{height:g}px;padding:0 {right:g}px 0 {left:g}px" role="img"'
+    return f'<svg {look} aria-label="{esc(label)}">{"".join(parts)}</svg>'
+
+
+def stretched(top: float, height: float, parts: Iterable[str], view: str) -> str:
+    """Content of a ``view`` box, stretched over the width between the margins of a :func:`wide` picture."""
+    look = f'class="plot" viewBox="{view}" preserveAspectRatio="none" width="100%" height="{height:g}"'
+    return f'<svg y="{top:g}" {look}>{"".join(parts)}</svg>'
+
+
+def placed(x_percent: float, y: float, part: str) -> str:
+    """A part of a :func:`wide` picture that is drawn around the origin, at a place across in percent."""
+    return f'<svg x="{x_percent:.2f}%" y="{y:g}" width="1" height="1">{part}</svg>'
+
+
+def dot(x: float, y: float, radius: float, fill: str, tip: str = "") -> str:
+    """A disc that stays round where the picture is stretched: a line of no length with round ends."""
+    told = f' data-t="{esc(tip)}"' if tip else ""
+    look = f"fill:none;stroke:{fill};stroke-width:{2.0 * radius:g};stroke-linecap:round"
+    return f'<path d="M{x:.1f} {y:.1f}h0" style="{look}"{told}/>'
+
+
 def text(
-    x: float,
+    x: float | str,
     y: float,
     words: object,
     *,
@@ -36,11 +64,12 @@ def text(
     weight: int = 400,
     fill: str = "",
 ) -> str:
-    """Words at their baseline."""
+    """Words at their baseline; ``x`` may be a percentage, such as "50%"."""
     style = f' style="fill:{fill}"' if fill else ""
     kind = f' class="{css}"' if css else ""
     look = f'font-size="{size:g}" text-anchor="{anchor}" font-weight="{weight}"{kind}{style}'
-    return f'<text x="{x:.1f}" y="{y:.1f}" {look}>{esc(words)}</text>'
+    across = x if isinstance(x, str) else f"{x:.1f}"
+    return f'<text x="{across}" y="{y:.1f}" {look}>{esc(words)}</text>'
 
 
 def rect(x: float, y: float, width: float, height: float, fill: str, tip: str = "", radius: float = 2) -> str:
@@ -178,15 +207,34 @@ class Frame:
         across = (x - first) / max(last - first, 1e-9) * (self.right - self.left)
         return self.left + across, self.top + self.height * (high - y) / max(high - low, 1e-12)
 
-    def axes(self, *, x_unit: str = "", has_y: bool = True) -> list[str]:
-        """Lines at round numbers, and the numbers."""
-        parts = []
-        for tick in nice_ticks(*self.y, 4) if has_y else []:
-            y = self.at(0.0, tick)[1]
-            parts.append(line([(self.left, y), (self.right, y)], "var(--line)", 1))
-            parts.append(text(self.left - 8, y + 4, f"{tick:g}", size=12, anchor="end", css="soft"))
-        for tick in nice_ticks(*self.x, 8 if self.width > 700 else 5 if self.width > 400 else 3):
-            x = self.at(tick, 0.0)[0]
-            words = f"{tick:g}{x_unit}"
-            parts.append(text(x, self.top + self.height + 16, words, size=12, anchor="middle", css="soft"))
+    def grid(self) -> list[str]:
+        """Lines at round numbers of the vertical axis."""
+        ys = (self.at(0.0, tick)[1] for tick in nice_ticks(*self.y, 4))
+        return [line([(self.left, y), (self.right, y)], "var(--line)", 1) for y in ys]
+
+    def heights(self) -> list[str]:
+        """The numbers of the vertical axis, left of the plot."""
+        ticks = nice_ticks(*self.y, 4)
+        at = ((tick, self.at(0.0, tick)[1] + 4) for tick in ticks)
+        return [text(-8, y, f"{tick:g}", size=12, anchor="end", css="soft") for tick, y in at]
+
+    def across(self, unit: str = "", title: str = "") -> list[str]:
+        """The numbers of the horizontal axis and its title, below the plot; half of many go on a narrow screen."""
+        ticks = nice_ticks(*self.x, 8 if self.width > 700 else 5 if self.width > 400 else 3)
+        parts, y = [], self.top + self.height + 16
+        for i, tick in enumerate(ticks):
+            at = 100.0 * (self.at(tick, 0.0)[0] - self.left) / (self.right - self.left)
+            css = "soft few" if i % 2 and len(ticks) > 6 else "soft"
+            parts.append(text(f"{at:.2f}%", y, f"{tick:g}{unit}", size=12, anchor="middle", css=css))
+        if title:
+            parts.append(text("50%", y + 20, title, size=12.5, anchor="middle", css="soft"))
         return parts
+
+    def plot(self, parts: Iterable[str]) -> str:
+        """What lies in the plot: places from :meth:`at`."""
+        view = f"{self.left:g} {self.top:g} {self.right - self.left:g} {self.height:g}"
+        return stretched(self.top, self.height, parts, view)
+
+    def picture(self, height: float, parts: Iterable[str], label: str) -> str:
+        """The whole, with the frame's margins."""
+        return wide(height, parts, label, left=self.left, right=_RIGHT)

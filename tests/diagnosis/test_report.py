@@ -88,11 +88,11 @@ def test_everything_is_on_it(text: str) -> None:
         "84 % of the torque gap closes (90 %: 77 % to 90 %)",
         "A change of the joint motion gap is not shown",
         "the body motion gap grows",
-        "each by itself",
+        "these numbers do not add up to 1",
         "2.02",
         "1.91 to 2.13",
         "2.2 to 2.6",
-        "Probability of each in this place: dry friction 0.51; friction near standstill (Stribeck) 0.20.",
+        "Probability that it is this one: dry friction 0.51; friction near standstill (Stribeck) 0.20.",
         "Evidence by channel: set-point to load 97 %",
         "4 numbers of the robot&#x27;s own beside the nominal ones; 2 stand out",
         "0.86 (0.85 to 0.87)",
@@ -120,7 +120,7 @@ def test_everything_is_on_it(text: str) -> None:
         (
             {"held_out": ()},
             "two runs of the robot",
-            "on the commands of the logs to which the corrected one was fitted",
+            "The commands are those of the logs to which the corrected one was fitted",
         ),
     ],
 )

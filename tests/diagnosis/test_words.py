@@ -175,6 +175,10 @@ class Said(NamedTuple):
     changes_of: tuple[Consequences | None, ...]
 
 
+WHOLE = ("What the corrected model does", "How the walk changes")
+"""Sections about the corrected model as a whole."""
+
+
 def all_said(v: Verdict, lines: list[str], text: str) -> Iterator[Said]:
     """The texts of a verdict, each with what it is about."""
     whole = (v.consequences or v.calibration.consequences,)
@@ -194,7 +198,7 @@ def all_said(v: Verdict, lines: list[str], text: str) -> Iterator[Said]:
                 yield Said(title, _plain(part), (own,), (own,))
         else:
             own = (v.calibration.consequences,) if title == "Calibration" else whole
-            yield Said(title, _plain(section), own, whole if title == "What the corrected model does" else each)
+            yield Said(title, _plain(section), own, whole if title in WHOLE else each)
 
 
 def _plain(text: str) -> str:

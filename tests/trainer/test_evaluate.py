@@ -13,7 +13,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from trainer.evaluate import trials
 from trainer.evaluate.command import _evaluated
-from trainer.evaluate.page import _an_hour, evaluation_page
+from trainer.evaluate.page import _how_often, evaluation_page
 from trainer.evaluate.setting import FOOT_GEOMS, Setting
 from trainer.evaluate.trials import _grid, evaluate
 from trainer.simulate.walks import WalkRecord, record_walks
@@ -97,8 +97,9 @@ def test_a_whole_evaluation_and_its_page() -> None:
     assert result["pushes"]["trials"] == 3
     page = evaluation_page(result, "mine.onnx")
     assert f"Policy mine.onnx holds {result['top_speed']['sustained_m_s']:.2f} m/s" in page
-    assert "walk by its contract" in page
-    assert "0 of 3 fell</b></td><td>0 to 180 falls an hour (90 % interval, from 60 s of robot time)" in page
+    assert "The file says that its policy is called walk." in page
+    assert ">Walks</span>" in page  # three episodes show no more
+    assert "0 of 3 fell</b></td><td>0 falls in 60 s of walking</td>" in page
     assert "Speed against command" in page
     assert "told to turn" not in page  # no command of these turns while it walks
     point = {**result["tracking"]["points"][-1], "command": [2.0, 0.0, 1.0], "velocity": [2.0, 0.0, 0.72]}
@@ -114,13 +115,13 @@ def test_a_whole_evaluation_and_its_page() -> None:
 @pytest.mark.parametrize(
     ("falls", "robot_s", "told"),
     [
-        (0, 3600.0, "0 to 3 falls"),  # −ln 0.05
-        (2, 41.8, "31 to 540 falls"),  # 0.355 and 6.296 events in 41.8 s
-        (100, 36000.0, "8.4 to 12 falls"),
+        (0, 3600.0, "0 falls in 3600 s of walking: at most 3 an hour (95 % bound)"),  # −ln 0.05
+        (2, 41.8, "2 falls in 42 s of walking"),  # 0.355 and 6.296 events are possible: no rate
+        (100, 36000.0, "100 falls in 36000 s of walking: 8.4 to 12 an hour (90 % interval)"),
     ],
 )
-def test_falls_an_hour_by_hand(falls: int, robot_s: float, told: str) -> None:
-    assert _an_hour({"falls": falls, "robot_s": robot_s}).startswith(told)
+def test_falls_and_their_rate_by_hand(falls: int, robot_s: float, told: str) -> None:
+    assert _how_often({"falls": falls, "robot_s": robot_s}) == told
 
 
 def test_an_interrupted_evaluation_goes_on_and_takes_no_trials_of_another(

@@ -14,11 +14,20 @@ from spot_log.page.look import boxed, facts, folded, framed, headed
 from spot_log.page.rows import Bar, bars, stance
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot.facts import LEG_NAMES
+from spot_model.text import counted
 from trainer.evaluate.holds import HOLDS
 
 STEADY: Final = 0.01
-"""Share of randomised episodes that may end in a fall for a policy that is called steady."""
+"""Share of randomised episodes that may end in a fall for a policy that is called steady.
+
+Fewer episodes than its inverse cannot show that.
+"""
 WALKS: Final = 0.10
+AXES: Final = (("forward", "m/s"), ("sideways", "m/s"), ("turning", "rad/s"))
+ENOUGH_FALLS: Final = 3
+"""Falls from which their rate is told: its 90 % interval spans less than a factor of ten."""
+ENOUGH_S: Final = 600.0
+"""Robot time from which few falls bound their rate, s."""
 FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
 TRIALS: Final = {
     "tracking": "tracking",
@@ -54,12 +63,16 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
     body = [
         _head(result, file),
         "<div class='two'>",
-        boxed("Speed against command", "Forward, held for 10 s. A gap means that the robot fell.", _speed(result)),
-        boxed("Tracking error", "One command at a time, from a straight walk.", _errors(result)),
+        boxed(
+            "Speed against command",
+            "Each forward speed is held for 10 s. Where the line is interrupted, the robot fell.",
+            _speed(result),
+        ),
+        boxed("Tracking error", "Mean distance from the command, one axis at a time.", _errors(result)),
         "</div>",
         boxed(
             "Falls and disturbances",
-            "Friction, masses and starts are drawn at random, one robot per trial.",
+            "Friction, masses and starts are drawn at random for each robot.",
             _trials(result),
         ),
         _holds(result["holds"]),
@@ -73,15 +86,18 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
 def _head(result: Mapping[str, Any], file: str) -> str:
     top, tracking, slow = result["top_speed"], result["tracking"], result["episodes_slow"]
     share = slow["falls"] / slow["episodes"]
-    badge, kind = ("Steady", "good") if share <= STEADY else ("Walks", "fair") if share <= WALKS else ("Falls", "bad")
+    is_steady = share <= STEADY and slow["episodes"] * STEADY >= 1.0
+    badge, kind = ("Steady", "good") if is_steady else ("Walks", "fair") if share <= WALKS else ("Falls", "bad")
     held = top["sustained_m_s"]
     if held is None:
-        headline = f"Policy {file} falls at every speed"
+        headline = f"Policy {file} falls at every speed that was tried"
     elif top.get("gait") == "stand":
-        badge, kind, headline = "Stands", "bad", f"Policy {file} stands still at every speed"
+        badge, kind, headline = "Stands", "bad", f"Policy {file} stands still at every speed that was tried"
     else:
         headline = f"Policy {file} holds {held:.2f} m/s"
-    meta = f"{result['policy']} by its contract · simulated; a robot may differ"
+    name = result["policy"]
+    meta = "Simulated; a robot may differ."
+    meta += "" if name == file.removesuffix(".onnx") else f" The file says that its policy is called {name}."
     sentences = [*_sentences(top, tracking, slow), _holds_sentence(result["holds"])]
     return headed(badge, kind, headline, sentences, meta)
 
@@ -109,19 +125,26 @@ def _speed(result: Mapping[str, Any]) -> str:
         Series("var(--floor)", asked, held, has_points=True, name="held"),
     ]
     key = legend([("var(--other)", "commanded"), ("var(--floor)", "held")])
-    return key + chart(lines, "held, m/s", x_title="commanded forward, m/s", width=HALF, height=220)
+    return key + chart(lines, "held, m/s", x_title="commanded forward, m/s", width=HALF, height=265)
 
 
 def _errors(result: Mapping[str, Any]) -> str:
-    lines, names = [], []
-    for axis, name in enumerate(("forward, m/s", "sideways, m/s", "turning, rad/s")):
+    """A chart for each axis of the command; the two in m/s share a scale."""
+    found = []
+    for axis in range(3):
         others = [i for i in range(3) if i != axis]
         points = [p for p in result["tracking"]["points"] if all(p["command"][i] == 0.0 for i in others)]
         points.sort(key=lambda p: float(p["command"][axis]))
-        errors = [np.nan if p["error"][axis] is None else p["error"][axis] for p in points]
-        lines.append(Series(FEET[axis], [p["command"][axis] for p in points], errors, has_points=True, name=name))
-        names.append((FEET[axis], name))
-    return legend(names) + chart(lines, "mean error", x_title="command", width=HALF, height=220, zero=True)
+        errors = np.array([p["error"][axis] for p in points], dtype=np.float64)
+        found.append(([p["command"][axis] for p in points], errors))
+    tops = [float(np.nanmax(errors, initial=0.0)) for _, errors in found]
+    drawn = []
+    for (asked, errors), (name, unit), top in zip(found, AXES, (max(tops[:2]), max(tops[:2]), tops[2]), strict=True):
+        line = Series("var(--floor)", asked, errors, has_points=True, name=f"{name}: error")
+        y_range = (0.0, 1.1 * top or 1.0)
+        x_title = f"commanded {name}, {unit}"
+        drawn.append(chart([line], f"error, {unit}", x_title=x_title, width=HALF, height=70, y_range=y_range))
+    return "".join(drawn)
 
 
 def _trials(result: Mapping[str, Any]) -> str:
@@ -131,7 +154,7 @@ def _trials(result: Mapping[str, Any]) -> str:
             trial = result[key]
             low, high = trial["v_x_m_s"]
             what = f"20 s with noise and a push, {low:g} to {high:g} m/s"
-            rows.append((what, f"{trial['falls']} of {trial['episodes']} fell", _an_hour(trial)))
+            rows.append((what, f"{trial['falls']} of {trial['episodes']} fell", _how_often(trial)))
     for key, what in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a second on slippery ground (μ = 0.3)")):
         trial = result[key]
         rows.append((f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} stayed up", ""))
@@ -154,12 +177,13 @@ def _holds(figures: Mapping[str, Any]) -> str:
     parts = []
     for group in dict.fromkeys(c["group"] for c in figures["conditions"]):
         rows = [(c["name"], "", [_held_bar(c)]) for c in figures["conditions"] if c["group"] == group]
-        parts.append(f"<div><h3>{esc(group)}</h3>{bars(rows, f'Robots that hold: {group}', left=165)}</div>")
+        parts.append(f"<div><h3>{esc(group)}</h3>{bars(rows, f'Robots that hold: {group}', left=165, right=125)}</div>")
     low, high = figures["speed_m_s"]
     about = (
-        f"Robots that stay up for {figures['seconds']:g} s at commands of {low:g} to {high:g} m/s, and get on at "
-        f"{100 * figures['progress_needed']:g} % of the command or more; then the mean speed of those that stay up, in "
-        f"percent of it. On slopes and steps they walk straight on. Red: fewer than {100 * HOLDS:g} %."
+        f"A robot holds if it stays up for {figures['seconds']:g} s at commands of {low:g} to {high:g} m/s, and moves "
+        f"at {100 * figures['progress_needed']:g} % of the commanded speed or more. Behind each bar: robots that hold, "
+        f"and the mean speed of those that stay up in percent of the command. Red: fewer than {100 * HOLDS:g} % hold. "
+        "On slopes and steps, robots walk straight on."
     )
     return boxed("Where it holds", about, f"<div class='two'>{''.join(parts)}</div>")
 
@@ -167,27 +191,31 @@ def _holds(figures: Mapping[str, Any]) -> str:
 def _holds_sentence(figures: Mapping[str, Any]) -> str:
     conditions = figures["conditions"]
     enough = sum(c["held"] >= HOLDS * c["robots"] for c in conditions)
+    robots = counted(max(c["robots"] for c in conditions), "robot")
     return (
-        f"At up to {figures['speed_m_s'][1]:g} m/s it holds in {enough} of {len(conditions)} conditions, shown below."
+        f"At up to {figures['speed_m_s'][1]:g} m/s it holds in {enough} of {len(conditions)} conditions, "
+        f"each tried with {robots}."
     )
 
 
 def _held_bar(c: Mapping[str, Any]) -> Bar:
     share = c["held"] / c["robots"]
     speed = "" if c["progress"] is None else f" · {100 * c['progress']:.0f} %"
-    tip = f"{c['stayed_up']} of {c['robots']} stayed up, {c['held']} of them got on"
-    return Bar(
-        0.8 * share, "var(--good)" if share >= HOLDS else "var(--bad)", f"{c['held']} of {c['robots']}{speed}", tip
-    )
+    tip = f"{c['stayed_up']} of {c['robots']} stayed up, {c['held']} of them kept the speed"
+    colour = "var(--good)" if share >= HOLDS else "var(--bad)"
+    return Bar(share, colour, f"{c['held']} of {c['robots']}{speed}", tip)
 
 
-def _an_hour(trial: Mapping[str, Any]) -> str:
-    """Falls an hour with their exact Poisson interval: few episodes tell little."""
+def _how_often(trial: Mapping[str, Any]) -> str:
+    """Falls and the time in which they happened; their rate only where they tell it."""
     falls, hours = trial["falls"], trial["robot_s"] / 3600.0
+    told = f"{counted(falls, 'fall')} in {trial['robot_s']:.0f} s of walking"
     low, high = (
         0.5 * float(chi2.ppf(p, n)) / hours if n else 0.0 for p, n in ((0.05, 2 * falls), (0.95, 2 * falls + 2))
     )
-    return f"{_two(low)} to {_two(high)} falls an hour (90 % interval, from {trial['robot_s']:.0f} s of robot time)"
+    if falls >= ENOUGH_FALLS:
+        return f"{told}: {_two(low)} to {_two(high)} an hour (90 % interval)"
+    return f"{told}: at most {_two(high)} an hour (95 % bound)" if trial["robot_s"] >= ENOUGH_S else told
 
 
 def _two(value: float) -> str:
