@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from spot_rl.learning import export as export
     from spot_rl.learning import identify as identify
     from spot_rl.learning import train as train
+    from spot_rl.vector_environment import SpotVectorEnv as SpotVectorEnv
+    from spot_rl.vector_environment import make_vec_env as make_vec_env
     from trainer.sysid.result import ResultData as ResultData
 
 _WHERE = {
@@ -58,6 +60,8 @@ _WHERE = {
     "ResultData": ("trainer.sysid.result", "sysid"),
     "make_env": ("spot_rl.environment", "gym"),
     "SpotEnv": ("spot_rl.environment", "gym"),
+    "make_vec_env": ("spot_rl.vector_environment", "gym"),
+    "SpotVectorEnv": ("spot_rl.vector_environment", "gym"),
     "train": ("spot_rl.learning", "train"),
     "export": ("spot_rl.learning", "train"),
     "evaluate": ("spot_rl.learning", "train"),

@@ -116,15 +116,16 @@ def existing_all(values: AnyPath | Iterable[AnyPath], name: str) -> list[Path]:
     return [existing(value, name) for value in given]
 
 
-def whole(value: int, name: str, least: int = 0) -> int:
+def whole(value: int, name: str, least: int = 0, most: int = 2**63 - 1) -> int:
     """The whole number that was given, as a seed or a count.
 
     Raises:
-        BadInputError: It is none, or below ``least``.
+        BadInputError: It is none, or not within ``least`` and ``most``.
     """
     given: object = value
-    if isinstance(given, bool) or not isinstance(given, (int, np.integer)) or not least <= int(given) < 2**63:
-        raise wrong(name, value, f"a whole number, {least} or more")
+    if isinstance(given, bool) or not isinstance(given, (int, np.integer)) or not least <= int(given) <= most:
+        bounds = f"{least} or more" if most >= 2**63 - 1 else f"{least} to {most}"
+        raise wrong(name, value, f"a whole number, {bounds}")
     return int(given)
 
 

@@ -16,16 +16,38 @@ from typing import TYPE_CHECKING, Any
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy import built_in
-from spot_model.policy.policy import Policy, load_policy
-from spot_rl.checks import AnyPath, existing, existing_all, to_path, whole
-from spot_rl.inputs import model_of, policy_file
+from spot_model.policy.policy import Policy
+from spot_rl.checks import (
+    AnyPath,
+    a_file,
+    a_folder,
+    existing,
+    existing_all,
+    flag,
+    mapping,
+    new_file,
+    text,
+    to_path,
+    whole,
+    with_our_errors,
+    wrong,
+)
+from spot_rl.inputs import model_of, policy_file, policy_of
 from trainer.config.train_config import TrainConfig, config_from_data, load_config
 
 if TYPE_CHECKING:
+    import torch
+
+    from spot_rl.environment import SpotEnv
+    from spot_rl.vector_environment import SpotVectorEnv
     from trainer.sysid.config import SysidConfig
     from trainer.sysid.result import ResultData
 
+DEVICES = "cpu, cuda or cuda:N"
+MOST_WORKERS = 1024
 
+
+@with_our_errors
 def train(
     config: AnyPath | Mapping[str, Any],
     out: AnyPath | None = None,
@@ -51,33 +73,58 @@ def train(
     # Spinning threads take the cores from the physics; torch reads this when it is first imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     settings = training_config(config, changes)
+    device = text(device, "device", DEVICES)
+    stamp = datetime.now(tz=timezone.utc).strftime("%Y%m%d-%H%M%S")
+    folder = a_folder(out, "out") if out is not None else Path("runs") / f"{settings.name}-{stamp}"
     from trainer.ppo.train import train as run_training
 
-    stamp = datetime.now(tz=timezone.utc).strftime("%Y%m%d-%H%M%S")
-    folder = to_path(out, "out") if out is not None else Path("runs") / f"{settings.name}-{stamp}"
     run_training(settings, folder, device=device, command="spot_rl.train")
     return folder
 
 
-def export(run: AnyPath, out: AnyPath, *, name: str | None = None) -> Path:
+@with_our_errors
+def export(
+    run: AnyPath | torch.nn.Module, out: AnyPath, *, name: str | None = None, env: SpotEnv | SpotVectorEnv | None = None
+) -> Path:
     """Write a trained policy as an ONNX file with its contract.
 
     Args:
-        run: A run folder, or a checkpoint.
+        run: A run folder, a checkpoint, or a network that another library trained: a ``torch.nn.Module`` of linear
+            layers with ELU between them, from the 48 observations to the 12 actions.
         out: The file to write; never overwritten.
         name: The policy's name; the config's by default.
+        env: With a network: the environment it was trained in, which says what its actions mean.
 
     Returns:
         The file.
 
     Raises:
-        SpotRlError: There is no checkpoint, or the file exists.
+        SpotRlError: There is no checkpoint, the network is of another kind, or the file exists.
     """
-    from trainer.evaluate.export import export_policy
+    import torch
 
-    return export_policy(existing(run, "run"), to_path(out, "out"), name)
+    from trainer.evaluate.export import export_network, export_policy
+
+    name = None if name is None else text(name, "name")
+    place = new_file(out, "out")
+    if not isinstance(run, torch.nn.Module):
+        if env is not None:
+            raise wrong("env", env, "None, where run is a folder or a checkpoint")
+        return export_policy(existing(run, "run"), place, name)
+    from spot_rl.environment import SpotEnv
+    from spot_rl.episodes import action_unit
+    from spot_rl.vector_environment import SpotVectorEnv
+
+    trained_in = getattr(env, "unwrapped", None)
+    if not isinstance(trained_in, (SpotEnv, SpotVectorEnv)):
+        raise wrong("env", env, "the environment that the network was trained in, of make_env or make_vec_env")
+    config = trained_in.config
+    model = trained_in.model or model_of(config.model)[0]
+    unit = action_unit(trained_in.action_space)
+    return export_network(run, config, model, place, name or config.name, unit)
 
 
+@with_our_errors
 def evaluate(
     policy: AnyPath | Policy,
     *,
@@ -110,21 +157,22 @@ def evaluate(
     from trainer.evaluate.trials import evaluate as run_trials
 
     n, seed = whole(n, "n", 1), whole(seed, "seed")
-    loaded = policy if isinstance(policy, Policy) else load_policy(policy_file(policy))
-    return run_trials(Setting(policy=loaded, model=model_of(model)[0], seed=seed), n=n)
+    return run_trials(Setting(policy=policy_of(policy), model=model_of(model)[0], seed=seed), n=n)
 
 
 def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, Any] | None) -> TrainConfig:
     """A training config from a file or plain data, with changes."""
+    changed = {} if changes is None else mapping(changes, "changes", "a mapping of keys of the config")
     try:
-        overrides = tuple(f"{key}={json.dumps(value)}" for key, value in (changes or {}).items())
+        overrides = tuple(f"{key}={json.dumps(value)}" for key, value in changed.items())
     except TypeError as error:
         raise BadInputError(f"changes: {error}; allowed: numbers, text, lists and mappings") from error
     if isinstance(config, Mapping):
-        return config_from_data(dict(config), source="config", overrides=overrides)
-    return load_config(built_in.config_file(to_path(config, "config")), overrides)
+        return config_from_data(mapping(config, "config", "a mapping of keys"), source="config", overrides=overrides)
+    return load_config(a_file(built_in.config_file(to_path(config, "config")), "config"), overrides)
 
 
+@with_our_errors
 def identify(
     logs: AnyPath | Iterable[AnyPath],
     policy: AnyPath | Policy,
@@ -171,10 +219,12 @@ def identify(
             'if __name__ == "__main__":, or give workers=1'
         )
     settings = _sysid_config(config, generations)
-    file = policy_file(policy)
-    log_set = read_logs(existing_all(logs, "logs"), load_policy(file))
+    workers, device = whole(workers, "workers", 1, MOST_WORKERS), text(device, "device", DEVICES)
+    folder, resume = a_folder(out, "out"), flag(resume, "resume")
     place = place_of(workers, EngineName.LOCAL, None, device)
-    return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, place=place)
+    file = policy_file(policy)
+    log_set = read_logs(existing_all(logs, "logs"), policy_of(file))
+    return run_identification(log_set, file, settings, folder, resume=resume, place=place)
 
 
 def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int | None) -> SysidConfig:
@@ -183,11 +233,10 @@ def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int |
     if config is None:
         settings = SysidConfig()
     elif isinstance(config, Mapping):
-        settings = config_from_data(dict(config), source="config")
+        settings = config_from_data(mapping(config, "config", "a mapping of keys"), source="config")
     else:
-        settings = load_config(existing(config, "config"))
+        settings = load_config(a_file(config, "config"))
     if generations is None:
         return settings
-    if generations < 1:
-        raise BadInputError(f"generations = {generations}; allowed: 1 or more")
+    generations = whole(generations, "generations", 1)
     return settings.model_copy(update={"search": settings.search.model_copy(update={"generations": generations})})

@@ -5,15 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from spot_model.io.model_file import RobotModel
 from spot_model.io.models_file import load_models
 from spot_model.io.whole import check_new, whole_file
-from spot_model.policy.contract import StatedGait
+from spot_model.policy.contract import PolicyContract, StatedGait, TrainingRecord
 from spot_model.policy.policy import Policy, load_policy, policy_from_bytes
+from trainer.config.train_config import TrainConfig
 from trainer.evaluate.setting import Setting
 from trainer.ppo.checkpoint import find_checkpoint
-from trainer.ppo.checkpoint_policy import check_agreement, onnx_bytes, read_actor, read_layers
+from trainer.ppo.checkpoint_policy import (
+    Layers,
+    check_agreement,
+    contract_of,
+    layers_of,
+    onnx_bytes,
+    read_actor,
+    read_layers,
+)
 from trainer.simulate.walks import hold
 
 SPEEDS_M_S = (0.3, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
@@ -72,7 +82,35 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
     else:
         config, layers, contract = read_actor(find_checkpoint(run), name)
         model = config.model
-    measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), load_models(model)[0])
+    return _written(layers, contract, load_models(model)[0], out)
+
+
+def export_network(
+    network: torch.nn.Module, config: TrainConfig, model: RobotModel, out: Path, name: str, action_unit: float
+) -> Path:
+    """Write a network that another library trained on the task as ONNX with its contract; refuses to overwrite.
+
+    Args:
+        network: Linear layers with ELU between them, 48 numbers in, 12 out.
+        config: The task that it was trained on.
+        model: The robot that it was trained on.
+        out: The file to write.
+        name: Name in the contract.
+        action_unit: The network's 1 in a policy's unit of 0.2 rad.
+
+    Raises:
+        OutputExistsError: ``out`` exists.
+        BadInputError: The network is of another kind.
+    """
+    check_new(out)
+    layers = layers_of(network)
+    weight, bias = layers[-1]
+    layers[-1] = (action_unit * weight, action_unit * bias)
+    return _written(layers, contract_of(config, layers, name, TrainingRecord(model_sha256=model.digest())), model, out)
+
+
+def _written(layers: Layers, contract: PolicyContract, model: RobotModel, out: Path) -> Path:
+    measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), model)
     data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
     check_agreement(layers, data)
     with whole_file(out) as part:

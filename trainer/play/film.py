@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -100,7 +100,7 @@ def top_speed_ramp(policy: Policy, seconds: float) -> VelocityAt:
 
 
 @contextlib.contextmanager
-def gl_context() -> Iterator[None]:
+def gl_context() -> Iterator[Any]:
     """OpenGL without a display: OSMesa where MUJOCO_GL says so, otherwise EGL."""
     if os.environ.get("MUJOCO_GL") == "osmesa":
         from mujoco.osmesa import GLContext
@@ -109,7 +109,7 @@ def gl_context() -> Iterator[None]:
     context = GLContext(WIDTH, HEIGHT)
     try:
         context.make_current()
-        yield
+        yield context
     finally:
         context.free()
 

@@ -21,14 +21,23 @@ from spot_model.version import software_revision
 from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
 
 
+def check_run_folder(folder: Path) -> None:
+    """Refuse a run folder that holds something.
+
+    Raises:
+        BadInputError: It does.
+    """
+    if folder.exists() and any(folder.iterdir()):
+        raise BadInputError(f"run folder {folder} is not empty; choose another with --out, or --resume it")
+
+
 def make_run_folder(folder: Path, config: TrainConfig, command: str, device: str) -> None:
     """Make ``folder`` and write ``config.yaml`` and ``run.json``.
 
     Raises:
         BadInputError: The folder exists and is not empty.
     """
-    if folder.exists() and any(folder.iterdir()):
-        raise BadInputError(f"run folder {folder} is not empty; choose another with --out, or --resume it")
+    check_run_folder(folder)
     record: dict[str, Any] = {
         "command": command,
         "device": device,

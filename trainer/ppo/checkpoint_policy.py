@@ -30,6 +30,8 @@ LARGEST_ERROR = 1.0e-5
 
 POLICY_STD = 0.3
 """Standard deviation of the actions of a run that starts from a policy, unless its config says another."""
+IGNORED = (torch.nn.Identity, torch.nn.Flatten, torch.nn.Dropout)
+"""Layers that do nothing to a batch of observations when a policy acts."""
 PARTS = ("weight", "bias")
 
 Layers = list[tuple[torch.Tensor, torch.Tensor]]
@@ -55,8 +57,8 @@ def read_actor(checkpoint: Path, name: str | None = None) -> tuple[TrainConfig, 
     content = read_checkpoint(checkpoint)
     config = config_of(content, str(checkpoint))
     layers = actor_layers(content["algorithm"]["actor_state_dict"])
-    record = read_run_record(checkpoint.parent)
-    return config, layers, _contract(config, layers, name or config.name, record, checkpoint)
+    training = _training(config, read_run_record(checkpoint.parent), checkpoint)
+    return config, layers, contract_of(config, layers, name or config.name, training)
 
 
 def actor_layers(state: dict[str, torch.Tensor]) -> Layers:
@@ -69,6 +71,35 @@ def actor_layers(state: dict[str, torch.Tensor]) -> Layers:
         weight = weight / (std + NORMALISER_FLOOR)
         layers[0] = (weight.float(), (bias - weight @ mean[0]).float())
     return layers
+
+
+def layers_of(network: torch.nn.Module) -> Layers:
+    """The linear layers of a network of ours: ELU between them, 48 numbers in, 12 out.
+
+    Raises:
+        BadInputError: The network is of another kind.
+    """
+    parts = [m for m in network.modules() if not any(m.children()) and not isinstance(m, IGNORED)]
+    linear = [m for m in parts[::2] if isinstance(m, torch.nn.Linear)]
+    between = [m for m in parts[1::2] if isinstance(m, torch.nn.ELU) and m.alpha == 1.0]
+    layers = [(m.weight.detach().cpu().float(), _bias(m).detach().cpu().float()) for m in linear]
+    widths = (N_OBSERVATION, facts.N_JOINTS)
+    if (
+        len(linear) != len(between) + 1
+        or len(linear) + len(between) != len(parts)
+        or (layers[0][0].shape[1], layers[-1][0].shape[0]) != widths
+    ):
+        told = ", ".join(str(m) for m in parts) or "no layers"
+        raise BadInputError(
+            f"network has {told:.300}; allowed: torch.nn.Linear layers with torch.nn.ELU between them, {widths[0]} "
+            f"numbers in and {widths[1]} out; give the layers in their order, as torch.nn.Sequential(...)"
+        )
+    return layers
+
+
+def _bias(layer: torch.nn.Linear) -> torch.Tensor:
+    bias: torch.Tensor | None = layer.bias
+    return layer.weight.new_zeros(layer.out_features) if bias is None else bias
 
 
 def read_layers(data: bytes, source: str) -> Layers:
@@ -185,9 +216,8 @@ def check_agreement(layers: Layers, data: bytes) -> float:
     return error
 
 
-def _contract(
-    config: TrainConfig, layers: Layers, name: str, record: dict[str, Any], checkpoint: Path
-) -> PolicyContract:
+def contract_of(config: TrainConfig, layers: Layers, name: str, training: TrainingRecord) -> PolicyContract:
+    """The contract of a network that was trained on a config's task, with no gait stated."""
     inputs = _inputs(1)
     commands = config.task.commands
     ranges = (commands.v_x_m_s, commands.v_y_m_s, commands.yaw_rate_rad_s)
@@ -195,16 +225,20 @@ def _contract(
         name=name,
         velocity_command_low=(ranges[0][0], ranges[1][0], ranges[2][0]),
         velocity_command_high=(ranges[0][1], ranges[1][1], ranges[2][1]),
-        training=TrainingRecord(
-            run=f"{config.name}/{checkpoint.stem}/{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}",
-            revision=str(record.get("revision", "")),
-            command=str(record.get("command", "")),
-            seed=config.seed,
-            model_sha256=load_models(config.model)[0].digest(),
-        ),
+        training=training,
         stored_pair=StoredPair(
             observation=tuple(float(v) for v in inputs[0]), action=tuple(float(v) for v in _torch(layers, inputs)[0])
         ),
+    )
+
+
+def _training(config: TrainConfig, record: dict[str, Any], checkpoint: Path) -> TrainingRecord:
+    return TrainingRecord(
+        run=f"{config.name}/{checkpoint.stem}/{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}",
+        revision=str(record.get("revision", "")),
+        command=str(record.get("command", "")),
+        seed=config.seed,
+        model_sha256=load_models(config.model)[0].digest(),
     )
 
 

@@ -12,7 +12,7 @@ import torch
 from spot_model.errors import BadInputError
 from spot_model.policy.built_in import policy_or_run
 from trainer.config.train_config import TrainConfig
-from trainer.ppo.checkpoint import config_of, find_checkpoint, make_run_folder, read_checkpoint
+from trainer.ppo.checkpoint import check_run_folder, config_of, find_checkpoint, make_run_folder, read_checkpoint
 from trainer.ppo.checkpoint_policy import networks_of_policy
 from trainer.ppo.runner import PpoRunner
 from trainer.ppo.vec_env import TaskVecEnv
@@ -36,8 +36,11 @@ def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") 
     elif source is not None:
         networks = read_checkpoint(source)
     if is_first_process():
+        check_run_folder(folder)
+    env = make_robots(config, device)
+    if is_first_process():
         make_run_folder(folder, config, command, device)
-    runner = make_runner(config, folder, device)
+    runner = PpoRunner(env, config, folder, device)
     if networks is not None:
         runner.load_networks(networks, str(source))
     runner.run(config.iterations, is_fresh=True)
@@ -73,6 +76,11 @@ def resume(run: Path, *, device: str, iterations: int | None = None) -> Path:
 
 def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
     """Task, log and PPO for a config, seeded."""
+    return PpoRunner(make_robots(config, device), config, folder, device)
+
+
+def make_robots(config: TrainConfig, device: str) -> TaskVecEnv:
+    """The robots of a config; seeds torch, too."""
     rank = int(os.getenv("RANK", "0"))
     torch.manual_seed(config.seed * 1000 + rank)
     if device == "cpu":
@@ -80,8 +88,7 @@ def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
         keep_freed_memory()
     else:
         torch.set_float32_matmul_precision("high")
-    env = TaskVecEnv(make_tasks(config, device, rank=rank), config.ppo.steps_per_iteration)
-    return PpoRunner(env, config, folder, device)
+    return TaskVecEnv(make_tasks(config, device, rank=rank), config.ppo.steps_per_iteration)
 
 
 def is_first_process() -> bool:

@@ -72,9 +72,9 @@ def run_identification(
         raise BadInputError(f"folder {out} holds an unfinished search; give --resume to go on, or another --out folder")
     if resume and not checkpoint.exists():
         raise BadInputError(f"folder {out} holds no unfinished search; leave --resume out to start one")
-    out.mkdir(parents=True, exist_ok=True)
     say(f"measuring noise, delay, inertia and contact in {counted(len(logs.runs), 'log')} …")
     preparation = prepare(logs, load_policy(policy), policy.read_bytes(), config, place.device)
+    out.mkdir(parents=True, exist_ok=True)
     problem = preparation.problem
     place = replace(place, workers=min(place.workers, useful_workers(problem)))
     with Progress("generations", config.search.generations) as progress, candidates_engine(problem, place) as engine:

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import torch
 
+from spot_model.io.model_file import RobotModel
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT, build_observation
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz
@@ -285,10 +286,13 @@ four parts on they are twice as large: 4 % faster."""
 MOST_PARTS: Final = 10_000
 
 
-def make_tasks(config: TrainConfig, device: str, *, rank: int = 0) -> list[Task]:
+def make_tasks(
+    config: TrainConfig, device: str, *, rank: int = 0, kind: type[Task] = Task, model: RobotModel | None = None
+) -> list[Task]:
     """The robots of a config: one task on a GPU, parts of some :data:`PART_SIZE` robots on a CPU.
 
-    The parts depend on the config alone, not on the machine, so a run can be repeated on another.
+    The parts depend on the config alone, not on the machine, so a run can be repeated on another. ``kind`` and
+    ``model`` are those of :func:`make_task`.
 
     Raises:
         BadInputError: The device does not exist, or the model or an effect is not allowed.
@@ -303,12 +307,22 @@ def make_tasks(config: TrainConfig, device: str, *, rank: int = 0) -> list[Task]
             device,
             seed=(config.seed * 1000 + rank) * MOST_PARTS + part,
             n_threads=threads,
+            kind=kind,
+            model=model,
         )
         for part, (start, end) in enumerate(itertools.pairwise(ends))
     ]
 
 
-def make_task(config: TrainConfig, device: str, *, seed: int, n_threads: int = 0) -> Task:
+def make_task(
+    config: TrainConfig,
+    device: str,
+    *,
+    seed: int,
+    n_threads: int = 0,
+    kind: type[Task] = Task,
+    model: RobotModel | None = None,
+) -> Task:
     """Build one back end and its task.
 
     Args:
@@ -316,6 +330,8 @@ def make_task(config: TrainConfig, device: str, *, seed: int, n_threads: int = 0
         device: "cpu", or a CUDA device such as "cuda:0".
         seed: Of all draws.
         n_threads: CPU threads for physics, 0 for all.
+        kind: The task's class.
+        model: The simulated robot, in place of the config's.
 
     Raises:
         BadInputError: The device does not exist, or the model or an effect is not allowed.
@@ -325,7 +341,7 @@ def make_task(config: TrainConfig, device: str, *, seed: int, n_threads: int = 0
     generator.manual_seed(seed)
     draws = Draws(generator)
     randomisation = config.task.randomisation
-    effects = training_effects(config.model, randomisation, config.n_envs, draws)
+    effects = training_effects(model or config.model, randomisation, config.n_envs, draws)
     simulations = draw_simulations(randomisation, config.n_envs, draws)
     backend = PlantBackend(config.task, effects, simulations, device, n_threads, seed=seed)
-    return Task(config.task, backend, generator)
+    return kind(config.task, backend, generator)
