@@ -79,7 +79,8 @@ def layers_of(network: torch.nn.Module) -> Layers:
     Raises:
         BadInputError: The network is of another kind.
     """
-    parts = [m for m in network.modules() if not any(m.children()) and not isinstance(m, IGNORED)]
+    modules = [m for _, m in network.named_modules(remove_duplicate=False)]
+    parts = [m for m in modules if not any(m.children()) and not isinstance(m, IGNORED)]
     linear = [m for m in parts[::2] if isinstance(m, torch.nn.Linear)]
     between = [m for m in parts[1::2] if isinstance(m, torch.nn.ELU) and m.alpha == 1.0]
     layers = [(m.weight.detach().cpu().float(), _bias(m).detach().cpu().float()) for m in linear]
