@@ -16,8 +16,8 @@ from spot_model.policy.observation import OBSERVATION
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_rl.checks import AnyPath, flag, mapping, numbers, text, whole
+from spot_rl.config import training_config
 from spot_rl.inputs import model_of
-from spot_rl.learning import training_config
 from trainer.config.train_config import TrainConfig
 from trainer.task.plant_backend import PlantState
 from trainer.task.task import StepResult, Task, make_tasks

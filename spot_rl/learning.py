@@ -5,7 +5,6 @@ What brings torch, or needs the extra of one function alone, is imported there.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
-from spot_model.policy import built_in
 from spot_model.policy.policy import Policy
 from spot_rl.checks import (
     AnyPath,
@@ -27,13 +25,12 @@ from spot_rl.checks import (
     mapping,
     new_file,
     text,
-    to_path,
     whole,
     with_our_errors,
     wrong,
 )
+from spot_rl.config import training_config
 from spot_rl.inputs import model_of, policy_file, policy_of
-from trainer.config.train_config import TrainConfig, config_from_data, load_config
 
 if TYPE_CHECKING:
     import torch
@@ -158,18 +155,6 @@ def evaluate(
 
     n, seed = whole(n, "n", 1), whole(seed, "seed")
     return run_trials(Setting(policy=policy_of(policy), model=model_of(model)[0], seed=seed), n=n)
-
-
-def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, Any] | None) -> TrainConfig:
-    """A training config from a file or plain data, with changes."""
-    changed = {} if changes is None else mapping(changes, "changes", "a mapping of keys of the config")
-    try:
-        overrides = tuple(f"{key}={json.dumps(value)}" for key, value in changed.items())
-    except TypeError as error:
-        raise BadInputError(f"changes: {error}; allowed: numbers, text, lists and mappings") from error
-    if isinstance(config, Mapping):
-        return config_from_data(mapping(config, "config", "a mapping of keys"), source="config", overrides=overrides)
-    return load_config(a_file(built_in.config_file(to_path(config, "config")), "config"), overrides)
 
 
 @with_our_errors
