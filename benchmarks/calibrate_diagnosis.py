@@ -46,6 +46,7 @@ from diagnosis.verdict.explanation import Explanation, explain
 from diagnosis.verdict.probability import excess
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
+from spot_model.policy.built_in import FOLDER
 from spot_model.policy.policy import Policy, load_policy
 from withheld.blind.execution import what_faults_do
 from withheld.cases import Case, CaseKind, draw, kind_of
@@ -66,7 +67,7 @@ ORDER: Final[tuple[CaseKind, ...]] = (
     "single",
 )
 """Of a block of robots."""
-POLICIES: Final = Path("policies")
+POLICIES: Final = FOLDER
 
 
 def ensemble(seed: int) -> Iterator[int]:

@@ -25,13 +25,14 @@ from diagnosis.selection.scoring import Scorer, null_of
 from diagnosis.selection.unexplained import remainder
 from diagnosis.verdict.explanation import evidence_of
 from spot_log import read_run
+from spot_model.policy.built_in import FOLDER
 from spot_model.policy.policy import load_policy
 from withheld.cases import chosen, draw
 from withheld.plan import RecordingPlan
 from withheld.realities.source import source_of
 from withheld.simulator.simulation import RealityDivergedError
 
-POLICIES = Path("policies")
+POLICIES = FOLDER
 
 
 def left_by_channel(seed: int, number: int) -> Mapping[str, tuple[float, float]]:

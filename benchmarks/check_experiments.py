@@ -1,6 +1,6 @@
 """Every experiment that may be proposed, on robots drawn from wide errors: none falls, none exceeds a limit.
 
-    python benchmarks/check_experiments.py --policy policies/walk.onnx --out experiments.json [--figure experiments.svg]
+    python benchmarks/check_experiments.py --policy walk --out experiments.json [--figure experiments.svg]
 
 Each robot is the paper's identified model with rotor inertia, and ordinary errors of twice the published ranges. Each
 kind of experiment is run as first proposed, and with ``--bounds`` also with the most that its bounds allow; one that

@@ -4,7 +4,7 @@ The fake robot runs in a process of its own, with other physics than the nominal
 logs alone. Steps: ``logs`` records every case, ``diagnose`` explains each in a process of its own, ``score`` prints
 top-1, joints, false alarms.
 
-    python benchmarks/diagnose_fake.py logs --work DIR --policy policies/baseline.onnx
+    python benchmarks/diagnose_fake.py logs --work DIR --policy baseline
     python benchmarks/diagnose_fake.py diagnose --work DIR
     python benchmarks/diagnose_fake.py score --work DIR
 """
@@ -27,6 +27,7 @@ import yaml
 from fake_robot.scenario.scenario import DEFAULT_EFFECTS
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.io.velocity_sequence import VelocitySequence, save_sequence, sequence_of
+from spot_model.policy.built_in import policy_file
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import select_joints
 
@@ -226,7 +227,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("step", choices=["logs", "diagnose", "score"])
     parser.add_argument("--work", type=Path, required=True)
-    parser.add_argument("--policy", type=Path, default=Path("policies/baseline.onnx"))
+    parser.add_argument("--policy", type=policy_file, default="baseline")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--cases", default="")
     parser.add_argument("more", nargs="*", help="more words for spot-rl diagnose, after --")

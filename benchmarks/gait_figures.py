@@ -2,18 +2,18 @@
 
 Claim: the gait figures of docs/training.md.
 
-    python benchmarks/gait_figures.py policies/walk.onnx --speeds 0.3,0.5,1,1.5
+    python benchmarks/gait_figures.py walk --speeds 0.3,0.5,1,1.5
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 import numpy as np
 
 from spot_model.io.model_file import load_model
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.evaluate.setting import Setting
@@ -25,7 +25,7 @@ MASS_TIMES_GRAVITY_N = 31.6 * 9.81
 def main() -> None:
     """Print one JSON line a commanded speed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("policy", type=Path)
+    parser.add_argument("policy", type=policy_file)
     parser.add_argument("--model", default="paper_identified")
     parser.add_argument("--timestep", type=float, default=0.005)
     parser.add_argument("--integrator", default="Euler")

@@ -3,7 +3,7 @@
 Claim: the table of policies/README.md. The arithmetic here shares nothing with spot_model.robot.gait: it looks at
 contacts alone, foot by foot.
 
-    python benchmarks/gait_on_robot.py policies/fast.onnx --speeds 0.3,0.5,1,1.5,2,3,4,5,5.5
+    python benchmarks/gait_on_robot.py fast --speeds 0.3,0.5,1,1.5,2,3,4,5,5.5
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from spot_log import Run, read_run
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+from spot_model.policy.built_in import policy_file
 from spot_model.robot.rotation import rotate_inverse_wxyz
 
 Times = NDArray[np.float64]
@@ -35,7 +36,7 @@ DIAGONALS, OTHERS = ((0, 3), (1, 2)), ((0, 1), (2, 3), (0, 2), (1, 3))
 def main() -> None:
     """Print one JSON line a commanded velocity."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("policy", type=Path)
+    parser.add_argument("policy", type=policy_file)
     parser.add_argument("--speeds", default="0.3,0.5,1,1.5,2,3,4,5,5.5", help="forward, m/s")
     parser.add_argument("--log-dir", type=Path, help="keep the log here")
     parser.add_argument("--log", type=Path, help="measure this log of such a run, make none")

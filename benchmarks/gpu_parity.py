@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -16,6 +15,7 @@ import torch
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from spot_model.io.model_file import load_model
 from spot_model.plant.closed_loop import StartState
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from trainer.config.task_config import RandomisationConfig, TaskConfig
@@ -73,7 +73,7 @@ def walks(device: str, n: int = 6, seconds: float = 8.0) -> dict[str, float]:
 
     All walk as *baseline* at 0.6 m/s from the same stand, with a robot's usual sensor noise of other seeds.
     """
-    policy, model = load_policy(Path("policies/baseline.onnx")), load_model("paper_identified")
+    policy, model = load_policy(policy_file("baseline")), load_model("paper_identified")
     rest, none = np.asarray(facts.DEFAULT_POSITION_RAD), np.zeros(12)
     level, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
     start = StartState(rest, none, level, still, still, none.astype(np.float32))

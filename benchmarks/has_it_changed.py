@@ -24,13 +24,14 @@ from diagnosis.report.drift import drift_of, significant
 from diagnosis.report.history import Dated
 from diagnosis.session import Inputs, Progress, run_session
 from spot_model.io.model_file import load_model, save_model
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import JOINT_NAMES
 from withheld.cases import ordinary_sequences
 from withheld.plan import Fault, FaultRequest, RecordingPlan
 from withheld.realities.source import source_of
 
-POLICY: Final = Path("policies/walk.onnx")
+POLICY: Final = policy_file("walk")
 WEAR: Final = ("lugre_friction", "flux_change", "loose_teeth", "gear_loss")
 FLOOR: Final = ("soft_ground", "slippery_ground")
 SIZES: Final = (0.5, 1.0)

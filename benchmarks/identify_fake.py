@@ -27,6 +27,8 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
+from spot_model.policy.built_in import policy_file
+
 ROOT: Final = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "examples"))
 
@@ -193,7 +195,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder of all files; finished truths are kept")
     parser.add_argument("--truth", type=int, action="append", help="number of a truth; may repeat; default: all")
-    parser.add_argument("--policy", type=Path, default=Path("policies/fast.onnx"), help="policy that makes the logs")
+    parser.add_argument("--policy", type=policy_file, default="fast", help="policy that makes the logs")
     parser.add_argument("--inertia", action="store_true", help="robots with the default fake robot's rotor inertia")
     parser.add_argument("--sequences", default="all", help="as for spot-rl collect")
     parser.add_argument("--repeats", type=int, default=5, help="runs of each sequence")

@@ -1,6 +1,6 @@
 """What one inference costs at the pace at which it is needed: docs/inference.md rests on it.
 
-    python benchmarks/inference_pace.py [--policy policies/walk.onnx] [--seconds 10] [--provider CPUExecutionProvider]
+    python benchmarks/inference_pace.py [--policy walk] [--seconds 10] [--provider CPUExecutionProvider]
 
 Claim: at 50 Hz the policy takes well under a hundredth of its period on one CPU thread.
 """
@@ -11,11 +11,11 @@ import argparse
 import json
 import os
 import time
-from pathlib import Path
 
 import numpy as np
 import onnxruntime
 
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.contract import INPUT_NAME, OUTPUT_NAME
 from spot_model.policy.observation import N_OBSERVATION
 
@@ -25,7 +25,7 @@ PERIOD_S = 0.02
 def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--policy", type=Path, default=Path("policies/walk.onnx"))
+    parser.add_argument("--policy", type=policy_file, default="walk")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--provider", default="CPUExecutionProvider")
     parser.add_argument("--fifo", type=int, default=0, help="SCHED_FIFO priority; 0: none")

@@ -2,7 +2,7 @@
 
 Claim: the figures of policies/README.md, and how far they depend on the seed.
 
-    python benchmarks/judge_policy.py policies/fast.onnx --seeds 10
+    python benchmarks/judge_policy.py fast --seeds 10
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-from pathlib import Path
 
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
 from trainer.evaluate import trials
 from trainer.evaluate.setting import Setting
@@ -21,7 +21,7 @@ from trainer.evaluate.trials import evaluate
 def main() -> None:
     """Print every trial, and the falls of each seed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("policy", type=Path)
+    parser.add_argument("policy", type=policy_file)
     parser.add_argument("--n", type=int, default=100, help="robots a trial")
     parser.add_argument("--seeds", type=int, default=10, help="seeds of the randomised episodes")
     args = parser.parse_args()

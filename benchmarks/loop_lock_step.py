@@ -37,5 +37,5 @@ def measure(seconds: float, policy: str) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    seconds, policy = [*sys.argv[1:], *("20", "policies/walk.onnx")[len(sys.argv) - 1 :]]
+    seconds, policy = [*sys.argv[1:], *("20", "walk")[len(sys.argv) - 1 :]]
     print(json.dumps(measure(float(seconds), policy)))

@@ -25,6 +25,8 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
+from spot_model.policy.built_in import policy_file
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from identify_fake import scenario_data, truths
@@ -144,7 +146,7 @@ def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--truth", type=int, default=0)
-    parser.add_argument("--policy", type=Path, default=Path("policies/baseline.onnx"))
+    parser.add_argument("--policy", type=policy_file, default="baseline")
     parser.add_argument("--seconds", type=float, default=6.0, help="of each of the four runs")
     parser.add_argument("--window", type=float, default=0.03, help="length of a piece, s")
     parser.add_argument("--most", type=int, default=60, help="pieces, evenly chosen")

@@ -15,7 +15,6 @@ import shutil
 import time
 from argparse import Namespace
 from itertools import count, islice
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -28,6 +27,7 @@ from spot_log import read_run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence, save_sequence, sequence_of
+from spot_model.policy.built_in import policy_file
 from withheld.cases import draw, kind_of
 from withheld.plan import RecordingPlan
 from withheld.realities.source import source_of
@@ -107,7 +107,7 @@ def score(given: Namespace) -> None:
 def main() -> None:
     """Read the command line."""
     parser, one = two_steps(__doc__, robots, "score", score)
-    one.add_argument("--policy", type=Path, default=Path("policies/fast.onnx"))
+    one.add_argument("--policy", type=policy_file, default="fast")
     one.add_argument("--catalogue", default="calibrating")
     one.add_argument("--count", type=int, required=True)
     one.add_argument("--speed", type=float, default=5.0)

@@ -40,6 +40,7 @@ from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.io.whole import write_over
+from spot_model.policy.built_in import FOLDER
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from trainer.simulate.engine import Engine, Place, Tell
@@ -53,7 +54,7 @@ from withheld.scoring.scores import LARGE, differences, is_right
 from withheld.scoring.statistics import Estimate, Share, mean
 from withheld.simulator.simulation import RealityDivergedError
 
-POLICIES: Final = Path("policies")
+POLICIES: Final = FOLDER
 ROUNDS: Final = 2
 WALKS: Final = 1
 """Command sequences of the first logs, once each."""

@@ -5,7 +5,7 @@ sixty periods of a policy, continue for twelve periods under the same random set
 CPU time of a step (the least of the rounds), and how far joints are from the model with MuJoCo's warm start: the
 median and the largest of the robots, each by its worst joint. One thread.
 
-    python benchmarks/solver_options.py [--policy policies/fast.onnx] [--rounds 8] [--robots 512]
+    python benchmarks/solver_options.py [--policy fast] [--rounds 8] [--robots 512]
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import json
 import os
 import time
 from pathlib import Path
+
+from spot_model.policy.built_in import policy_file
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
@@ -71,7 +73,7 @@ def walked(policy: Path, n_robots: int) -> Plant:
 def main() -> None:
     """Print one JSON object: by option, CPU µs of a step and how far the robots are from the warm start's, rad."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--policy", type=Path, default=Path("policies/fast.onnx"))
+    parser.add_argument("--policy", type=policy_file, default="fast")
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--robots", type=int, default=512)
     chosen = parser.parse_args()

@@ -36,7 +36,7 @@ def start_of_a_run(address: FakeAddress, folder: Path) -> dict[str, float]:
     """
     folder.mkdir()
     summary = folder / "summary.json"
-    words = ["run", "--robot", address.robot, "--policy", "policies/walk.onnx", "--sequence", "standing"]
+    words = ["run", "--robot", address.robot, "--policy", "walk", "--sequence", "standing"]
     words += ["--duration", "1", "--log-dir", str(folder), "--summary-json", str(summary)]
     began_ns = time.time_ns()
     environment = {**os.environ, **address.environment}

@@ -1,6 +1,6 @@
 """The default fake robot, recorded by ``spot-rl collect`` and diagnosed against its true model: no difference is right.
 
-    python benchmarks/withheld_fake.py --work DIR [--policy policies/baseline.onnx] [--repeats 3]
+    python benchmarks/withheld_fake.py --work DIR [--policy baseline] [--repeats 3]
 
 Leaves logs and verdict in DIR, prints what was said, and exits with 1 where a difference or something unknown was.
 """
@@ -12,6 +12,8 @@ import json
 import sys
 from pathlib import Path
 
+from spot_model.policy.built_in import policy_file
+
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from diagnose_fake import collect, diagnose, nominal_file
@@ -21,7 +23,7 @@ def main() -> int:
     """Record, diagnose and judge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--work", type=Path, required=True)
-    parser.add_argument("--policy", type=Path, default=Path("policies/baseline.onnx"))
+    parser.add_argument("--policy", type=policy_file, default="baseline")
     parser.add_argument("--repeats", type=int, default=3)
     given = parser.parse_args()
     collect("default", given.work, given.policy, given.repeats)

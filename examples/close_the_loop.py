@@ -34,6 +34,7 @@ from spot_log import Run, read_run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import Policy, load_policy
 from trainer.collect.collect_run import PAPER_SEQUENCES, sequence_sources
 
@@ -160,7 +161,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default="paper", help=f"{', '.join(ROBOTS)}, or a scenario file")
     parser.add_argument("--out", type=Path, required=True, help="folder of all files; finished steps are kept")
-    parser.add_argument("--before", type=Path, default=Path("policies/baseline.onnx"), help="policy to begin with")
+    parser.add_argument("--before", type=policy_file, default="baseline", help="policy to begin with")
     parser.add_argument("--improved", type=Path, help="policy to take as after")
     parser.add_argument("--oracle", type=Path, help="policy to take as oracle")
     parser.add_argument("--runs-at-once", type=int, default=2, help="logs made at a time")

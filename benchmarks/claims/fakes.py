@@ -27,6 +27,7 @@ from textbook_loop import connect
 
 from fake_robot.start.process import FakeProcess
 from proof.loop_bench import robot_beside
+from spot_model.policy.built_in import policy_file
 
 ASKED_MS = ((0.0, 0.0), (1.5, 3.0), (5.0, 10.0))
 """Delays of states and of commands."""
@@ -37,7 +38,7 @@ HELD = 0.99
 def delays(seconds: float) -> dict[str, float]:
     """Asked and measured, ms."""
     told: dict[str, float] = {}
-    chosen = argparse.Namespace(policy=Path("policies/walk.onnx"), seconds=seconds, plain=False)
+    chosen = argparse.Namespace(policy=policy_file("walk"), seconds=seconds, plain=False)
     for state_ms, command_ms in ASKED_MS:
         scenario = {
             "schema": "spot-rl/scenario/1",

@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from spot_model.policy.built_in import policy_file
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from identify_fake import NAMES, scenario_data, truths
@@ -60,7 +62,7 @@ def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--truth", type=int, default=0)
-    parser.add_argument("--policy", type=Path, default=Path("policies/baseline.onnx"))
+    parser.add_argument("--policy", type=policy_file, default="baseline")
     parser.add_argument("--generations", type=int, default=12)
     parser.add_argument("--seconds", type=float, default=10.0, help="of each of the four runs")
     chosen = parser.parse_args()

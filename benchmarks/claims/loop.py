@@ -24,6 +24,7 @@ import numpy as np
 from fake_robot.start.process import FakeAddress
 from proof.loop_bench import robot_beside, run_once
 from spot_log.read.reader import read_run
+from spot_model.policy.built_in import policy_file
 
 HERE = Path(__file__).parent
 SCENARIO = str(HERE / "direct.yaml")
@@ -95,7 +96,7 @@ def textbook(address: FakeAddress, cpus: list[int], chosen: argparse.Namespace, 
 def main() -> None:
     """Run each once, and print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--policy", type=Path, default=Path("policies/walk.onnx"))
+    parser.add_argument("--policy", type=policy_file, default="walk")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--busy", type=int, default=0, help="processes that only burn time")
     parser.add_argument("--plain", action="store_true", help="no real-time priority for the loops")
