@@ -30,8 +30,8 @@ def next_experiment(diagnosis: AnyPath, *, policy: AnyPath | Policy | None = Non
 
     Returns:
         ``page`` (path of next.html), ``causes`` (probability of each possible cause) and ``experiments``, the most
-        telling first: ``name``, ``bits`` (information), ``robot_s``, ``decides``, ``loads``, ``needs``, ``refused``
-        (reasons) and ``command``, which runs it.
+        telling first. Each has its ``name``, its information (``bits``), ``robot_s``, ``decides``, ``loads`` and
+        ``needs``. The reasons against it are in ``refused``, and ``command`` runs it.
 
     Raises:
         SpotRlError: The folder holds no diagnosis, or the policy is not valid.

@@ -16,7 +16,7 @@ def improve(
     logs: Annotated[list[Path], typer.Argument(help="Log files of one robot and policy, or folders of them.")],
     policy: PolicyFile,
     nominal: Annotated[str, typer.Option("--nominal", help="The model it was trained on: a file, or a built-in name.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder of all results; a second call goes on there.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of all results; a second call continues there.")],
     config: Annotated[
         Path | None, typer.Option("--config", help="Training config (YAML), for a GPU; by default this command's own.")
     ] = None,
