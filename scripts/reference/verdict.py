@@ -1,4 +1,4 @@
-"""docs/reference/verdict.md: what verdict.json holds."""
+"""docs/reference/verdict.md: what verdict.json holds, as far as the Python reference does not describe it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,28 @@ from pydantic import BaseModel
 
 from diagnosis.document import Verdict
 
+from .python_api import ARRAYS
 from .words import attribute_docs, is_part, page, plain, table, type_words
 
 ABOUT = """\
-`spot-rl diagnose` writes `verdict.json`; in Python, `spot_rl.diagnose` returns it as an object with the same
-attributes. The JSON Schema is `diagnosis/verdict.schema.json`. For the method and its terms, see
-[diagnose](../diagnosis.md)."""
+`spot-rl diagnose` writes `verdict.json`. In Python, `spot_rl.diagnose` returns it as an object whose attributes are the
+keys of the file, so most parts are described in the [Python reference](python.md). The JSON Schema is
+`diagnosis/verdict.schema.json`. For the method and its terms, see [diagnose](../diagnosis.md)."""
 
 
 def verdict_page() -> str:
     """The page."""
-    return page("verdict.json", ABOUT, [_section(model) for model in _models(Verdict)])
+    described = {cls: where for where, cls in ARRAYS}
+    models = _models(Verdict)
+    rows = [(f"`{m.__name__}`", plain(m.__doc__ or ""), _link(described[m])) for m in models if m in described]
+    sections = [_section(model) for model in models if model not in described]
+    return page("verdict.json", ABOUT, [table(("part", "what it is", "its keys"), rows), *sections])
+
+
+def _link(where: str) -> str:
+    """The heading of the Python reference; that of the verdict itself is its second one."""
+    anchor = "".join(c for c in where.lower() if c.isalnum() or c in " _-").replace(" ", "-")
+    return f"[{where}](python.md#{'verdict_1' if anchor == 'verdict' else anchor})"
 
 
 def _models(root: type[BaseModel]) -> list[type[BaseModel]]:
