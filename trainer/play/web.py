@@ -21,7 +21,8 @@ from trainer.play.walk import PUSH_M_S, Walk
 
 LATE_S: Final = 0.5
 """Lateness beyond which the walk slows down instead of catching up, s."""
-FRAME_RATE_HZ: Final = 25.0
+DRAWN_WITHIN_S: Final = 0.04
+"""A late computer leaves out frames, but never for longer than this, s."""
 PLOT_RATE_HZ: Final = 5.0
 PACES: Final = ("1", "1/2", "1/4", "1/8")
 """Parts of real time at which the robot may walk."""
@@ -97,7 +98,7 @@ class LivePage:
             if is_watched:
                 self._watched_s += now_s - seen_s
             seen_s = now_s
-            if is_watched and now_s - drawn_s >= 1.0 / FRAME_RATE_HZ - 0.5 * tick_s:
+            if is_watched and (now_s < due_s + tick_s or now_s > drawn_s + DRAWN_WITHIN_S):
                 self._draw()
                 drawn_s = now_s
             if now_s - plotted_s >= 1.0 / PLOT_RATE_HZ:
