@@ -21,7 +21,7 @@ from tests.browser import CHROMIUM, Page
 from trainer.play.live_plots import SpeedHistory, live_html
 from trainer.play.scene import Server, address_lines, check_free
 from trainer.play.shapes import Pose, shapes_of
-from trainer.play.switches import BUILT_IN, Switched
+from trainer.play.switches import BUILT_IN, Found, Switched
 from trainer.play.walk import Walk
 from trainer.play.web import LivePage
 
@@ -68,20 +68,21 @@ def test_shapes_have_mujocos_sizes() -> None:
         np.testing.assert_allclose(shape.vertices_m.max(axis=0), -shape.vertices_m.min(axis=0), atol=0.01)
 
 
-def test_a_switch_stays_within_its_parameters_bounds_and_null_is_at_one_end() -> None:
+def test_a_slider_stays_within_its_parameters_bounds_and_no_effect_is_at_one_end() -> None:
     for switch in BUILT_IN:
-        p = switch.parameter
-        assert switch.bounds[0] < switch.size < switch.bounds[1]
-        assert p.low <= switch.bounds[0] <= switch.bounds[1] <= p.high
-        assert p.null in switch.bounds
-        assert getattr(switch.of_size(p.null), p.name) == p.null
-        assert getattr(switch.of_size(1e9), p.name) == switch.bounds[1]
-        assert (switch.bounds[1] - switch.bounds[0]) / switch.step > 49
+        p, (_, low, high, step, start) = switch.parameter, switch.slider
+        assert p.low <= low < start < high <= p.high
+        assert p.null in (low, high)
+        assert (high - low) / step > 49
+        (effect,) = switch.change(1e9)(())
+        assert getattr(effect, p.name) == high
+        assert switch.change(start)(()) == (switch.effect,)
 
 
 def test_an_effect_stays_the_same_object_until_its_size_changes() -> None:
     switched = Switched(PAPER)
     friction, _, _, payload = BUILT_IN
+    found = Found("less friction", lambda effects: effects[1:])
     assert not switched.turn(friction, None)
     assert switched.turn(friction, 2.0)
     first = switched.effects[-1]
@@ -89,10 +90,12 @@ def test_an_effect_stays_the_same_object_until_its_size_changes() -> None:
     assert not switched.turn(friction, 2.0)
     assert switched.effects[:-2] == PAPER
     assert switched.effects[-2] is first
+    assert switched.words == "friction in all knees, payload on the back"
     assert switched.turn(friction, 3.0)
     assert switched.effects[-2].values == {"level_nm": 3.0}
-    assert switched.turn(friction, None)
-    assert switched.turn(payload, None)
+    assert switched.turn(found, 1.0)
+    assert switched.effects[:-2] == PAPER[1:]
+    assert all(switched.turn(switch, None) for switch in (friction, payload, found))
     assert switched.effects == PAPER
 
 
@@ -107,7 +110,7 @@ def test_spot_walks_on_when_an_effect_comes_and_moves_otherwise_than_without(swi
         for tick in itertools.islice(each.ticks(forward), 100):
             del tick
     switched = Switched(PAPER)
-    switched.turn(switch, switch.size)
+    switched.turn(switch, switch.slider.start)
     np.testing.assert_array_equal(walk.qpos, other.qpos)
     walk.plant.change_effects(switched.effects)
     np.testing.assert_array_equal(walk.qpos, other.qpos)

@@ -1,89 +1,152 @@
-"""Effects that are switched on and off while a robot walks, each with a size."""
+"""Effects that are switched on and off while a robot walks."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, Protocol
+
+import viser
 
 from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import PayloadMass
 from spot_model.effects.drivetrain import Backlash, TorqueGain
 from spot_model.effects.friction import CoulombFriction
 
+Effects = tuple[Effect, ...]
+Change = Callable[[Effects], Effects]
+"""What switching something on does to the effects of a robot."""
 
-@dataclass(frozen=True)
-class Switch:
-    """One effect to switch on and off."""
+
+class Slider(NamedTuple):
+    """How large an effect may be."""
 
     words: str
-    """What it is."""
+    low: float
+    high: float
+    step: float
+    start: float
+
+
+class Switch(Protocol):
+    """Something that can be switched on."""
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        ...
+
+    @property
+    def slider(self) -> Slider | None:
+        """Its sizes; None where it has only one."""
+        ...
+
+    def change(self, size: float) -> Change:
+        """What it does when it is switched on with a size."""
+        ...
+
+
+@dataclass(frozen=True)
+class Sized:
+    """One effect, of which a slider changes one parameter."""
+
+    words: str
     size_words: str
-    """What its size is, with its unit."""
+    """What the slider changes, with its unit."""
     effect: Effect
-    """As it acts when it is switched on."""
+    """As it acts when it is first switched on."""
     sized: str
-    """The parameter that the slider changes."""
+    """Name of that parameter."""
 
     @property
     def parameter(self) -> Parameter:
-        """That parameter, with its bounds and unit."""
+        """That parameter, with its bounds."""
         return next(p for p in self.effect.parameters() if p.name == self.sized)
 
     @property
-    def size(self) -> float:
-        """Its value when the effect is switched on."""
-        return float(getattr(self.effect, self.sized))
+    def slider(self) -> Slider:
+        """From no effect to the parameter's bound on the side of its value; the step is at most a fiftieth of that."""
+        p, start = self.parameter, float(getattr(self.effect, self.sized))
+        low, high = (p.null, p.high) if start > p.null else (p.low, p.null)
+        return Slider(self.size_words, low, high, float(10.0 ** math.floor(math.log10((high - low) / 50.0))), start)
 
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """What the slider allows: from no effect to the parameter's bound on the side of :attr:`size`."""
-        p = self.parameter
-        return (p.null, p.high) if self.size > p.null else (p.low, p.null)
-
-    @property
-    def step(self) -> float:
-        """Of the slider: a power of ten, a fiftieth of its range at most."""
-        low, high = self.bounds
-        return float(10.0 ** math.floor(math.log10((high - low) / 50.0)))
-
-    def of_size(self, size: float) -> Effect:
-        """The effect with another size, within :attr:`bounds`."""
-        low, high = self.bounds
+    def change(self, size: float) -> Change:
+        """Add the effect; a size beyond the slider's ends is cut to them."""
+        _, low, high, *_ = self.slider
         changed: dict[str, Any] = {self.sized: min(max(size, low), high)}
-        return dataclasses.replace(self.effect, **changed)
+        effect = dataclasses.replace(self.effect, **changed)
+        return lambda effects: (*effects, effect)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a diagnosis found, at the size that it found."""
+
+    words: str
+    add: Change
+    slider: None = None
+
+    def change(self, size: float) -> Change:
+        """Add what was found."""
+        return self.add
 
 
 BUILT_IN: Final = (
-    Switch("friction in all knees", "N·m", CoulombFriction(joints=("knees",), level_nm=3.0), "level_nm"),
-    Switch("weak front left knee", "share of its torque", TorqueGain(joints=("fl_kn",), gain=0.5), "gain"),
-    Switch("backlash in all joints", "rad", Backlash(gap_rad=0.02), "gap_rad"),
-    Switch("payload on the back", "kg", PayloadMass(mass_kg=8.0, z_m=0.15), "mass_kg"),
+    Sized("friction in all knees", "N·m", CoulombFriction(joints=("knees",), level_nm=3.0), "level_nm"),
+    Sized("weak front left knee", "share of its torque", TorqueGain(joints=("fl_kn",), gain=0.5), "gain"),
+    Sized("backlash in all joints", "rad", Backlash(gap_rad=0.02), "gap_rad"),
+    Sized("payload on the back", "kg", PayloadMass(mass_kg=8.0, z_m=0.15), "mass_kg"),
 )
 """What is offered without a diagnosis."""
 
 
 class Switched:
-    """Which effects act beside a model's own; an effect stays the same object until its size changes."""
+    """Which effects act: a model's own, and what is switched on; an effect is the same object until its size changes."""
 
     def __init__(self, own: Iterable[Effect]) -> None:
         self._own = tuple(own)
-        self._on: dict[Switch, Effect] = {}
+        self._on: dict[Switch, tuple[float, Change]] = {}
 
     def turn(self, switch: Switch, size: float | None) -> bool:
-        """Switch an effect on with a size, or off with None; say whether anything changed."""
-        before = self._on.get(switch)
+        """Switch something on with a size, or off with None; say whether anything changed."""
         if size is None:
             return self._on.pop(switch, None) is not None
-        effect = switch.of_size(size)
-        if before is not None and getattr(before, switch.sized) == getattr(effect, switch.sized):
+        if switch in self._on and self._on[switch][0] == size:
             return False
-        self._on[switch] = effect
+        self._on[switch] = (size, switch.change(size))
         return True
 
     @property
-    def effects(self) -> tuple[Effect, ...]:
+    def words(self) -> str:
+        """What is switched on; empty where nothing is."""
+        return ", ".join(switch.words for switch in self._on)
+
+    @property
+    def effects(self) -> Effects:
         """All that act, in the order in which they act."""
-        return (*self._own, *self._on.values())
+        effects = self._own
+        for _, change in self._on.values():
+            effects = change(effects)
+        return effects
+
+
+def offer(gui: viser.GuiApi, switch: Switch, turned: Callable[[Switch, float | None], None]) -> None:
+    """Put a switch, and the slider of its size, on the page.
+
+    Args:
+        gui: The page.
+        switch: What is offered.
+        turned: Called in a thread of viser's with the size, or None for off.
+    """
+    on = gui.add_checkbox(switch.words, initial_value=False)
+    slider = switch.slider
+    size = None if slider is None else gui.add_slider(slider.words, *slider[1:])
+
+    def update(_: object) -> None:
+        turned(switch, None if not on.value else 1.0 if size is None else float(size.value))
+
+    on.on_update(update)
+    if size is not None:
+        size.on_update(update)

@@ -16,7 +16,7 @@ from spot_runtime.sources import Shaper
 from trainer.play.live_plots import SpeedHistory, live_html
 from trainer.play.scene import DrawnRobot, Scene, Server
 from trainer.play.steering import ACCELERATION_M_S2
-from trainer.play.switches import Switch, Switched
+from trainer.play.switches import Switch, Switched, offer
 from trainer.play.walk import PUSH_M_S, Walk
 
 LATE_S: Final = 0.5
@@ -132,7 +132,7 @@ class LivePage:
             self._button("Put it back at the start", self._walk.put_back, "R")
         with gui.add_folder("Effects"):
             for switch in offered:
-                self._offer(switch)
+                offer(gui, switch, self._turned)
         with gui.add_folder("View"):
             self._pause = gui.add_checkbox("pause", initial_value=False)
             self._pace = gui.add_dropdown("pace, × real time", PACES)
@@ -153,19 +153,12 @@ class LivePage:
         self._server.gui.add_button(label).on_click(wish)
         self._server.gui.add_command(label, hotkey=key).on_trigger(wish)
 
-    def _offer(self, switch: Switch) -> None:
-        on = self._server.gui.add_checkbox(switch.words, initial_value=False)
-        size = self._server.gui.add_slider(switch.size_words, *switch.bounds, switch.step, switch.size)
-
+    def _turned(self, switch: Switch, size: float | None) -> None:
         def change() -> None:
-            if self._switched.turn(switch, size.value if on.value else None):
+            if self._switched.turn(switch, size):
                 self._walk.plant.change_effects(self._switched.effects)
 
-        def wish(_: object) -> None:
-            self._wishes.put(change)
-
-        on.on_update(wish)
-        size.on_update(wish)
+        self._wishes.put(change)
 
     def _stop(self) -> None:
         for slider in self._sliders:
