@@ -85,7 +85,7 @@ def _messages(
     tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause], beside_m: float
 ) -> Iterator[tuple[int, str, Message]]:
     reference = tracks[0]
-    places = [_place(track, reference, beside_m * i) for i, track in enumerate(tracks)]
+    places = [place(track, reference, beside_m * i) for i, track in enumerate(tracks)]
     waiting = sorted(causes, key=lambda cause: cause.start_s)
     for row in range(0, len(reference), EVERY):
         stamp_ns = int(reference.stamp_ns[row])
@@ -108,7 +108,7 @@ def _messages(
             yield stamp_ns, "/scene", _scene(len(tracks) - 1, stamp_ns)
 
 
-def _place(track: Track, reference: Track, beside_m: float) -> tuple[Array, Array]:
+def place(track: Track, reference: Track, beside_m: float) -> tuple[Array, Array]:
     """Positions and attitudes of a body that starts where the reference does; shapes (n, 3) and (n, 4)."""
     heading = float(yaw_rad(reference.odom_from_body_wxyz[0]))
     turn = heading - float(yaw_rad(track.odom_from_body_wxyz[0]))

@@ -10,6 +10,8 @@ import typer
 
 from spot_model.policy.built_in import policy_file
 
+USUAL_MODEL = "paper_identified"
+
 
 def play(
     policy: Annotated[
@@ -17,10 +19,13 @@ def play(
         typer.Argument(
             parser=policy_file,
             metavar="POLICY",
-            help="ONNX file, a built-in policy's name, or the folder of a running training.",
+            help="ONNX file, a built-in policy's name, a running training's folder, or a log (*.mcap, with --web).",
         ),
     ],
-    model: Annotated[str, typer.Option("--model", help="Built-in model, or a model file.")] = "paper_identified",
+    model: Annotated[
+        str | None,
+        typer.Option("--model", help="Built-in model, or a model file; default: the diagnosis', or paper_identified."),
+    ] = None,
     velocity: Annotated[
         str | None,
         typer.Option(
@@ -42,11 +47,22 @@ def play(
     host: Annotated[
         str, typer.Option("--host", help="Address of --web; with 0.0.0.0 anybody in the network can watch and steer.")
     ] = "127.0.0.1",
-    seed: Annotated[int, typer.Option("--seed", help="Random seed of the directions of pushes.", min=0)] = 0,
+    diagnosis: Annotated[
+        Path | None,
+        typer.Option("--diagnosis", help="Folder of a log's diagnosis, of which --web offers what was found."),
+    ] = None,
+    ran: Annotated[
+        Path | None,
+        typer.Option(
+            "--policy", help="Of a log, the policy that ran; default: the one with its digest.", parser=policy_file
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed of pushes, sensors and delays.", min=0)] = 0,
 ) -> None:
     """Watch a policy walk in a browser or a window, with velocity commands and pushes, or film it.
 
-    Given a training's folder, it plays the newest checkpoint and switches to each new one when it is written.
+    Given a training's folder, it plays the newest checkpoint and switches to each new one when it is written. Given a
+    log, it shows the recorded robot beside a simulation of the same commands, in a browser.
     """
     from spot_model.errors import BadInputError
 
@@ -54,6 +70,13 @@ def play(
         raise BadInputError(f"--seconds {seconds}: it must be 0.1 to 3600")
     if web + gamepad + (video is not None) > 1:
         raise BadInputError("--web, --video and --gamepad (which steers in a window) exclude each other; keep one")
+    is_log = ".mcap" in policy.name
+    if is_log and not web:
+        raise BadInputError(f"{policy} is a log, which is shown in a browser: add --web")
+    if not is_log and (diagnosis is not None or ran is not None):
+        raise BadInputError("--diagnosis and --policy belong to a log; give one (*.mcap), or leave them out")
+    if is_log and velocity is not None:
+        raise BadInputError("a log holds its own velocity commands; leave out --velocity")
     if web:
         os.environ["MUJOCO_GL"] = "disable"
     typer.echo("loading the simulator …", err=True)
@@ -68,7 +91,10 @@ def play(
         ) from error
     from trainer.play.start import Started, film_it, in_browsers, in_window
 
-    started = Started.of(policy, model, velocity, seed)
+    if is_log:
+        typer.echo(_log_in_browsers(policy, model, ran, diagnosis, seed, (host, port), seconds))
+        return
+    started = Started.of(policy, model or USUAL_MODEL, velocity, seed)
     if video is not None:
         told = film_it(started, video, seconds or 12.0)
     elif web:
@@ -76,3 +102,30 @@ def play(
     else:
         told = in_window(started, seconds, has_gamepad=gamepad)
     typer.echo(told)
+
+
+def _log_in_browsers(
+    log: Path,
+    model: str | None,
+    policy: Path | None,
+    diagnosis: Path | None,
+    seed: int,
+    address: tuple[str, int],
+    seconds: float | None,
+) -> str:
+    from trainer.play.start import missing, serve
+
+    try:
+        from compare.play_log import LogToPlay
+        from trainer.play.replay import ReplayPage
+    except ModuleNotFoundError as error:
+        raise missing("a log is simulated", error, "diagnosis,web") from error
+    played = LogToPlay.of(log, model, policy, diagnosis, seed)
+    typer.echo(f"simulating {played.model_name} with the commands of {log} …", err=True)
+    walks = (played.recorded(), played.simulate(played.model.effects, "", lambda _: None))
+    told = serve(
+        lambda server: ReplayPage(server, walks, played.model.effects, played.offered, played.simulate),
+        address,
+        seconds,
+    )
+    return f"{walks[1].told}{told and f' {told[0].upper()}{told[1:]}.'}"

@@ -12,7 +12,7 @@ import pytest
 from compare.cause import check_verdict
 from compare.compare import Comparison
 from compare.differences import differences
-from compare.ghost import _place
+from compare.ghost import place
 from compare.page import comparison_page, sentence, stretch
 from compare.tracks import STEP_S, CompareError, aligned, shift
 from diagnosis.document import Verdict
@@ -139,7 +139,7 @@ def test_bodies_are_compared_from_where_they_start_and_look(make_track) -> None:
 
 def test_a_ghost_starts_beside_the_robot_and_goes_its_way(make_track) -> None:
     reference, ghost = make_track(heading_rad=np.pi / 2), make_track(heading_rad=-1.0)
-    position, attitude = _place(ghost, reference, 0.7)
+    position, attitude = place(ghost, reference, 0.7)
     # The robot looks along +y, so its left is −x.
     np.testing.assert_allclose(position[0], reference.position_of_body_in_odom_m[0] + [-0.7, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(position[-1] - position[0], [0.0, 3.99, 0.0], atol=1e-9)

@@ -8,7 +8,7 @@ import io
 import logging
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import mujoco
@@ -18,6 +18,7 @@ import viser
 from spot_model.errors import BadInputError
 from spot_model.robot.facts import Array
 from trainer.play.shapes import Pose, shapes_of
+from trainer.play.switches import Switch
 
 FLOOR_M: Final = 60.0
 CELL_M: Final = 1.0
@@ -146,6 +147,26 @@ class Scene:
             cell = 5.0 * CELL_M
             self._floor.position = (-(x % cell), -(y % cell), -0.001)
             yield
+
+
+def offer(gui: viser.GuiApi, switch: Switch, turned: Callable[[Switch, Callable[[], float | None]], None]) -> None:
+    """Put a switch, and the slider of its size, on the page.
+
+    Args:
+        gui: The page.
+        switch: What is offered.
+        turned: Called in a thread of viser's, with what tells the size, or None for off.
+    """
+    on = gui.add_checkbox(switch.words, initial_value=False)
+    slider = switch.slider
+    size = None if slider is None else gui.add_slider(slider.words, *slider[1:])
+
+    def size_now() -> float | None:
+        return None if not on.value else 1.0 if size is None else float(size.value)
+
+    on.on_update(lambda _: turned(switch, size_now))
+    if size is not None:
+        size.on_update(lambda _: turned(switch, size_now))
 
 
 def address_lines(host: str, port: int) -> str:

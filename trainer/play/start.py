@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import typer
@@ -16,7 +19,11 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import Array
 from trainer.play.steering import HELP, KeySteering, parse_velocity, stick_steering
+from trainer.play.switches import BUILT_IN
 from trainer.play.walk import Walk
+
+if TYPE_CHECKING:
+    from trainer.play.scene import Server
 
 
 @dataclass(frozen=True)
@@ -109,29 +116,49 @@ def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> 
     return started.sentence()
 
 
-def in_browsers(started: Started, address: tuple[str, int], seconds: float | None) -> str:
-    """Walk in browsers until Ctrl-C."""
-    try:
-        from trainer.play.scene import Server, address_lines
-        from trainer.play.web import LivePage
-    except ModuleNotFoundError as error:
-        raise missing("--web", error, "web") from error
-    from trainer.play.switches import BUILT_IN
+class Page(Protocol):
+    """What browsers show."""
 
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames a second that were drawn while a browser watched; 0 if none ever did."""
+        ...
+
+    def run(self, seconds: float | None) -> None:
+        """Show it until ``seconds`` have passed, without them for ever."""
+        ...
+
+
+def in_browsers(started: Started, address: tuple[str, int], seconds: float | None) -> str:
+    """Walk in browsers until the end or Ctrl-C."""
     contract = started.walk.policy.contract
     start = np.array([0.5, 0.0, 0.0]) if started.wanted is None else started.wanted
     start = np.clip(start, contract.velocity_command_low, contract.velocity_command_high)
-    server = Server(*address)
-    page = LivePage(server, started.walk, started.effects, BUILT_IN, start)
-    typer.echo(address_lines(address[0], server.get_port()))
+
+    def page(server: Server) -> Page:
+        from trainer.play.web import LivePage
+
+        return LivePage(server, started.walk, started.effects, BUILT_IN, start)
+
+    told = serve(page, address, seconds)
+    return f"{started.sentence()}{told and f'; {told}'}"
+
+
+def serve(page_on: Callable[[Server], Page], address: tuple[str, int], seconds: float | None) -> str:
+    """Show a page in browsers until the end or Ctrl-C; say how many frames they got, if any came."""
     try:
-        page.run(seconds)
-    except KeyboardInterrupt:
-        pass
+        from trainer.play.scene import Server, address_lines
+    except ModuleNotFoundError as error:
+        raise missing("--web", error, "web") from error
+    server = Server(*address)
+    try:
+        page = page_on(server)
+        typer.echo(address_lines(address[0], server.get_port()))
+        with contextlib.suppress(KeyboardInterrupt):
+            page.run(seconds)
     finally:
         server.stop()
-    rate = f"; browsers got {page.frame_rate_hz:.1f} frames a second" if page.frame_rate_hz else ""
-    return started.sentence() + rate
+    return f"browsers got {page.frame_rate_hz:.1f} frames a second" if page.frame_rate_hz else ""
 
 
 def missing(what: str, error: ModuleNotFoundError, extra: str) -> BadInputError:

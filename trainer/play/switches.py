@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, Protocol
 
-import viser
-
 from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import PayloadMass
 from spot_model.effects.drivetrain import Backlash, TorqueGain
@@ -103,7 +101,7 @@ BUILT_IN: Final = (
 
 
 class Switched:
-    """Which effects act: a model's own, and what is switched on; an effect is the same object until its size changes."""
+    """Which effects act: a model's own, and those switched on, each the same object until its size changes."""
 
     def __init__(self, own: Iterable[Effect]) -> None:
         self._own = tuple(own)
@@ -130,23 +128,3 @@ class Switched:
         for _, change in self._on.values():
             effects = change(effects)
         return effects
-
-
-def offer(gui: viser.GuiApi, switch: Switch, turned: Callable[[Switch, float | None], None]) -> None:
-    """Put a switch, and the slider of its size, on the page.
-
-    Args:
-        gui: The page.
-        switch: What is offered.
-        turned: Called in a thread of viser's with the size, or None for off.
-    """
-    on = gui.add_checkbox(switch.words, initial_value=False)
-    slider = switch.slider
-    size = None if slider is None else gui.add_slider(slider.words, *slider[1:])
-
-    def update(_: object) -> None:
-        turned(switch, None if not on.value else 1.0 if size is None else float(size.value))
-
-    on.on_update(update)
-    if size is not None:
-        size.on_update(update)

@@ -14,9 +14,9 @@ from spot_model.plant.plant import PlantDivergedError
 from spot_model.robot.facts import Array
 from spot_runtime.sources import Shaper
 from trainer.play.live_plots import SpeedHistory, live_html
-from trainer.play.scene import DrawnRobot, Scene, Server
+from trainer.play.scene import DrawnRobot, Scene, Server, offer
 from trainer.play.steering import ACCELERATION_M_S2
-from trainer.play.switches import Switch, Switched, offer
+from trainer.play.switches import Switch, Switched
 from trainer.play.walk import PUSH_M_S, Walk
 
 LATE_S: Final = 0.5
@@ -153,9 +153,9 @@ class LivePage:
         self._server.gui.add_button(label).on_click(wish)
         self._server.gui.add_command(label, hotkey=key).on_trigger(wish)
 
-    def _turned(self, switch: Switch, size: float | None) -> None:
+    def _turned(self, switch: Switch, size: Callable[[], float | None]) -> None:
         def change() -> None:
-            if self._switched.turn(switch, size):
+            if self._switched.turn(switch, size()):
                 self._walk.plant.change_effects(self._switched.effects)
 
         self._wishes.put(change)

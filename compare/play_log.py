@@ -1,0 +1,119 @@
+"""A log for ``spot-rl play LOG --web``: the recorded walk, a model's, and what a diagnosis found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from compare.cause import check_verdict, read_verdict
+from compare.differences import differences
+from compare.ghost import place
+from compare.page import sentence
+from compare.tracks import STEP_S, CompareError, Track, aligned, track_of
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.document import Difference, Verdict
+from diagnosis.library.registry import LIBRARY
+from diagnosis.read import find_policy
+from diagnosis.report.words import joints_in_short, number
+from spot_log.read.reader import read_run
+from spot_log.read.run import Run
+from spot_model.effects.base import Effect
+from spot_model.io.model_file import RobotModel, load_model
+from spot_model.policy.policy import Policy
+from spot_model.robot.facts import JOINT_TYPES
+from trainer.play.replay import Walked
+from trainer.play.switches import BUILT_IN, Found, Switch
+from trainer.signals.policy_ticks import Script, script_of
+
+Effects = tuple[Effect, ...]
+
+
+@dataclass(frozen=True)
+class LogToPlay:
+    """A log, and how its commands are simulated."""
+
+    run: Run
+    track: Track
+    script: Script
+    policy: Policy
+    model: RobotModel
+    model_name: str
+    seed: int
+    offered: tuple[Switch, ...]
+    """What may be switched on in the model."""
+
+    @classmethod
+    def of(cls, log: Path, model: str | None, policy: Path | None, diagnosis: Path | None, seed: int) -> LogToPlay:
+        """Read a log and, if one is given, the folder of its diagnosis.
+
+        Raises:
+            CompareError: The log is too short, its policy is not known, or the diagnosis is of other logs.
+            SpotRlError: A file is not valid.
+        """
+        run = read_run(log)
+        verdict = None if diagnosis is None else read_verdict(diagnosis)
+        if verdict is not None and diagnosis is not None:
+            check_verdict(verdict, diagnosis, run)
+        found = find_policy(policy, [run])
+        if found is None:
+            raise CompareError(
+                f"{log}: the policy that ran is neither built in nor in policies/; give its file, --policy FILE"
+            )
+        script = script_of(run)
+        if script is None:
+            raise CompareError(f"{log} has less than a second under a policy; nothing can be simulated from it")
+        name = model or (verdict.nominal if verdict is not None else "paper_identified")
+        offered = (switches_of(verdict) if verdict is not None else ()) or BUILT_IN
+        track = track_of(run, "The robot")
+        return cls(run, track, script, found, load_model(name), name, seed, offered)
+
+    def recorded(self) -> Walked:
+        """The recorded walk."""
+        return self._walked(self.track, "The robot, as recorded", "")
+
+    def simulate(self, effects: Effects, words: str, tell: Callable[[float], None]) -> Walked:
+        """The model's walk with these effects; ``words`` say what is switched on, if anything."""
+        rng = np.random.default_rng(self.seed)
+        (run,) = simulate(RobotModel(effects), self.policy, [self.script], rng, SensorNoise(), tell=tell)
+        name = f"{Path(self.model_name).stem} with {words}" if words else Path(self.model_name).stem
+        track = track_of(run, name, is_simulated=True)
+        try:
+            reference, other = aligned([self.track, track])
+            told = sentence(reference, differences(reference, other))
+        except CompareError as error:
+            told = str(error)
+        return self._walked(track, name, told)
+
+    def _walked(self, track: Track, words: str, told: str) -> Walked:
+        position, attitude = place(track, self.track, 0.0)
+        qpos = np.hstack([position, attitude, track.position_rad])
+        return Walked(words, told, STEP_S, qpos, track.body_velocity[:, 0], track.foot_contact)
+
+
+def switches_of(verdict: Verdict) -> tuple[Switch, ...]:
+    """What a diagnosis found, most evidence first; empty if it found nothing that the library has."""
+    return tuple(_found(difference) for difference in verdict.differences if difference.name in LIBRARY)
+
+
+def _found(difference: Difference) -> Found:
+    numbers = {name: number.value for name, number in difference.parameters.items()}
+    of_type = {
+        kind: {**numbers, **{name: number.value for name, number in own.items()}}
+        for kind, own in difference.by_type.items()
+    }
+    entry = LIBRARY[difference.name]
+
+    def add(effects: Effects) -> Effects:
+        model = RobotModel(effects)
+        for kind in JOINT_TYPES if of_type else ("",):
+            joints = tuple(joint for joint in difference.joints if joint.endswith(kind))
+            if joints or not of_type:
+                model = entry.add_to(model, of_type.get(kind, numbers), joints or ("all",))
+        return model.effects
+
+    where = f" at {joints_in_short(difference.joints)}" if difference.joints else ""
+    sizes = ", ".join(number(n.value, n.unit) for n in difference.parameters.values())
+    return Found(f"{difference.title or difference.name}{where}: {sizes}", add)
