@@ -116,11 +116,14 @@ def _log_in_browsers(
     from trainer.play.start import missing, serve
 
     try:
-        from compare.play_log import LogToPlay
+        from compare.play_log import LogToPlay, read_diagnosed
         from trainer.play.replay import ReplayPage
     except ModuleNotFoundError as error:
         raise missing("a log is simulated", error, "diagnosis,web") from error
-    played = LogToPlay.of(log, model, policy, diagnosis, seed)
+    run, verdict = read_diagnosed(log, diagnosis)
+    played = LogToPlay.of(run, model, policy, verdict, seed)
+    if verdict is not None and not verdict.differences:
+        typer.echo(f"{diagnosis} found no difference ({verdict.status}); the usual four effects are offered", err=True)
     typer.echo(f"simulating {played.model_name} with the commands of {log} …", err=True)
     walks = (played.recorded(), played.simulate(played.model.effects, "", lambda _: None))
     told = serve(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from spot_log.read.reader import read_run
 from spot_log.read.run import Run
 from spot_model.effects.base import Effect
 from spot_model.io.model_file import RobotModel, load_model
+from spot_model.plant.closed_loop import standing_height_m
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import JOINT_TYPES
 from trainer.play.replay import Walked
@@ -29,6 +31,22 @@ from trainer.play.switches import BUILT_IN, Found, Switch
 from trainer.signals.policy_ticks import Script, script_of
 
 Effects = tuple[Effect, ...]
+USUAL_MODEL: Final = "paper_identified"
+
+
+def read_diagnosed(log: Path, diagnosis: Path | None) -> tuple[Run, Verdict | None]:
+    """A log, and the verdict in a folder of its diagnosis.
+
+    Raises:
+        CompareError: The diagnosis is of other logs, or not valid.
+        LogReadError: The file is no log.
+    """
+    run = read_run(log)
+    if diagnosis is None:
+        return run, None
+    verdict = read_verdict(diagnosis)
+    check_verdict(verdict, diagnosis, run)
+    return run, verdict
 
 
 @dataclass(frozen=True)
@@ -46,29 +64,31 @@ class LogToPlay:
     """What may be switched on in the model."""
 
     @classmethod
-    def of(cls, log: Path, model: str | None, policy: Path | None, diagnosis: Path | None, seed: int) -> LogToPlay:
-        """Read a log and, if one is given, the folder of its diagnosis.
+    def of(
+        cls,
+        run: Run,
+        model: str | None = None,
+        policy: Path | None = None,
+        verdict: Verdict | None = None,
+        seed: int = 0,
+    ) -> LogToPlay:
+        """A log under a model, by default its diagnosis' nominal one.
 
         Raises:
-            CompareError: The log is too short, its policy is not known, or the diagnosis is of other logs.
-            SpotRlError: A file is not valid.
+            CompareError: The log is too short, or its policy is not known.
+            BadInputError: The model is not valid.
         """
-        run = read_run(log)
-        verdict = None if diagnosis is None else read_verdict(diagnosis)
-        if verdict is not None and diagnosis is not None:
-            check_verdict(verdict, diagnosis, run)
         found = find_policy(policy, [run])
         if found is None:
             raise CompareError(
-                f"{log}: the policy that ran is neither built in nor in policies/; give its file, --policy FILE"
+                f"{run.path}: the policy that ran is neither built in nor in policies/; give its file, --policy FILE"
             )
         script = script_of(run)
         if script is None:
-            raise CompareError(f"{log} has less than a second under a policy; nothing can be simulated from it")
-        name = model or (verdict.nominal if verdict is not None else "paper_identified")
+            raise CompareError(f"{run.path} has less than a second under a policy; nothing can be simulated from it")
+        name = model or (verdict.nominal if verdict is not None else "") or USUAL_MODEL
         offered = (switches_of(verdict) if verdict is not None else ()) or BUILT_IN
-        track = track_of(run, "The robot")
-        return cls(run, track, script, found, load_model(name), name, seed, offered)
+        return cls(run, track_of(run, "The robot"), script, found, load_model(name), name, seed, offered)
 
     def recorded(self) -> Walked:
         """The recorded walk."""
@@ -78,8 +98,9 @@ class LogToPlay:
         """The model's walk with these effects; ``words`` say what is switched on, if anything."""
         rng = np.random.default_rng(self.seed)
         (run,) = simulate(RobotModel(effects), self.policy, [self.script], rng, SensorNoise(), tell=tell)
-        name = f"{Path(self.model_name).stem} with {words}" if words else Path(self.model_name).stem
-        track = track_of(run, name, is_simulated=True)
+        model = Path(self.model_name).stem
+        name = f"{model} with {words}" if words else model
+        track = track_of(run, "the model with them" if words else model, is_simulated=True)
         try:
             reference, other = aligned([self.track, track])
             told = sentence(reference, differences(reference, other))
@@ -89,6 +110,8 @@ class LogToPlay:
 
     def _walked(self, track: Track, words: str, told: str) -> Walked:
         position, attitude = place(track, self.track, 0.0)
+        # The height of odom is that of the place where the robot was switched on.
+        position[:, 2] += standing_height_m(self.script.start) - self.track.position_of_body_in_odom_m[0, 2]
         qpos = np.hstack([position, attitude, track.position_rad])
         return Walked(words, told, STEP_S, qpos, track.body_velocity[:, 0], track.foot_contact)
 

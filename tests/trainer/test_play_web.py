@@ -20,7 +20,7 @@ from spot_model.robot.mjcf import spot_mjcf
 from tests.browser import CHROMIUM, Page
 from trainer.play.live_plots import SpeedHistory, live_html
 from trainer.play.scene import Server, address_lines, check_free
-from trainer.play.shapes import Pose, shapes_of
+from trainer.play.shapes import Bodies, shapes_of
 from trainer.play.switches import BUILT_IN, Found, Switched
 from trainer.play.walk import Walk
 from trainer.play.web import LivePage
@@ -35,37 +35,28 @@ def a_walk() -> Walk:
 
 def test_every_geom_of_the_robot_is_drawn_where_mujoco_has_it() -> None:
     model = mujoco.MjModel.from_xml_string(spot_mjcf())
-    shapes = shapes_of(model)
-    drawn = np.sort(np.concatenate([shape.geoms for shape in shapes]))
-    ground = [g for g in range(model.ngeom) if model.geom_bodyid[g] == 0]
-    assert drawn.tolist() == [g for g in range(model.ngeom) if g not in ground]
+    of_robot = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] != 0]
     qpos = model.key("default").qpos + np.random.default_rng(1).normal(0.0, 0.2, 19)
     qpos[3:7] /= np.linalg.norm(qpos[3:7])
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
-    pose = Pose(model)
-    pose.put(qpos)
-    for shape in shapes:
-        np.testing.assert_allclose(pose.positions_m(shape.geoms), data.geom_xpos[shape.geoms], atol=1e-6)
-        for geom, wxyz in zip(shape.geoms, pose.world_from_geoms_wxyz(shape.geoms), strict=True):
-            matrix = np.empty(9)
-            mujoco.mju_quat2Mat(matrix, wxyz.astype(float))
-            np.testing.assert_allclose(matrix, data.geom_xmat[geom], atol=1e-6)
+    positions, attitudes = Bodies(model).put(qpos)
+    for geom, shape in zip(of_robot, shapes_of(model), strict=True):
+        corner, drawn, there = shape.vertices_m[0].astype(float), np.empty(3), np.empty(3)
+        mujoco.mju_rotVecQuat(drawn, corner, shape.body_from_geom_wxyz)
+        mujoco.mju_rotVecQuat(there, drawn + shape.position_in_body_m, attitudes[shape.body])
+        matrix = data.geom_xmat[geom].reshape(3, 3)
+        np.testing.assert_allclose(positions[shape.body] + there, data.geom_xpos[geom] + matrix @ corner, atol=1e-6)
+        half = dict(zip(("BOX", "SPHERE", "CYLINDER", "CAPSULE"), sizes(model.geom_size[geom]), strict=True))
+        kind = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_")
+        np.testing.assert_allclose(np.abs(shape.vertices_m).max(axis=0), half[kind], rtol=0.06)
 
 
-def test_shapes_have_mujocos_sizes() -> None:
-    model = mujoco.MjModel.from_xml_string(spot_mjcf())
-    for shape in shapes_of(model):
-        kind, size = model.geom_type[shape.geoms[0]], model.geom_size[shape.geoms[0]]
-        half = {
-            mujoco.mjtGeom.mjGEOM_BOX: size,
-            mujoco.mjtGeom.mjGEOM_SPHERE: np.full(3, size[0]),
-            mujoco.mjtGeom.mjGEOM_CYLINDER: [size[0], size[0], size[1]],
-            mujoco.mjtGeom.mjGEOM_CAPSULE: [size[0], size[0], size[0] + size[1]],
-        }[mujoco.mjtGeom(kind)]
-        np.testing.assert_allclose(np.ptp(shape.vertices_m, axis=0), 2.0 * np.array(half), rtol=0.06)
-        np.testing.assert_allclose(shape.vertices_m.max(axis=0), -shape.vertices_m.min(axis=0), atol=0.01)
+def sizes(size: np.ndarray) -> tuple[object, ...]:
+    """Half of what a box, sphere, cylinder and capsule of MuJoCo's size measure along each axis."""
+    radius, half = size[:2]
+    return size, [radius] * 3, [radius, radius, half], [radius, radius, radius + half]
 
 
 def test_a_slider_stays_within_its_parameters_bounds_and_no_effect_is_at_one_end() -> None:

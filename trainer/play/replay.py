@@ -28,6 +28,8 @@ from trainer.play.switches import Switch, Switched
 
 Effects = tuple[Effect, ...]
 FRAME_S: Final = 0.04
+PLOTTED_EVERY: Final = 6
+"""Frames."""
 PACES: Final = ("1", "1/2", "1/4", "1/8")
 SEEN_S: Final = 1.5
 """Of feet on the ground, before and after the shown instant."""
@@ -141,14 +143,11 @@ class ReplayPage:
         self._scene = Scene(server)
         model = mujoco.MjModel.from_xml_string(spot_mjcf())
         names = ("recorded", "model", "changed")
-        self._robots = [
-            DrawnRobot(server, name, model, tint, None if tint is None else 0.7)
-            for name, tint in zip(names, TINTS, strict=True)
-        ]
+        self._robots = [DrawnRobot(server, name, model, tint) for name, tint in zip(names, TINTS, strict=True)]
         heading = float(yaw_rad(walks[0].qpos[0, 3:7]))
         self._left = np.array([-np.sin(heading), np.cos(heading)])
         self._switched, self._simulations = Switched(own), Simulations(simulate)
-        self._frames, self._watched_s = 0, 0.0
+        self._frames, self._watched_s, self._shown_s = 0, 0.0, 0.0
         self._build(offered)
 
     @property
@@ -159,26 +158,28 @@ class ReplayPage:
     def run(self, seconds: float | None) -> None:
         """Show the log again and again until ``seconds`` have passed."""
         start_s = last_s = time.monotonic()
-        shown_s, plotted_s = 0.0, -np.inf
-        self._draw(0.0)
         while seconds is None or last_s - start_s < seconds:
             time.sleep(FRAME_S)
             now_s = time.monotonic()
-            elapsed_s, last_s = now_s - last_s, now_s
-            asked_s = float(self._time.value)
-            shown_s = asked_s if abs(asked_s - round(shown_s, 2)) > 1e-6 else shown_s
-            if self._plays.value:
-                shown_s += elapsed_s / 2.0 ** PACES.index(self._pace.value)
-                shown_s = 0.0 if shown_s > self._end_s else shown_s
-                self._time.value = round(shown_s, 2)
-            self._take_news()
-            if self._server.get_clients():
-                self._watched_s += elapsed_s
-                self._draw(shown_s)
-                if now_s - plotted_s > 0.25:
-                    self._told.content = self._simulations.told or "Nothing is being simulated."
-                    self._beside.content = self._figures(shown_s)
-                    plotted_s = now_s
+            self.advance(now_s - last_s)
+            last_s = now_s
+
+    def advance(self, elapsed_s: float) -> None:
+        """Draw what is to be seen ``elapsed_s`` after the last call."""
+        asked_s = float(self._time.value)
+        if abs(asked_s - round(self._shown_s, 2)) > 1e-6:  # somebody has moved the slider
+            self._shown_s = asked_s
+        if self._plays.value:
+            self._shown_s += elapsed_s / 2.0 ** PACES.index(self._pace.value)
+            self._shown_s = 0.0 if self._shown_s > self._end_s else self._shown_s
+            self._time.value = round(self._shown_s, 2)
+        self._take_news()
+        if self._server.get_clients():
+            self._watched_s += elapsed_s
+            self._draw(self._shown_s)
+            if self._frames % PLOTTED_EVERY == 1:
+                self._told.content = self._simulations.told or "Nothing is being simulated."
+                self._beside.content = self._figures(self._shown_s)
 
     # Private ---------------------------------------------------------------------------------------------------------
 
@@ -198,7 +199,8 @@ class ReplayPage:
     def _figures(self, time_s: float) -> str:
         parts = []
         for walked, colour in zip(self._walks, COLOURS, strict=False):
-            parts.append(f"<p><b style='color:{colour}'>{esc(walked.words)}</b> {esc(walked.told)}</p>")
+            about = f"<b style='color:{colour}'>{esc(walked.words)}</b>{'. ' if walked.told else ''}"
+            parts.append(f"<p>{about}{esc(walked.told)}</p>")
             rows = np.arange(round((time_s - SEEN_S) / walked.step_s), round((time_s + SEEN_S) / walked.step_s))
             is_in = (rows >= 0) & (rows < len(walked.foot_contact))
             feet = walked.foot_contact[np.clip(rows, 0, len(walked.qpos) - 1)] & is_in[:, None]
@@ -228,7 +230,7 @@ class ReplayPage:
             follow = gui.add_checkbox("follow the robot", initial_value=True)
             follow.on_update(lambda _: setattr(self._scene, "follows", follow.value))
         beside = gui.add_panel()
-        with beside.add_tab("Recorded and simulated"):
+        with beside.add_tab("Walks"):
             self._beside = gui.add_html("")
         beside.float(x=15.0, y=15.0, width=380.0)
         self._robots[2].show(is_shown=False)

@@ -17,14 +17,14 @@ import viser
 
 from spot_model.errors import BadInputError
 from spot_model.robot.facts import Array
-from trainer.play.shapes import Pose, shapes_of
+from trainer.play.shapes import Bodies, shapes_of
 from trainer.play.switches import Switch
 
 FLOOR_M: Final = 60.0
 CELL_M: Final = 1.0
 """Sides of the floor and of the squares on it."""
 _OTHER_PORT: Final = 8081
-CAMERA_M: Final = ((1.3, -2.3, 0.9), (0.0, 0.0, 0.0))
+CAMERA_M: Final = ((1.6, -2.4, 1.5), (0.0, 0.2, 0.2))
 """Where it stands and what it looks at, from the robot's place on the floor."""
 
 
@@ -80,36 +80,30 @@ class DrawnRobot:
         name: str,
         model: mujoco.MjModel,
         tint: tuple[int, int, int] | None = None,
-        opacity: float | None = None,
     ) -> None:
-        self._pose = Pose(model)
-        self._pose.put(model.key("default").qpos)
-        self._shapes = shapes_of(model)
-        self._handles = [
-            server.scene.add_batched_meshes_simple(
-                f"/world/{name}/{i}",
+        self._bodies = Bodies(model)
+        self._whole = server.scene.add_frame(f"/world/{name}", show_axes=False)
+        places = [f"/world/{name}/{body}" for body in range(model.nbody)]
+        self._frames = [server.scene.add_frame(place, show_axes=False) for place in places]
+        for i, shape in enumerate(shapes_of(model)):
+            server.scene.add_mesh_simple(
+                f"{places[shape.body]}/{i}",
                 shape.vertices_m,
                 shape.faces,
-                self._pose.world_from_geoms_wxyz(shape.geoms),
-                self._pose.positions_m(shape.geoms),
-                batched_colors=shape.colours if tint is None else np.array(tint),
-                opacity=opacity,
-                lod="off",
+                color=tint or shape.colour,
+                position=shape.position_in_body_m,
+                wxyz=shape.body_from_geom_wxyz,
             )
-            for i, shape in enumerate(self._shapes)
-        ]
+        self.put(model.key("default").qpos)
 
     def put(self, qpos: Array) -> None:
         """Draw it at MuJoCo's generalised position, shape (19,)."""
-        self._pose.put(qpos)
-        for shape, handle in zip(self._shapes, self._handles, strict=True):
-            handle.batched_positions = self._pose.positions_m(shape.geoms)
-            handle.batched_wxyzs = self._pose.world_from_geoms_wxyz(shape.geoms)
+        for frame, position, wxyz in zip(self._frames, *self._bodies.put(qpos), strict=True):
+            frame.position, frame.wxyz = position, wxyz
 
     def show(self, *, is_shown: bool) -> None:
         """Show or hide it."""
-        for handle in self._handles:
-            handle.visible = is_shown
+        self._whole.visible = is_shown
 
 
 class Scene:

@@ -1,8 +1,8 @@
-"""The shapes of a MuJoCo model as triangles, and where they are; no OpenGL is needed."""
+"""The shapes of a MuJoCo model as triangles, and where its bodies are; no OpenGL is needed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -24,44 +24,43 @@ DRAWN: Final = {
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape that several geoms of a model have, each with its own colour."""
+    """One geom of a model, fixed to a body."""
 
+    body: int
+    """Number of the body in the model."""
     vertices_m: NDArray[np.float32]
     """Shape (V, 3), in the geom's frame."""
     faces: NDArray[np.uint32]
     """Shape (F, 3)."""
-    geoms: NDArray[np.intp]
-    """Numbers of the geoms in the model, shape (n,)."""
-    colours: NDArray[np.uint8]
-    """Shape (n, 3)."""
+    position_in_body_m: Array
+    """Shape (3,)."""
+    body_from_geom_wxyz: Array
+    """Shape (4,)."""
+    colour: tuple[int, int, int]
+    """Red, green and blue, 0 to 255."""
 
 
-def shapes_of(model: mujoco.MjModel) -> tuple[Shape, ...]:
+def shapes_of(model: mujoco.MjModel) -> Iterator[Shape]:
     """All shapes of a model's robot."""
-    groups: dict[tuple[int, tuple[float, ...]], list[int]] = {}
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
         if kind in DRAWN:
-            groups.setdefault((kind, tuple(map(float, model.geom_size[geom]))), []).append(geom)
-    return tuple(_shape(model, kind, size, geoms) for (kind, size), geoms in groups.items())
+            mesh = _mesh(kind, model.geom_size[geom])
+            red, green, blue = (round(255.0 * float(c)) for c in _rgba(model, geom)[:3])
+            yield Shape(
+                int(model.geom_bodyid[geom]),
+                np.asarray(mesh.vertices, dtype=np.float32),
+                np.asarray(mesh.faces, dtype=np.uint32),
+                model.geom_pos[geom],
+                model.geom_quat[geom],
+                (red, green, blue),
+            )
 
 
-def _shape(model: mujoco.MjModel, kind: int, size: tuple[float, ...], geoms: Iterable[int]) -> Shape:
-    mesh = _mesh(kind, size)
-    numbers = np.array(list(geoms), dtype=np.intp)
-    colours = np.array([_rgba(model, geom)[:3] for geom in numbers])
-    return Shape(
-        np.asarray(mesh.vertices, dtype=np.float32),
-        np.asarray(mesh.faces, dtype=np.uint32),
-        numbers,
-        np.round(255.0 * colours).astype(np.uint8),
-    )
-
-
-def _mesh(kind: int, size: tuple[float, ...]) -> Any:
+def _mesh(kind: int, size: Array) -> Any:
     """MuJoCo's primitives: half sizes; cylinders and capsules along z, a capsule's length without its caps."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return trimesh.creation.box(extents=2.0 * np.array(size))
+        return trimesh.creation.box(extents=2.0 * size)
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return trimesh.creation.icosphere(subdivisions=2, radius=size[0])
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -75,24 +74,18 @@ def _rgba(model: mujoco.MjModel, geom: int) -> Array:
     return rgba
 
 
-class Pose:
-    """Where the shapes of one model are, for positions of its joints."""
+class Bodies:
+    """Where the bodies of one model are, for positions of its joints."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model, self._data = model, mujoco.MjData(model)
 
-    def put(self, qpos: Array) -> None:
-        """Take MuJoCo's generalised position, shape (19,)."""
+    def put(self, qpos: Array) -> tuple[Array, Array]:
+        """Positions (m) in the world, shape (n_bodies, 3), and attitudes w, x, y, z, shape (n_bodies, 4).
+
+        Args:
+            qpos: MuJoCo's generalised position, shape (19,).
+        """
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-
-    def positions_m(self, geoms: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Of geoms in the world, shape (n, 3)."""
-        return np.asarray(self._data.geom_xpos[geoms], dtype=np.float32)
-
-    def world_from_geoms_wxyz(self, geoms: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Attitudes of geoms, shape (n, 4)."""
-        out = np.empty((len(geoms), 4))
-        for row, geom in zip(out, geoms, strict=True):
-            mujoco.mju_mat2Quat(row, self._data.geom_xmat[geom])
-        return out.astype(np.float32)
+        return self._data.xpos, self._data.xquat
