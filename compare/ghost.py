@@ -85,7 +85,7 @@ def _messages(
     tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause], beside_m: float
 ) -> Iterator[tuple[int, str, Message]]:
     reference = tracks[0]
-    places = [place(track, reference, beside_m * i) for i, track in enumerate(tracks)]
+    placed = [place(track, reference, beside_m * i) for i, track in enumerate(tracks)]
     waiting = sorted(causes, key=lambda cause: cause.start_s)
     for row in range(0, len(reference), EVERY):
         stamp_ns = int(reference.stamp_ns[row])
@@ -93,9 +93,9 @@ def _messages(
             cause = waiting.pop(0)
             yield stamp_ns, "/log", Log(timestamp=_stamp(stamp_ns), level=Log.Level.WARNING, message=cause.text)
         frames: list[FrameTransform] = []
-        for i, (track, place) in enumerate(zip(tracks, places, strict=True)):
+        for i, (track, at) in enumerate(zip(tracks, placed, strict=True)):
             start = "" if i == 0 else f"{prefix(i - 1)}/"
-            state = _state(track, place, row)
+            state = _state(track, at, row)
             moved = transforms(state, stamp_ns).transforms
             frames += [_renamed(t, start) for t in moved]
             yield stamp_ns, f"/{start}joint_states", joint_states(state, facts.JOINT_NAMES, stamp_ns)
