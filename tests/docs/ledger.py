@@ -125,6 +125,7 @@ NOT_RUN = {
     "python3 -m venv spot": WHEEL,
     ". spot/bin/activate": WHEEL,
     "pip install spot_rl-0.1.0-py3-none-any.whlfake": WHEEL,
+    "pip install spot_rl-0.1.0-py3-none-any.whl[fake]": WHEEL,
     "pip install -c requirements.lock .fake": WHEEL,
     "spot-rl diagnose next OUT --logs FIRST_LOGS --nominal MODEL --run --robot HOST": MINUTES,
     "spot-rl diagnose next OUT": MINUTES,
