@@ -60,6 +60,7 @@ ELSEWHERE = {
         "trainer/test_training_log.py",
         'make_log("wandb")',
     ),
+    "spot-rl play walk --web": ("trainer/test_play_web.py", '"play", "walk", "--web", "--port", "0"'),
     "spot-rl demo": ("docs/test_from_a_wheel.py", 'shell("spot-rl demo --top-speed 0.5'),
     "make docs": ("docs/test_site.py", '"mkdocs", "build"'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
@@ -90,6 +91,13 @@ ELSEWHERE = {
 
 FORMS = {
     "spot-rl sysid LOGS --policy walk --out found": "spot-rl sysid fake-walks",
+    "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock exec -- spot-rl collect --sequences "
+    "forward,six_directions --repeats 2 --robot HOST --lock-step unix:$PWD/admin.sock --policy mine.onnx --out walks": (
+        "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock exec -- spot-rl collect --sequences ahead.yaml"
+    ),
+    "spot-rl diagnose walks --nominal paper_identified --policy mine.onnx --out gap": (
+        "spot-rl diagnose fake-walks --nominal paper_identified"
+    ),
     "spot-rl log info --all": "spot-rl log info",
     "spot-rl log recover FILE.mcap.active --out WHOLE.mcap": "spot-rl log recover logs/LOG.mcap.active",
     "spot-rl collect --other-gains": "spot-rl collect --sequences",
@@ -126,7 +134,9 @@ NOT_RUN = {
     ". spot/bin/activate": WHEEL,
     "pip install spot_rl-0.1.0-py3-none-any.whlfake": WHEEL,
     "pip install spot_rl-0.1.0-py3-none-any.whl[fake]": WHEEL,
+    "pip install spot_rl-0.1.0-py3-none-any.whldiagnosis,train,web": WHEEL,
     "pip install -c requirements.lock .fake": WHEEL,
+    "spot-rl diagnose next gap --policy mine.onnx": MINUTES,
     "spot-rl diagnose next OUT --logs FIRST_LOGS --nominal MODEL --run --robot HOST": MINUTES,
     "spot-rl diagnose next OUT": MINUTES,
     "spot-rl diagnose predict OUT --sequence fast.yaml": MINUTES,
