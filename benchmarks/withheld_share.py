@@ -37,6 +37,7 @@ CARRIED: Final = (
     "typing-inspection",
     "typing-extensions",
     "mcap",
+    "mcap-protobuf-support",
     "foxglove-schemas-protobuf",
     "protobuf",
     "lz4",

@@ -60,10 +60,13 @@ class Candidate:
         return self.effect.add_to(nominal, self.values, self.joints)
 
     def scaled(self, logarithms: Array) -> Candidate:
-        """With numbers farther from their null values, or nearer, by these factors' logarithms."""
+        """With numbers farther from their null values, or nearer, by these factors' logarithms; a shape stays."""
         known = {p.name: p for p in self.effect.effect.parameters()}
         values = {}
         for (name, value), by in zip(self.values.items(), np.exp(logarithms), strict=False):
+            if name not in known:
+                values[name] = value
+                continue
             null = known[name].null if math.isfinite(known[name].null) else 0.0
             values[name] = float(np.clip(null + by * (value - null), known[name].low, known[name].high))
         return replace(self, values=values)
