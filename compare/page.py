@@ -61,7 +61,7 @@ def sentence(reference: Track, found: Differences) -> str:
         return f"{told}{reference.name} and {found.name} have no joint signal in common."
     signal, joint, share = found.largest
     if share == 0.0:
-        return told + "Every joint does the same."
+        return told + "All joints move alike."
     distance = found.signals[signal].distance[JOINT_NAMES.index(joint)]
     bound = f"{'close, below' if is_close(found) else 'not close, which is below'} {100 * CLOSE:.0f} %"
     return told + (
@@ -107,7 +107,7 @@ def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> str:
     for axis, title in enumerate(("forward, m/s", "left, m/s", "turning, rad/s")):
         lines = [("var(--other)", 3.0, tracks[0].velocity_command[:, axis])]
         lines += [(COLOURS[i % len(COLOURS)], 1.4, t.body_velocity[:, axis]) for i, t in enumerate(tracks)]
-        figures.append(over_time(lines, title, height=130, causes=causes))
+        figures.append(over_time(lines, title, height=130, causes=causes, least_span=0.2))
     key = legend([("var(--other)", "commanded"), *[(COLOURS[i % len(COLOURS)], t.name) for i, t in enumerate(tracks)]])
     shaded = " Shaded: where the diagnosis sees the cause at work." if causes else ""
     return boxed("Velocity against command", f"The body's velocity.{shaded}", key + "".join(figures))
@@ -115,7 +115,7 @@ def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> str:
 
 def _by_joint(found: Sequence[Differences]) -> str:
     about = (
-        "Distance between the distributions of each signal (1-Wasserstein, which ignores phase), in per cent of the "
+        "Distance between the distributions of each signal (1-Wasserstein, which ignores phase), in percent of the "
         "signal's standard deviation in the first run."
     )
     parts = [f"<h3>{esc(d.name)}</h3>{joint_map(d)}" for d in found]
@@ -132,7 +132,7 @@ def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: 
         lines = [(COLOURS[i % len(COLOURS)], 1.8, getattr(t, name)[rows, j]) for i, t in enumerate(tracks)]
         shaded = [c for c in causes if c.end_s > from_s and c.start_s < rows.stop * STEP_S]
         figures.append(over_time(lines, f"{TITLES[name]}, {SIGNALS[name]}", from_s=from_s, height=150, causes=shaded))
-    about = f"{joint}, {SPAN_S:g} s in which the joints move most. The gaits drift out of phase."
+    about = f"{joint}, in the {SPAN_S:g} s in which the joints move most. The gaits drift out of phase."
     return boxed("The joint that differs most", about, _key(tracks) + "".join(figures))
 
 
@@ -203,6 +203,7 @@ def over_time(
     from_s: float = 0.0,
     height: float = 190,
     causes: Sequence[Cause] = (),
+    least_span: float = 0.0,
 ) -> str:
     """Lines on one axis of time.
 
@@ -212,11 +213,12 @@ def over_time(
         from_s: Time of the first sample.
         height: Of the plot.
         causes: Stretches that are shaded.
+        least_span: What the vertical axis shows at least.
     """
     series = [Series(c, from_s + np.arange(len(v)) * STEP_S, v, width=w) for c, w, v in lines]
     end_s = from_s + max(len(v) for _, _, v in lines) * STEP_S
     shades = [Shade(max(c.start_s, from_s), min(c.end_s, end_s), c.text) for c in causes]
-    return chart(series, title, x_unit=" s", height=height, shades=shades)
+    return chart(series, title, x_unit=" s", height=height, shades=shades, least_span=least_span)
 
 
 def _shown(track: Track) -> slice:

@@ -67,7 +67,7 @@ def _figures(old: Evaluation, new: Evaluation) -> Iterator[Figure]:
     followed = _where_followed(old, new)
     if followed is not None:
         change = _change(-followed[0], -followed[1], LOST_M_S)
-        name = "its error where the old policy follows"
+        name = "error of forward speed where the old policy follows"
         yield Figure(name, "m/s", _number(followed[0]), _number(followed[1]), change, is_decisive=True)
     still = [float(e["tracking"]["standing_speed_m_s"]) for e in (old, new)]
     change = _change(-still[0], -still[1], STANDS_M_S)

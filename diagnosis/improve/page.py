@@ -16,6 +16,9 @@ from spot_log.page.svg import HALF, esc, legend
 
 OLD: Final = "var(--other)"
 NEW: Final = "var(--floor)"
+ABOUT_SPEED: Final = (
+    "Each forward speed is held for 10 s. Where a line is interrupted or ends, the robot fell or was not tried."
+)
 BADGES: Final = {
     "improved": ("Improved", "good"),
     "kept": ("Keep the old policy", "fair"),
@@ -34,15 +37,15 @@ def improvement_page(result: Improvement, verdict: Verdict, evaluations: Sequenc
     """
     badge, kind = BADGES[result.outcome]
     body = [
-        headed(badge, kind, result.headline, result.sentences, "simulated; the robot may differ"),
+        headed(badge, kind, result.headline, result.sentences, "Simulated; the robot may differ."),
         boxed("What the logs say", verdict.headline or words.headline(verdict), listed(_found(result, verdict))),
     ]
     if evaluations:
         body += [
             boxed("Old and new policy", "On the same robots, with the same draws.", _figures(result)),
-            boxed("Speed", "Forward, held for 10 s. A gap means that the robot fell.", _speed(evaluations)),
+            boxed("Speed and power", ABOUT_SPEED, _speed(evaluations)),
         ]
-    body.append(boxed("How it was made", "Each step is a command of its own.", _steps(result)))
+    body.append(boxed("How it was made", "Each step is a command that can be repeated by hand.", _steps(result)))
     return framed(f"{result.policy}: improvement", body)
 
 
@@ -52,23 +55,23 @@ def _found(result: Improvement, verdict: Verdict) -> Iterator[Html | str]:
         yield f"{words.found(d)}, probability {d.probability:.2f}: {sizes}"
     if not verdict.differences:
         yield f"No difference is shown; the probability that there is none is {verdict.probability_none:.2f}."
-    yield f"Probability of something that no effect of the library is: {verdict.probability_unknown:.2f}."
+    yield f"Probability of an effect that the library lacks: {verdict.probability_unknown:.2f}."
     for limit in result.limits:
         if limit.is_known:
             place = f"{limit.value:.4g} ({limit.low:.4g} to {limit.high:.4g}) {limit.unit}"
-            yield f"{limit.parameter} of the knees is {place}; nominal {limit.nominal:.4g}"
+            yield f"{words.parameter(limit.parameter)} of the knees is {place}; nominal {limit.nominal:.4g}."
     yield from result.notes
-    yield Html('The whole of it: <a href="diagnosis/report.html">diagnosis</a>')
+    yield Html('<a href="diagnosis/report.html">The whole diagnosis</a>')
 
 
 def _figures(result: Improvement) -> str:
     rows = [(f.name, f"{f.old} {f.unit}".strip(), f"{f.new} {f.unit}".strip(), _change(f.kind)) for f in result.figures]
-    return table(("", "old", "new", ""), rows)
+    return table(("measure", "old", "new", "judged"), rows)
 
 
 def _change(kind: str) -> Html:
     css = {"better": "badge good", "worse": "badge bad"}.get(kind, "note")
-    return Html(f'<span class="{css}">{kind}</span>')
+    return Html(f'<span class="{css}">{"no clear difference" if kind == "same" else kind}</span>')
 
 
 def _speed(evaluations: Sequence[Mapping[str, Any]]) -> str:
@@ -83,7 +86,9 @@ def _speed(evaluations: Sequence[Mapping[str, Any]]) -> str:
     key = legend([("var(--ink)", "commanded"), (OLD, "old"), (NEW, "new")])
     picture = chart(lines, "held, m/s", x_title="commanded forward, m/s", width=HALF, height=240)
     power = [_power(c, n, e) for c, n, e in zip((OLD, NEW), ("old", "new"), evaluations, strict=True)]
-    return key + beside(picture, chart(power, "W", x_title="commanded forward, m/s", width=HALF, height=240, zero=True))
+    return key + beside(
+        picture, chart(power, "power, W", x_title="commanded forward, m/s", width=HALF, height=240, zero=True)
+    )
 
 
 def _power(colour: str, name: str, evaluation: Mapping[str, Any]) -> Series:

@@ -17,7 +17,7 @@ NAMED: Final = 0.12
 STYLE: Final = """
 .odds { display: flex; height: 26px; border-radius: 6px; overflow: hidden; background: var(--empty); }
 .odds div { color: #fff; font-size: 13px; line-height: 26px; text-indent: 6px; white-space: nowrap; overflow: hidden; }
-.stage { margin: 12px 0 3px; } th { width: 90px; }
+.stage { margin: 12px 0 3px; } h3 + table th { width: 90px; } th { max-width: 300px; }
 """
 SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f", "#59a14f", "#edc948", "#2f4b7c")
 GREY: Final = "#bab0ab"
@@ -27,15 +27,19 @@ def ranking_page(design: Design, commands: Mapping[str, str]) -> str:
     """The page of a ranking, as text; ``commands`` by the experiment's name."""
     offered = [p for p in design.proposals if not p.refused]
     about = (
-        "Ranked by information about the cause per second of robot time, simulated on robots that agree with the logs. "
-        "Those without a command tell too little."
+        "Ranked by information about the cause per second of robot time. The information is simulated on robots that "
+        "agree with the logs. An experiment without a command tells too little."
     )
     body = [
         f"<section><h1>What to run next</h1><p class='lead'>{esc(_lead(design))}</p></section>",
-        boxed("Possible causes", "Their probabilities, from the logs so far.", _moves([("", design.odds)])),
+        boxed(
+            "Possible causes",
+            "From the logs so far. One of these is taken to be right, so the shares add up to 100 %.",
+            _moves([("", design.odds)]),
+        ),
         boxed("Experiments", about, "".join(_offered(p, design, commands.get(p.candidate.name, "")) for p in offered)),
     ]
-    refused = [(p.candidate.title, "; ".join(p.refused)) for p in design.proposals if p.refused]
+    refused = [(p.candidate.title, "; ".join(p.refused) + ".") for p in design.proposals if p.refused]
     body += [boxed("Refused", "Do not run these on a robot.", facts(refused))] if refused else []
     return framed("Next experiment", body, STYLE)
 
@@ -70,7 +74,7 @@ def story_page(story: Story) -> str:
         headed(badge, kind, f"{cause[0].upper()}{cause[1:]}: {_percent(odds)}", [story.sentence], meta),
         boxed(
             "Probabilities after each experiment",
-            "Probability of each cause, from all logs until then.",
+            "From all logs until then. One of these is taken to be right, so the shares of a bar add up to 100 %.",
             _moves(stages),
         ),
     ]
@@ -129,11 +133,11 @@ def _lead(design: Design) -> str:
     if len(design.causes) < 2:
         return f"One cause is left: {next(iter(design.odds))}. No experiment is needed."
     if not design.worthwhile:
-        return "No safe experiment would tell more."
+        return "No experiment that is safe in simulation would tell enough more."
     best = design.worthwhile[0]
     title = best.candidate.title
     return (
-        f"{title[0].upper()}{title[1:]}. Expected to give {best.told.bits:.2f} of the {best.told.of_bits:.2f} bits "
-        f"that decide between the causes, in {best.robot_s:.0f} s of robot time. (One bit decides between two equally "
-        "likely causes.)"
+        f"{title[0].upper()}{title[1:]}. This is expected to give {best.told.bits:.2f} of the {best.told.of_bits:.2f} "
+        f"bits that decide between the causes, in {best.robot_s:.0f} s of robot time. One bit decides between two "
+        "equally likely causes."
     )

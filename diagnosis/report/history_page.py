@@ -24,9 +24,8 @@ SHOWN_DATES: Final = 5
 OUTCOMES: Final = {"unchanged": "no change shown", "unknown_effect": "something unknown", "changed": "changed"}
 STYLE: Final = """
 .calibration { background: #2f6fb5; } .unchanged { background: #2f6fb5; } .changed { background: #b7791f; }
-.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(330px, 1fr)); gap: 12px 18px; }
-td:last-child { padding-right: 0; } td a { white-space: nowrap; }
-@media (max-width: 700px) { section svg { min-width: 0; } h1 { font-size: 21px; } }
+.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(330px, 100%), 1fr)); gap: 12px 18px; }
+td a { white-space: nowrap; }
 """
 
 
@@ -54,7 +53,10 @@ def history_page(drift: Drift) -> str:
     meta += f"{drift.dates[0].date} to {last.date}"
     changed = [t for t in drift.tracks if t.is_named or t.has_changed]
     gains = [t for t in drift.tracks if t.effect == "torque_gain" and t.where in words.PLACES]
-    key = legend([("var(--corrected)", "measured, with its 90 % interval"), ("var(--found)", "named as a difference")])
+    shown = [p for t in changed[:MOST_CHARTS] for p in t.points if p.low is not None]
+    entries = [("var(--corrected)", "measured, with its 90 % interval", not all(p.is_named for p in shown))]
+    entries += [("var(--found)", "named as a difference", any(p.is_named for p in shown))]
+    key = legend((colour, name) for colour, name, is_there in entries if is_there and shown)
     body = [
         headed(badge, drift.outcome, lead, drift.since_last[1:], meta),
         boxed("Since the first date", drift.dates[0].date, listed(drift.since_first)),

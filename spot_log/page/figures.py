@@ -69,7 +69,7 @@ def velocity(run: Run) -> str:
         if len(tick_s):
             lines.append(Series(ASKED, tick_s, run.ticks.velocity_command[:, axis], width=2, is_stepped=True))
         drawn.append(chart(lines, title, x_unit=" s", height=120, shades=_events(run), least_span=0.2))
-    return legend([(MEASURED, "the body"), (ASKED, "command")]) + "".join(drawn)
+    return _key((MEASURED, "the body"), (ASKED, "command" if len(tick_s) else "")) + "".join(drawn)
 
 
 @figure("Feet on the ground", f"A bar while the foot stands. {_WINDOW}")
@@ -84,7 +84,9 @@ def contacts(run: Run) -> str:
     return stance(down[np.maximum(rows, 0)], run.header.foot_names, MEASURED, span_s=(first_s, last_s))
 
 
-@figure("Joints", f"Measured position and the set-point that was sent, rad. {_WINDOW}")
+@figure(
+    "Joints", f"Measured position and the set-point that was sent, rad; joints of one type share a scale. {_WINDOW}"
+)
 def joints(run: Run) -> str:
     """Position and set-point of every joint: a column a leg, a row a joint."""
     if not len(run.states):
@@ -92,28 +94,29 @@ def joints(run: Run) -> str:
     measured_s = measures.seconds(run, run.states.robot_stamp_ns)
     sent_s = measures.seconds(run, run.commands.robot_stamp_ns)
     seen, sent = (_within(_window(run), time_s) for time_s in (measured_s, sent_s))
-    drawn = []
-    for j in _by_row(run):
-        lines = [Series(MEASURED, measured_s[seen], run.states.position_rad[seen, j])]
-        if sent.any():
-            lines.insert(0, Series(ASKED, sent_s[sent], run.commands.position_rad[sent, j], is_stepped=True))
-        drawn.append(_panel(lines, run.header.joint_names[j], least_span=0.1))
-    return legend([(MEASURED, "position"), (ASKED, "set-point")]) + panels(drawn)
+    n = len(run.header.joint_names)
+    found: list[list[Series]] = [
+        [Series(MEASURED, measured_s[seen], run.states.position_rad[seen, j])] for j in range(n)
+    ]
+    for j, lines in enumerate(found if sent.any() else ()):
+        lines.insert(0, Series(ASKED, sent_s[sent], run.commands.position_rad[sent, j], is_stepped=True))
+    return _key((MEASURED, "position"), (ASKED, "set-point" if sent.any() else "")) + _grid(run, found, least_span=0.1)
 
 
-@figure("Loads", "Measured torque of each joint, N·m, over the whole run; red: what the joint can give.")
+@figure("Loads", "Measured torque of each joint, N·m, over the whole run; joints of one type share a scale.")
 def loads(run: Run) -> str:
     """Measured load of every joint with the robot's limits, where they are known."""
     if not np.isfinite(run.states.load_nm).any():
         return ""
     time_s = measures.seconds(run, run.states.robot_stamp_ns)
-    drawn = []
-    for j in _by_row(run):
-        lines = [Series(MEASURED, time_s, run.states.load_nm[:, j], width=1)]
-        limit = torque_limit_nm(run, j)
-        lines += [] if limit is None else [Series(LIMIT, time_s, sign * limit, width=1) for sign in (1.0, -1.0)]
-        drawn.append(_panel(lines, run.header.joint_names[j], least_span=1.0))
-    return legend([(MEASURED, "load"), (LIMIT, "limit (a knee's depends on its position)")]) + panels(drawn)
+    found = [[Series(MEASURED, time_s, run.states.load_nm[:, j], width=1)] for j in range(len(run.header.joint_names))]
+    limits = [torque_limit_nm(run, j) for j in range(len(found))]
+    for lines, limit in zip(found, limits, strict=True):
+        if limit is not None:
+            lines.extend(Series(LIMIT, time_s, sign * limit, width=1) for sign in (1.0, -1.0))
+    is_known = any(limit is not None for limit in limits)
+    told = "what the joint can give (for a knee, this depends on its position)"
+    return _key((MEASURED, "load"), (LIMIT, told if is_known else "")) + _grid(run, found, least_span=1.0)
 
 
 @figure("Timing", "How many ticks or commands; the dotted lines are the median and the 99th percentile.")
@@ -151,7 +154,9 @@ def power(run: Run) -> str:
     ]
     drawn.append(_panel(temperatures, "motor temperatures, °C", least_span=1.0))
     legs = run.header.foot_names if len(run.header.foot_names) == len(FEET) else ()
-    return legend([(colour, f"motors of {leg}") for colour, leg in zip(FEET, legs, strict=False)]) + panels(drawn)
+    is_known = np.isfinite(slow.motor_temperature_c).any()
+    key = _key(*((colour, f"motors of {leg}") for colour, leg in zip(FEET, legs if is_known else (), strict=False)))
+    return key + panels(drawn)
 
 
 def torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:
@@ -165,15 +170,35 @@ def torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:
     return None
 
 
-def _panel(lines: list[Series], title: str, *, least_span: float) -> str:
-    return chart(lines, title=title, x_unit=" s", width=QUARTER, height=110, least_span=least_span)
+def _key(*entries: tuple[str, str]) -> str:
+    """Colours and their names; those without a name are not drawn."""
+    named = [(colour, name) for colour, name in entries if name]
+    return legend(named) if named else ""
 
 
-def _by_row(run: Run) -> list[int]:
-    """Joints row by row of a grid of four columns: a column a leg where legs have three joints, else as they come."""
+def _panel(
+    lines: list[Series], title: str, *, least_span: float = 0.0, y_range: tuple[float, float] | None = None
+) -> str:
+    return chart(lines, title=title, x_unit=" s", width=QUARTER, height=110, least_span=least_span, y_range=y_range)
+
+
+def _grid(run: Run, found: list[list[Series]], *, least_span: float) -> str:
+    """A small plot of each joint; those of one type share a scale."""
+    names, ranges = run.header.joint_names, dict[int, tuple[float, float]]()
+    for row in _by_type(run):
+        values = np.concatenate([np.asarray(s.y, dtype=np.float64) for j in row for s in found[j]])
+        known = values[np.isfinite(values)]
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+        pad = max(0.06 * (high - low), 0.5 * (least_span - (high - low)))
+        ranges |= dict.fromkeys(row, (low - pad, high + pad))
+    return panels(_panel(found[j], names[j], y_range=ranges[j]) for row in _by_type(run) for j in row)
+
+
+def _by_type(run: Run) -> list[list[int]]:
+    """Joints of one type, a leg each, where legs have three joints; else all together, as they come."""
     n = len(run.header.joint_names)
     is_by_leg = n == 12 and len(run.header.foot_names) == 4
-    return [3 * leg + row for row in range(3) for leg in range(4)] if is_by_leg else list(range(n))
+    return [[3 * leg + kind for leg in range(4)] for kind in range(3)] if is_by_leg else [list(range(n))]
 
 
 def _window(run: Run) -> tuple[float, float]:

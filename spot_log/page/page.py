@@ -44,7 +44,7 @@ def page_html(run: Run) -> str:
     parts += [_section(f, run) for f in FIGURES.values()]
     parts += [
         boxed("Events", "", _events(info)),
-        boxed("Summary", "The same as 'spot-rl log info'.", facts(told.items())),
+        boxed("Summary", "What 'spot-rl log info' prints.", facts(told.items())),
         boxed("Header", "", folded("What the log says of itself", facts(_header(info)))),
     ]
     return framed(_title(info), parts, _MORE)

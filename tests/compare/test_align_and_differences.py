@@ -112,7 +112,7 @@ def test_a_run_beside_itself_differs_in_nothing(make_track) -> None:
         assert not signal.rms.any()
         assert not signal.distance.any()
     assert found.end_distance_m == 0.0
-    assert "Every joint does the same" in sentence(make_track(), found)
+    assert "All joints move alike" in sentence(make_track(), found)
 
 
 def test_an_offset_is_its_own_distance_and_rms(make_track) -> None:

@@ -100,7 +100,7 @@ def test_speed_is_not_bought_with_commands_that_were_followed() -> None:
     slow = copy.deepcopy(evaluation(top_speed={"sustained_m_s": 5.0, "curve": [[4.0, 5.0, True]]}))
     for point in slow["tracking"]["points"]:
         point["error"] = [0.15, 0.01, 0.01]
-    assert kinds(evaluation(), slow)["its error where the old policy follows"] == "worse"
+    assert kinds(evaluation(), slow)["error of forward speed where the old policy follows"] == "worse"
     assert not is_taken(figures(evaluation(), slow))
 
 

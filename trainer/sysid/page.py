@@ -51,13 +51,13 @@ def identification_page(data: ResultData, overlays: Sequence[tuple[str, slice, f
         boxed("Identified", "", _values(known) or "<p>Nothing; the other box gives the reasons.</p>"),
         boxed(
             "Not identified",
-            "For these, the model file contains values that the logs do not contradict.",
+            "For these, the model file holds values that the logs do not contradict.",
             _reasons(unknown),
         ),
         "</div>",
         boxed("Measured directly", "Measured from the logs, without a search.", _measured(data)),
         *(_overlay(*overlay) for overlay in overlays),
-        boxed("Search", "The score of each generation's best model; 1 means as close as two real runs.", _score(data)),
+        boxed("Search", _score_about(data), _score(data)),
         boxed("Details", "", _details(data)),
     ]
     return framed("Identification", body)
@@ -82,7 +82,9 @@ def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
         )
         told.append(f"Simulated runs are {near}: {end:.2f} times the distance of two real runs{before}.")
     elif not data.score_is_over_floor:
-        told.append("Record each sequence at least twice: without repeats it is not known how close the simulation is.")
+        told.append(
+            "Record each sequence at least twice. Without repeats, it is not known how close the simulation is."
+        )
     return headed(badge, kind, headline, told)
 
 
@@ -108,6 +110,11 @@ def _amount(value: float, unit: str) -> str:
     return f"{1e3 * value:.3g} ms" if unit == "s" else f"{value:.4g} {esc(unit)}"
 
 
+def _score_about(data: ResultData) -> str:
+    told = "Distance between simulated and real runs for the best model of each generation; less is closer."
+    return f"{told} 1 is the distance between two real runs." if data.score_is_over_floor else told
+
+
 def _score(data: ResultData) -> str:
     best = np.array([np.nan if v is None else v for v in data.score_by_generation])
     if np.isfinite(best).sum() < 2:
@@ -119,9 +126,9 @@ def _score(data: ResultData) -> str:
     ]
     if data.score_is_over_floor:
         lines.append(Series("var(--floor)", x, np.ones(len(x)), is_dotted=True))
-    key = legend(
-        [("var(--other)", "best of the generation"), ("var(--corrected)", "so far"), ("var(--floor)", "floor")]
-    )
+    names = [("var(--other)", "best of the generation"), ("var(--corrected)", "best so far")]
+    names += [("var(--floor)", "two real runs")] if data.score_is_over_floor else []
+    key = legend(names)
     return key + chart(lines, "score", x_title="generation", height=150)
 
 
@@ -191,7 +198,7 @@ def _overlay(sequence: str, stretch: slice, rate_hz: float, traces: Traces) -> s
                 x = (stretch.start + np.arange(len(shown))) / rate_hz
                 lines.append(Series(colour, x, shown, width=1.5))
             figures.append(f"<div>{chart(lines, f'{joint} {title}', x_unit=' s', width=HALF, height=150)}</div>")
-    about = "Two knees, in the seconds with the largest velocities. The gaits drift out of phase."
+    about = "Two knees, in the seconds with the largest commanded velocities. The gaits drift out of phase."
     content = legend(RUNS) + f"<div class='two' style='margin:0'>{''.join(figures)}</div>"
     return boxed(f"Robot and simulation: {_plain(sequence)}", about, content)
 

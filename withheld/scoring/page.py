@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
 from spot_log.page.svg import esc
+from spot_model.text import counted
 from withheld.cases import WORDS
 from withheld.outcome import Outcome
 from withheld.scoring.scores import differences, does
@@ -35,24 +36,26 @@ def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
         boxed(
             "Figures",
             "'Not shown' means that the interval contains the target. A fault matters if it moves the robot by two "
-            "floors, or costs 0.1 m/s, 5 % of power or a fall. F1: 1 if all joints are named, and no other.",
-            _table(("figure", "measured (cases; 95 % interval)", "target", ""), map(_figure, shown)) + _unasked(empty),
+            "floors, or costs 0.1 m/s, 5 % of power or a fall. F1 is 1 if all joints with a fault are named and no "
+            "other joint is.",
+            _table(("figure", "measured (cases; 95 % interval)", "target", "result"), map(_figure, shown))
+            + _unasked(empty),
         ),
         boxed(
             "Right answers by kind of case",
-            "Cases of which something is asked: all but effects outside the library that do not matter.",
-            _table(("grouped by", "", "right"), _breakdown(data["breakdown"])),
+            "All cases count but those whose effects are outside the library and do not matter.",
+            _table(("grouped by", "group", "right"), _breakdown(data["breakdown"])),
         ),
         boxed(
             "Metadata alone",
-            "A classifier that sees only names, sizes, stamps, counts and headers must be no better than chance.",
+            "Only names, sizes, stamps, counts and headers are seen. A classifier must then be no better than chance.",
             _table(("question", "balanced accuracy", "by chance", "p"), map(_leak, data["metadata_alone"])),
         ),
         boxed(
             "Cases",
             "The number links to the case's report, if it was kept.",
             _table(
-                ("case", "kind", "logs", "hidden", "said", "S", ""),
+                ("case", "kind", "logs", "hidden", "said", "S", "judged"),
                 [_case(o, checked.folders[o.case.number], out) for o in checked.outcomes],
             ),
         ),
@@ -66,7 +69,9 @@ def _head(data: Mapping[str, Any], shown: Sequence[Mapping[str, Any]]) -> str:
     met = [r for r in asked if r["met"] == "met"]
     missed = [r["title"] for r in asked if r["met"] == "not met"]
     kind = "good" if asked and len(met) == len(asked) else "bad" if missed else "fair"
-    lines = [f"{data['cases']} of {data['asked_cases']} cases are judged."]
+    lines = [
+        f"{data['cases']} of {counted(data['asked_cases'], 'case')} {'is' if data['cases'] == 1 else 'are'} judged."
+    ]
     lines += [f"Missed: {'; '.join(missed)}."] if missed else []
     meta = "'Met' means that the whole 95 % interval meets the target."
     headline = f"{len(met)} of {len(asked)} targets are met" if asked else "Too few cases for any target"
