@@ -18,6 +18,8 @@ from spot_model.io.whole import OutputExistsError
 AnyPath = str | os.PathLike[str]
 T = TypeVar("T")
 P = ParamSpec("P")
+LONGEST_NAME = 255
+"""Bytes that Linux' file systems take."""
 
 
 def with_our_errors(function: Callable[P, T]) -> Callable[P, T]:
@@ -39,17 +41,22 @@ def wrong(name: str, value: object, allowed: str) -> BadInputError:
     return BadInputError(f"{name} = {told if len(told) <= 60 else told[:59] + '…'}; allowed: {allowed}")
 
 
-def to_path(value: AnyPath, name: str) -> Path:
-    """The path that was given.
+def to_path(value: AnyPath, name: str, allowed: str = "a path, as text or pathlib.Path") -> Path:
+    """The path that was given; ``allowed`` says what could have been.
 
     Raises:
         BadInputError: It is neither text nor a path.
     """
     given: object = value
     told = os.fspath(given) if isinstance(given, (str, os.PathLike)) else None
-    if isinstance(told, str) and told and "\0" not in told:
+    if (
+        isinstance(told, str)
+        and told
+        and "\0" not in told
+        and all(len(p) <= 255 for p in os.fsencode(told).split(b"/"))
+    ):
         return Path(told)
-    raise wrong(name, value, "a path, as text or pathlib.Path")
+    raise wrong(name, value, allowed)
 
 
 def existing(value: AnyPath, name: str) -> Path:
@@ -168,14 +175,14 @@ def flag(value: bool, name: str) -> bool:
     return given
 
 
-def text(value: str, name: str, allowed: str = "a text that is not empty") -> str:
+def text(value: str, name: str, allowed: str = "a text in one line that is not empty") -> str:
     """The text that was given.
 
     Raises:
         BadInputError: It is none, or empty.
     """
     given: object = value
-    if not isinstance(given, str) or not given.strip():
+    if not isinstance(given, str) or not given.strip() or not given.isprintable():
         raise wrong(name, value, allowed)
     return given
 

@@ -19,10 +19,10 @@ from fake_robot.start.process import FakeProcess
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.model_file import RobotModel
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, load_sequence, save_sequence
 from spot_model.policy.policy import Policy
 from spot_model.process.child_process import module_command, without_secrets
-from spot_rl.checks import AnyPath, to_path
+from spot_rl.checks import AnyPath, a_folder, flag, mapping, number, numbers, to_path, with_our_errors, wrong
 from spot_rl.inputs import model_of, policy_file, read_run
 
 
@@ -45,6 +45,7 @@ class FakeSpot:
             time, a busy computer ends runs with ``state_stale``.
     """
 
+    @with_our_errors
     def __init__(
         self,
         scenario: str | AnyPath | Mapping[str, Any] = "default",
@@ -52,17 +53,21 @@ class FakeSpot:
         model: str | AnyPath | RobotModel | None = None,
         lock_step: bool = True,
     ) -> None:
-        if model is not None:
-            keys = scenario if isinstance(scenario, Mapping) else load_scenario(os.fspath(scenario)).to_data()
-            scenario = {**keys, "model": {"effects": model_of(model)[0].to_data()["effects"]}}
+        self.is_lock_step = flag(lock_step, "lock_step")
         if isinstance(scenario, Mapping):
-            scenario_from_data(dict(scenario))  # so that a wrong key is named here
-        self.is_lock_step = lock_step
+            keys = mapping(scenario, "scenario", "a mapping of keys")
+            scenario_from_data(keys)  # so that a wrong key is named here
+        else:
+            keys = load_scenario(os.fspath(to_path(scenario, "scenario"))).to_data()
+        if model is not None:
+            scenario = {**keys, "model": {"effects": model_of(model)[0].to_data()["effects"]}}
+            scenario_from_data(dict(scenario))
         self._scenario = scenario
         self._stack = ExitStack()
         self._running: tuple[FakeProcess, Path] | None = None
         self._walks: Counter[str] = Counter()
 
+    @with_our_errors
     def __enter__(self) -> Self:
         """Start the robot and wait until it serves."""
         with ExitStack() as stack:
@@ -103,6 +108,7 @@ class FakeSpot:
         """Variables with which a program trusts and opens the fake: user name, password, certificate, Python's path."""
         return dict(self._robot()[0].address.environment)
 
+    @with_our_errors
     def walk(
         self,
         policy: AnyPath | Policy,
@@ -131,10 +137,10 @@ class FakeSpot:
             SpotRlError: The policy is not valid, an argument is not allowed, or no log was written.
         """
         words = self._words(policy_file(policy), velocity, sequence, duration_s)
-        folder = to_path(log_dir, "log_dir") if log_dir is not None else self._robot()[1] / "logs"
+        folder = a_folder(log_dir, "log_dir") if log_dir is not None else self._robot()[1] / "logs"
         before = set(folder.glob("*.mcap"))
         words += ["--log-dir", str(folder)]
-        words += [w for key, value in (labels or {}).items() for w in ("--label", f"{key}={value}")]
+        words += [w for label in _labels(labels) for w in ("--label", label)]
         told = subprocess.run(  # noqa: S603 - our own command line
             module_command("spot_model", *words),
             env={**os.environ, **self.environment},
@@ -154,10 +160,13 @@ class FakeSpot:
         process, _ = self._robot()
         if velocity is not None and sequence is not None:
             raise BadInputError("velocity and sequence are both given; give one of them")
-        if not 0.0 < duration_s <= 3600.0:
-            raise BadInputError(f"duration_s = {duration_s}; allowed: more than 0 and up to 3600 s")
+        duration_s = number(duration_s, "duration_s", 0.0, 3600.0, "more than 0 and up to 3600 s")
         name = str(sequence if sequence is not None else velocity)
-        chosen = os.fspath(sequence) if sequence is not None else self._held(velocity or (0.0, 0.0, 0.0), duration_s)
+        if sequence is not None:
+            chosen = os.fspath(to_path(sequence, "sequence"))
+            load_sequence(chosen)
+        else:
+            chosen = self._held((0.0, 0.0, 0.0) if velocity is None else velocity, duration_s)
         words = ["run", "--robot", self.address, "--policy", str(policy), "--sequence", chosen]
         words += ["--duration", str(duration_s), "--repeat", str(self._walks[name])]
         self._walks[name] += 1
@@ -165,13 +174,9 @@ class FakeSpot:
 
     def _held(self, velocity: Sequence[float], duration_s: float) -> str:
         """A sequence file that holds one velocity."""
-        try:
-            v_x, v_y, yaw_rate = (float(v) for v in velocity)
-            waypoint = Waypoint(time_s=0.0, v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw_rate)
-        except (TypeError, ValueError) as error:
-            raise BadInputError(
-                f"velocity = {velocity!r}; allowed: three numbers within ±10, V_x and V_y in m/s and ω_z in rad/s"
-            ) from error
+        allowed = "three numbers within ±10, V_x and V_y in m/s and ω_z in rad/s"
+        v_x, v_y, yaw_rate = numbers(velocity, "velocity", allowed, 10.0)
+        waypoint = Waypoint(time_s=0.0, v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw_rate)
         name = f"held_{v_x:g}_{v_y:g}_{yaw_rate:g}"
         path = self._robot()[1] / f"{len(self._walks)}-{sum(self._walks.values())}.yaml"
         save_sequence(VelocitySequence(name=name, duration_s=duration_s, waypoints=(waypoint,)), path)
@@ -181,3 +186,12 @@ class FakeSpot:
         if self._running is None:
             raise BadInputError("the fake robot is not running; use it in a block: with FakeSpot() as spot: ...")
         return self._running
+
+
+def _labels(labels: Mapping[str, str] | None) -> list[str]:
+    allowed = 'a mapping of texts, such as {"floor": "grass"}'
+    given = {} if labels is None else mapping(labels, "labels", allowed)
+    for key, value in given.items():
+        if not key or "=" in key or not isinstance(value, (str, int, float)):
+            raise wrong("labels", labels, allowed)
+    return [f"{key}={value}" for key, value in given.items()]

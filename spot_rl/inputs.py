@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from spot_log.read.reader import read_run as read_log
 from spot_log.read.run import Run
@@ -19,6 +19,9 @@ from spot_model.policy import built_in
 from spot_model.policy import policy as policies
 from spot_model.policy.policy import Policy
 from spot_rl.checks import AnyPath, a_file, a_run, mapping, to_path, with_our_errors, wrong
+
+POLICIES: Final = "a built-in name, the path of an ONNX file, or a policy of load_policy"
+MODELS: Final = "a built-in name, the path of a model file, or a model of load_model"
 
 
 @with_our_errors
@@ -75,7 +78,7 @@ def load_policy(path: AnyPath) -> Policy:
 def policy_file(policy: AnyPath | Policy) -> Path:
     """The file of a policy that was given as a path, a built-in name, or as :func:`load_policy` returned it."""
     if not isinstance(policy, Policy):
-        return a_file(built_in.policy_file(to_path(policy, "policy")), "policy")
+        return a_file(built_in.policy_file(to_path(policy, "policy", POLICIES)), "policy")
     if policy.path is None:
         raise BadInputError(f"policy {policy.contract.name} was not loaded from a file; give the path of its ONNX file")
     return a_file(policy.path, "policy")
@@ -102,7 +105,7 @@ def load_model(name_or_path: AnyPath, *, effects: Iterable[Mapping[str, Any] | E
     Raises:
         SpotRlError: There is no such model or effect, or a key or value is not allowed.
     """
-    model = model_file.load_model(str(to_path(name_or_path, "model")))
+    model = model_file.load_model(str(to_path(name_or_path, "model", MODELS)))
     if isinstance(effects, (str, Mapping)) or not isinstance(effects, Iterable):
         raise wrong("effects", effects, "a list of effects, each a mapping or an object")
     for effect in effects:

@@ -79,7 +79,7 @@ ARRAYS = (
     ("an entry of ResultData.measured", MeasuredData),
 )
 
-OF_THE_RUNTIME = ("tick", "warm_up", "observe", "observe_many", "gains")
+OF_THE_RUNTIME = ("tick", "warm_up", "observe", "observe_many", "gains", "with_joints_in_policy_order")
 """Methods that take or return what only the runtime has; the page does not describe it."""
 
 

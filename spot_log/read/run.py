@@ -193,7 +193,7 @@ def frame_of(run: Run, topic: str) -> Any:
     except ImportError as error:
         raise FrameError("data frames need pandas: pip install 'spot-rl[report]'") from error
     tables = tables_of(run)
-    if topic not in tables:
+    if topic not in list(tables):
         raise FrameError(f"topic {topic!r} is not in a log; allowed: {', '.join(tables)}")
     table = tables[topic]
     stamps = table["robot_stamp_ns"]

@@ -54,7 +54,18 @@ class RobotModel:
     """The robot's body; always `spot`."""
 
     def with_effects(self, *effects: Effect) -> RobotModel:
-        """The same model with more effects at the end."""
+        """The same model with more effects at the end.
+
+        Raises:
+            BadInputError: One is no effect.
+        """
+        for effect in effects:
+            given: object = effect
+            if not isinstance(given, Effect):
+                raise BadInputError(
+                    f"effect {effect!r:.60} is no effect; allowed: objects of an effect's class (plain keys: "
+                    "load_model(NAME, effects=[...]))"
+                )
         return replace(self, effects=self.effects + effects)
 
     def to_data(self) -> dict[str, Any]:

@@ -206,13 +206,16 @@ class Policy:
         """Run the network. Shape (48,) gives (12,), a batch (n, 48) gives (n, 12); with a history, 48 for each tick.
 
         Raises:
-            PolicyError: The observation has another width: the caller keeps no history.
+            PolicyError: The observation is not made of numbers, or has another width: the caller keeps no history.
         """
-        batch = np.asarray(observation, dtype=np.float32)
-        if batch.shape[-1] != self.width:
+        try:
+            batch = np.asarray(observation, dtype=np.float32)
+        except (TypeError, ValueError):
+            batch = np.empty(0, np.float32)
+        if batch.ndim not in (1, 2) or batch.shape[-1] != self.width:
             raise PolicyError(
                 f"policy {self.contract.name} expects {self.width} numbers ({N_OBSERVATION} per tick of "
-                f"its history), got {batch.shape[-1]}; Policy.window() adds the ticks before"
+                f"its history), got {batch.shape[-1] if batch.ndim else 1}; Policy.window() adds the ticks before"
             )
         if batch.ndim == 1:
             return self._act_on_one(batch)
@@ -231,8 +234,18 @@ class Policy:
         return ordered
 
     def setpoint_rad(self, action: NDArray[Any]) -> Array:
-        """Joint position set-points of an action, canonical order. Shape (..., 12), rad."""
-        policy_order = self.contract.action_scale_rad * np.asarray(action, dtype=np.float64) + self.default_position_rad
+        """Joint position set-points of an action, canonical order. Shape (..., 12), rad.
+
+        Raises:
+            PolicyError: The action is not made of 12 numbers.
+        """
+        try:
+            given = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.ndim == 0 or given.shape[-1] != facts.N_JOINTS:
+            raise PolicyError(f"action of shape {given.shape}; allowed: numbers of shape (..., {facts.N_JOINTS})")
+        policy_order = self.contract.action_scale_rad * given + self.default_position_rad
         return policy_order.take(self.canonical_from_policy, axis=-1)
 
     def gains(self) -> Gains:

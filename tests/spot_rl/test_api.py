@@ -204,47 +204,6 @@ def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
     assert np.mean(speeds[-50:]) == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize(
-    ("call", "told"),
-    [
-        (lambda: spot_rl.read_run("nowhere.mcap"), r"log nowhere.mcap does not exist"),
-        (lambda: spot_rl.read_run(None), r"log = None; allowed: a path"),
-        (lambda: spot_rl.simulate("log.mcap", "ideal"), r"is no run; read a log first"),
-        (lambda: spot_rl.load_model("nothing"), r"allowed: a YAML file, or one of ideal"),
-        (lambda: spot_rl.load_model("ideal", effects=[{"effect": "mud"}]), r"mud"),
-        (lambda: spot_rl.compare([]), r"needs two runs"),
-        (lambda: spot_rl.diagnose([], "ideal", "out"), r"logs is empty"),
-        (lambda: spot_rl.identify("nowhere", WALK, "out"), r"logs nowhere does not exist"),
-        (lambda: spot_rl.identify("nowhere", WALK, "out", generations=0), r"generations = 0; allowed: a whole"),
-        (lambda: spot_rl.identify("nowhere", WALK, "out", config={"serch": {}}), r"serch"),
-        (lambda: spot_rl.evaluate(WALK, n=0), r"n = 0; allowed: a whole number, 1 or more"),
-        (lambda: spot_rl.evaluate(WALK, n=2.5), r"n = 2.5; allowed: a whole number"),
-        (lambda: spot_rl.evaluate(WALK, seed=-1), r"seed = -1; allowed: a whole number, 0 or more"),
-        (lambda: spot_rl.load_model(None), r"model = None; allowed: a path"),
-        (lambda: spot_rl.diagnose(WALK, None, "out"), r"model = None; allowed: a path"),
-        (lambda: spot_rl.diagnose(WALK, "ideal", "out", add_effects=[5]), r"--add-effect 5; allowed: module:Class"),
-        (lambda: spot_rl.diagnose(WALK, "ideal", "out", add_effects="x:"), r"--add-effect 'x:' cannot be loaded"),
-        (lambda: spot_rl.diagnose(WALK, "ideal", "out", without=5), r"without = 5; allowed: one, or a list"),
-        (lambda: spot_rl.diagnose(WALK, "ideal", "out", seed="a"), r"seed = 'a'; allowed: a whole number"),
-        (lambda: spot_rl.train({"name": "x"}, "out"), r"iterations"),
-        (lambda: spot_rl.train("nowhere.yaml", "out"), r"config 'nowhere.yaml' does not exist"),
-        (lambda: spot_rl.export("nowhere", "out.onnx"), r"run nowhere does not exist"),
-        (lambda: spot_rl.make_env(changes={"rewards.gate": 1.0}), r"did you mean 'gait'"),
-        (lambda: spot_rl.make_env().reset(options={"comand": (0, 0, 0)}), r"'comand' is unknown; allowed: command"),
-        (lambda: spot_rl.make_env().reset(options={"command": (0, 0)}), r"allowed: three numbers"),
-        (lambda: spot_rl.FakeSpot({"payloadd": {}}), r"payloadd"),
-        (lambda: spot_rl.FakeSpot({"payloadd": {}}, model="ideal"), r"payloadd"),
-        (lambda: spot_rl.FakeSpot(model="nothing"), r"allowed: a YAML file, or one of ideal"),
-        (lambda: spot_rl.FakeSpot().walk(WALK), r"use it in a block"),
-    ],
-)
-def test_what_is_wrong_is_said(call, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(spot_rl.SpotRlError, match=told):
-        call()
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_program_of_the_vendors_sdk_finds_the_fake() -> None:
     program = """
 import sys
