@@ -322,8 +322,8 @@ class Verdict(Settings):
     remainder: tuple[GapLeft, ...] = ()
     """What the corrected model leaves of each gap."""
     distances: dict[str, float] = Field(default_factory=dict)
-    """Distance between closed-loop runs and the robot's, in floors: of the nominal model, of the calibrated one, of the
-    corrected one, and of that without each difference; empty if nothing was simulated."""
+    """Distance between closed-loop runs and the robot's, in floors. Of the nominal model, the calibrated one, the
+    corrected one, and the corrected one without each difference; empty if nothing was simulated."""
     probability_none: float = Field(ge=0.0, le=1.0)
     """Probability that nothing is there beside the robot's own calibration."""
     probability_unknown: float = Field(ge=0.0, le=1.0)

@@ -236,8 +236,8 @@ class JointControlConfig(Part):
     """Joint control: rules that cannot be known without a robot, each a named policy."""
 
     on_command_expiry: Literal["damp", "hold_vendor_stand", "freeze_torque"] = "damp"
-    """What the body does once the newest command is past its end time, or the stream has ended: damp the joints, return
-    to the vendor's own stand, or keep the last torque for ``freeze_torque_s`` and then damp."""
+    """What the body does once the newest command is past its end time, or the stream has ended. It damps the joints,
+    returns to the vendor's own stand, or keeps the last torque for ``freeze_torque_s`` and then damps."""
     freeze_torque_s: float = Field(default=0.5, gt=0.0, le=5.0)
     """Duration of `freeze_torque`."""
     activation_wait_s: float = Field(default=5.0, ge=0.0, le=60.0)
@@ -311,8 +311,8 @@ class ServicesConfig(Part):
     """A faster joint-control stream (mean over one second, real time only) is ended with INVALID_REQUEST."""
 
     cameras: Literal["scene", "test_card", "none"] = "scene"
-    """What the image service has: cameras that see the simulated scene, and a test card where this computer cannot draw
-    without a display; cameras with a test card before each; or no camera at all."""
+    """What the image service has. ``scene``: cameras that see the simulated scene, and a test card where this computer
+    cannot draw without a display. ``test_card``: cameras with a test card before each. ``none``: no camera."""
 
     max_concurrent_calls: int = Field(default=64, ge=4, le=1024)
     max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=1024)

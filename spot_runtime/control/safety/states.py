@@ -31,8 +31,8 @@ def is_between(least_rad: Array, largest_rad: Array) -> bool:
 
 DOUBTFUL_STATES: Final = 3
 """So many states in a row with a load beyond its bound, or a leap, end the run; fewer are not used. An impact on a
-rotor does not last longer. A torque of 300 N·m more than the motor gives changes the speed of 0.073 kg·m² by 12 rad/s
-in 3 ms, and no joint has three times that to lose."""
+rotor does not last longer. A torque of 300 N·m beyond the motor's changes the speed of 0.073 kg·m² by 12 rad/s in
+3 ms. No joint has three times that to lose."""
 
 LEAP_RAD: Final = 0.1
 """What sensors' errors may add to the motion of a joint, or of the body's attitude, between two states."""
