@@ -90,6 +90,7 @@ ELSEWHERE = {
 """Command, the test file that runs the same with arguments of its own, and its words there."""
 
 FORMS = {
+    "spot-rl run --hal my_robot:adapter": "spot-rl run --robot HOST",
     "spot-rl sysid LOGS --policy walk --out found": "spot-rl sysid fake-walks",
     "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock exec -- spot-rl collect --sequences "
     "forward,six_directions --repeats 2 --robot HOST --lock-step unix:$PWD/admin.sock --policy mine.onnx --out walks": (
