@@ -36,7 +36,8 @@ class SpotEnv(gymnasium.Env[Numbers, Numbers]):
 
     An action of 1 is 3 rad, and larger ones are refused. With ``raw_actions=True`` it is 0.2 rad, the unit of policies,
     and actions are clipped to ±15. Observations are clipped to the bounds of ``observation_space``, which a robot on
-    its feet does not reach: body velocity ±20 m/s and ±40 rad/s, gravity ±2, command ±10, joints ±4 rad and ±100 rad/s.
+    its feet does not reach. They are ±20 m/s and ±40 rad/s for the body, ±2 for gravity, ±10 for the command, and
+    ±4 rad and ±100 rad/s for joints.
     The last action in them is in a policy's unit.
 
     The reward is the sum of the config's terms; an episode terminates when the body or a leg but its foot touches the

@@ -38,7 +38,7 @@ from trainer.ppo.vec_env import TaskVecEnv
 class SpotVectorEnv(gymnasium.vector.VectorEnv[Numbers, Numbers, NDArray[Any]]):
     """``num_envs`` Spots, each as in :class:`SpotEnv`; observations have shape (n, 48), actions (n, 12).
 
-    A robot whose episode ends is reset within the same step (``AutoresetMode.SAME_STEP``): the observation is the first
+    A robot whose episode ends is reset within the same step (``AutoresetMode.SAME_STEP``). The observation is the first
     of the next episode, and ``info["final_obs"]`` holds the last one where ``info["_final_obs"]`` is true.
     ``info["velocity_command"]`` has shape (n, 3). A command in ``reset``'s options is held until the next ``reset``.
     """

@@ -12,10 +12,9 @@ import numpy as np
 from files import FILES
 from logs import LOGS
 from operator_rpcs import OPERATOR_RPCS
+from policy_files import POLICIES
 from rpcs import RPCS
 from wire import WIRE
-
-from policies import POLICIES
 
 TARGETS = {**POLICIES, **FILES, **LOGS, **WIRE, **RPCS, **OPERATOR_RPCS}
 
