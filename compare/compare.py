@@ -116,7 +116,7 @@ class Comparison:
     tracks: tuple[Track, ...]
     """The runs as arrays on one time grid of 10 ms, in the order given; below."""
     differences: tuple[Differences, ...]
-    """Of each run but the first; below."""
+    """Differences of each run but the first; described below."""
     causes: tuple[Cause, ...] = ()
     """When the diagnosis' effects act, if there is a diagnosis."""
     cause: str = ""

@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 REPOSITORY = Path(__file__).resolve().parent.parent
 HASHES = Path(__file__).resolve().parent / "hashes"
 PYTHONS = ("3.10", "3.12")
-"""Of JetPack 6 (Ubuntu 22.04) and JetPack 7 (Ubuntu 24.04)."""
+"""Python versions of JetPack 6 (Ubuntu 22.04) and JetPack 7 (Ubuntu 24.04)."""
 MACHINES = ("aarch64", "x86_64")
 GLIBC = ("manylinux_2_35", "manylinux_2_34", "manylinux_2_28", "manylinux_2_27", "manylinux_2_17", "manylinux2014")
 """Ubuntu 22.04 has glibc 2.35."""

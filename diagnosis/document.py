@@ -129,7 +129,7 @@ class Difference(Settings):
     title: str = ""
     """The same in words."""
     probability: float = Field(ge=0.0, le=1.0)
-    """That an effect of this group is there."""
+    """Probability that an effect of this group is there."""
     group: tuple[str, ...]
     """Effects that the logs do not distinguish from it, most likely first, itself included."""
     joints: tuple[str, ...]
@@ -356,7 +356,7 @@ class Verdict(Settings):
     """What limits the verdict, a sentence each."""
 
     def to_json(self) -> str:
-        """As text for ``verdict.json``."""
+        """The text of ``verdict.json``."""
         return self.model_dump_json(by_alias=True, indent=1) + "\n"
 
 

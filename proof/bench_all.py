@@ -58,7 +58,7 @@ class Claim:
     script: str
     """Below ``benchmarks``, with its arguments."""
     expected_s: float
-    """Of one repeat on two idle cores: for the time left."""
+    """Expected time of one repeat on two idle cores, s; the time left follows from it."""
     ratios: dict[str, Ratio] = field(default_factory=dict)
     repeats: int = 3
 

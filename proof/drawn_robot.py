@@ -33,7 +33,7 @@ class Sensors:
     velocity_step_rad_s: float
     load_step_nm: float
     velocity_bias_m_s: tuple[float, float, float]
-    """Of the state estimator, in odom."""
+    """Bias of the state estimator's velocity, in odom."""
     turn_rate_bias_rad_s: tuple[float, float, float]
 
 
@@ -61,7 +61,7 @@ class Reality:
     """One robot where it walks."""
 
     scenario: dict[str, Any]
-    """As a scenario's file holds it."""
+    """Scenario, as in a scenario file."""
     sensors: Sensors
     pushes: tuple[Push, ...]
 

@@ -69,12 +69,12 @@ class FaultyHal(BosdynHal):
         self._spoilt.append((self._after_ns(lasts_s or 1e9), spoilt))
 
     def spoil_slow(self, spoilt: Callable[[SlowState], SlowState], lasts_s: float = 0.0) -> None:
-        """As :meth:`spoil`, what is polled."""
+        """Spoil a polled state, as :meth:`spoil` does with a streamed one."""
         self._spoilt_slow.append((self._after_ns(lasts_s or 1e9), spoilt))
 
     @property
     def slow_state(self) -> SlowState | None:
-        """As it is spoilt."""
+        """The newest polled state, spoilt."""
         slow = super().slow_state
         for until_ns, spoilt in self._spoilt_slow:
             if slow is not None and self.robot_now_ns() < until_ns:

@@ -49,7 +49,7 @@ BEFORE_FALL_S: Final = 2.0
 
 EDGE_M: Final = 15.0
 QUIET_ONE_IN: Final = 5
-"""Of so many robots, the last has a quiet run."""
+"""One robot in this many has a quiet run."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Outcome:
     """Name of the commands: ``drawn``, or what kind of quiet it was."""
     outcome: str
     sentence: str
-    """Of what was doubted first; otherwise of the stop."""
+    """Sentence about what was doubted first; otherwise about the stop."""
     verdict: str
     """``completed``, ``fell`` (the robot itself did, so that a stop was right), ``fell later`` (under the vendor's
     controller, to which it was handed back at the end), ``not begun``, ``false stop`` or ``fell unseen``."""

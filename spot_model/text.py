@@ -29,5 +29,5 @@ def counted(n: int, word: str) -> str:
 
 
 def plain_lines(text: str) -> str:
-    """As :func:`plain`, with ends of lines and tabs left as they are."""
+    """Like :func:`plain`, but ends of lines and tabs stay as they are."""
     return plain(text, keep=_KEPT)

@@ -17,7 +17,7 @@ GIT_TIMEOUT_S: Final = 5.0
 
 
 def software_version() -> str:
-    """Such as ``0.1.0``; empty where it is not installed."""
+    """Version of this package, such as ``0.1.0``; empty where it is not installed."""
     try:
         return version("spot-rl")
     except PackageNotFoundError:

@@ -64,7 +64,7 @@ class Episodes(Task):
         )
 
     def step(self, action: torch.Tensor) -> StepResult:
-        """As every task's, and keeps the last observations of the episodes that ended."""
+        """Step the task as usual, and keep the last observations of the episodes that ended."""
         self.final, self._is_stepping = None, True
         try:
             return super().step(action)
@@ -84,7 +84,7 @@ class Episodes(Task):
 
 
 def env_spaces(*, raw_actions: bool) -> tuple[spaces.Box, spaces.Box]:
-    """Of one robot's observation and action."""
+    """Spaces of one robot's observation and action."""
     bound = ACTION_BOUND if flag(raw_actions, "raw_actions") else 1.0
     return (
         spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND, dtype=np.float32),

@@ -31,7 +31,7 @@ class Finding:
     advice: str = ""
     """What to do; empty where nothing is to be done."""
     name: str = ""
-    """Of the check, once it is made."""
+    """Name of the check, once it is made."""
 
     def to_data(self) -> dict[str, str]:
         """Plain data for JSON."""

@@ -301,6 +301,6 @@ def _range(contract: PolicyContract) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sequence(name: str, duration_s: float, *points: tuple[float, float, float, float, bool]) -> VelocitySequence:
-    """Of points with their time as a share of the duration."""
+    """A sequence of points, with their times as shares of the duration."""
     told = [(round(share * duration_s, 3), float(x), float(y), float(w), r) for share, x, y, w, r in points]
     return sequence_of(name, duration_s, *told)

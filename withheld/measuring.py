@@ -50,7 +50,7 @@ class Walk(NamedTuple):
 
     sequence: str
     features: NDArray[np.float32]
-    """Of the headline measure. Shape (n_ticks, 36), N·m."""
+    """Features of the headline measure. Shape (n_ticks, 36), N·m."""
     signals: Mapping[Gap, Array]
     """Loads, N·m, and velocities of the joints, rad/s, each of shape (n_ticks, 12), and the body's in its own frame,
     m/s, shape (n_ticks, 3)."""
@@ -149,9 +149,9 @@ class Shrunk(NamedTuple):
     """S = (D0 − D1)/(D0 − floor) of a delivered model, on runs that neither fit nor verdict saw."""
 
     s: float | None = None
-    """Of the headline measure; None where the nominal model has no gap to speak of, or a robot falls."""
+    """S of the headline measure; None where the nominal model has no gap to speak of, or a robot falls."""
     gaps: Mapping[Gap, float] = {}
-    """Of each of the three gaps that the nominal model has."""
+    """S of each of the three gaps that the nominal model has."""
 
 
 def true_shrink(runs: Sequence[Run], nominal: RobotModel, delivered: RobotModel, policy: Policy, seed: int) -> Shrunk:

@@ -153,7 +153,7 @@ class Consequences(_Part):
     power: Change
     """Mean positive power of the joints, W."""
     fall_share: Change
-    """Of the runs."""
+    """Share of the runs that fall."""
 
 
 class Outcome(_Part):
@@ -168,7 +168,7 @@ class Outcome(_Part):
     """How far each fault moves the gap: (D − floor)/floor, with D between this robot and the same one without that
     fault. None where it cannot be measured: the robot falls at once."""
     consequences: tuple[Consequences | None, ...] = ()
-    """Of each fault, from the same runs; None where these broke down."""
+    """Consequences of each fault, from the same runs; None where these broke down."""
     true_s: float | None = None
     """S of the delivered model on sequences that neither fit nor verdict saw."""
     true_gaps: dict[Gap, float] = Field(default_factory=dict)
@@ -179,7 +179,7 @@ class Outcome(_Part):
     verdict_sha256: str
     locked_in: str
     seconds: dict[str, float]
-    """Of one core, by stage."""
+    """Seconds of one core, by stage."""
     problem: str = ""
 
     @property

@@ -57,7 +57,7 @@ class Truth(Settings):
     faults: tuple[Fault, ...]
     """Empty: nothing is different beyond the ordinary errors that every reality has."""
     error_scale: float = Field(default=1.0, gt=0.0)
-    """Of the ordinary errors of this robot."""
+    """Scale of the ordinary errors of this robot."""
 
 
 class FaultRequest(Settings):
@@ -78,7 +78,7 @@ class RecordingPlan:
     sequences: tuple[VelocitySequence, ...]
     repeats: int
     seed: int
-    """Of all that differs from run to run: starts, noise, delays, opaque names."""
+    """Seed of all that differs from run to run: starts, noise, delays, opaque names."""
     missing: frozenset[Signal] = field(default_factory=frozenset)
     """Signals that the logs lack."""
     detail: Detail = "stream"

@@ -132,7 +132,7 @@ Views = Mapping[Channel, ChannelView]
 
 
 MAX_SAMPLES: Final = 6_000
-"""Of each channel's samples about so many are used, evenly thinned."""
+"""About this many samples of each channel are used, evenly thinned."""
 LONG: Final = 4 * MAX_SAMPLES
 """States from which on channels are thinned; those of the body keep one of four."""
 

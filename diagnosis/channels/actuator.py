@@ -58,7 +58,7 @@ class ActuatorSignals:
     inertial_velocity_rad_s: Array
     """Half a lag later: the velocity whose rate of change goes with the load over the lag's span."""
     kd_nm_s_per_rad: Array
-    """Of the command in effect; 0 before the first."""
+    """Damping gain of the command in effect; 0 before the first."""
     request_nm: Array
     """The servo law."""
     torque_nm: Array
@@ -68,7 +68,7 @@ class ActuatorSignals:
     """Since the command in effect was received. Shape (N,)."""
     lag_s: float
     effects: tuple[Effect, ...] = ()
-    """Of the nominal model."""
+    """Effects of the nominal model."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
     """Columns that are expensive to compute, by who computed them."""
 
@@ -307,7 +307,7 @@ def _by_twelve(compute: Callable[..., Array], *columns: Array) -> Array:
 LAG_STEP_S: Final = 0.1e-3
 MIN_EVENTS: Final = 40
 WIDE_SHARE: Final = 0.25
-"""Of the period; a lag that may be anything over so much of it is one to be told of."""
+"""A lag that may lie anywhere in this share of the period is reported."""
 MAX_EVENTS: Final = 2_500
 """Evenly thinned to so many set-points."""
 

@@ -46,7 +46,7 @@ STOP_TO: Final = 0.25
 Not until it rests: a foot that rolls, under a body that still leans, goes on down at 0.05 m/s for 80 ms.
 """
 STOP_PER_TIME_CONSTANT: Final = 0.425
-"""Of a critically damped contact; in trials of the nominal simulator 0.42 to 0.45, from 20 to 44 ms."""
+"""Stopping time of a critically damped contact, in time constants: 0.42 to 0.45 in trials, from 20 to 44 ms."""
 NOMINAL_STOP_S: Final = STOP_PER_TIME_CONSTANT * MjcfOptions().contact_solref[0]
 STOP_FLOOR_S: Final = 1.5e-3
 FLAG_BIAS_S: Final = 6e-3
@@ -146,7 +146,7 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> Events:
 
 
 def _stop_times(stance: StanceSignals, contact: Flags) -> Events:
-    """In which time (s) the ground takes half of the speed of each touch-down that is fast enough."""
+    """Time in which the ground takes half of the speed of each touch-down that is fast enough, s."""
     stack = stance.stack
     velocity = smooth(feet(stance.inputs, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3])
     found: list[tuple[int, int, float]] = []

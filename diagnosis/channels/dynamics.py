@@ -70,7 +70,7 @@ class DynamicsSignals:
 
     stack: Stack
     effects: tuple[Effect, ...]
-    """Of the nominal model."""
+    """Effects of the nominal model."""
     model: BodyModel
     rows: NDArray[np.intp]
     """Rows of the stack that are kept, shape (n,)."""
@@ -78,7 +78,7 @@ class DynamicsSignals:
     load_rate_nm_s: Array
     """Shape (n, 12)."""
     position_rate_rad_s: Array
-    """Of the joints' positions, shape (n, 12): their velocity, whatever is reported as such."""
+    """Rate of the joints' positions, shape (n, 12): their velocity, whatever is reported as velocity."""
     position_curvature_rad_s2: Array
     """Rate of that."""
     contact: Flags
@@ -86,7 +86,7 @@ class DynamicsSignals:
     nominal: Residuals
     """Smoothed, at the kept rows."""
     reference: Residuals
-    """Of the smoothed signals: what changed residuals are compared with."""
+    """Residuals of the smoothed signals, with which changed residuals are compared."""
     force: Array
     """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
     place: tuple[Array, Array]

@@ -70,7 +70,7 @@ class StanceSignals:
     nominal: Array
     """Smoothed response, shape (n, 16)."""
     raw_height_m: Array
-    """Of the contact points, at the full rate. Shape (N, 4)."""
+    """Height of the contact points, at the full rate. Shape (N, 4)."""
     acceleration_in_body_m_s2: Array
     """Rate of the body's velocity as seen in the body, by the inertial unit where there is one. Shape (N, 3)."""
     dynamics: DynamicsSignals | None

@@ -100,7 +100,7 @@ WINDOW_S: Final = 0.25
 FAST_QUANTILE: Final = 0.05
 """Spread counts from the delay that this share of commands stays under."""
 NARROW_SHARE: Final = 0.25
-"""Of the states' period: a wider spread of delays is a jitter's."""
+"""Share of the states' period; a wider spread of delays comes from jitter."""
 LONGEST_S: Final = 1.0
 """A command that takes longer belongs to a pause, not to the link."""
 

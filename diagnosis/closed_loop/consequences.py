@@ -43,7 +43,7 @@ from spot_model.robot.rotation import rotate_inverse_wxyz
 from trainer.signals.policy_ticks import MIN_TICKS, policy_ticks
 
 QUANTILES: Final = (np.arange(100) + 0.5) / 100
-"""Of which a signal's digest is made; their mean difference is the Wasserstein distance."""
+"""Quantiles of a signal's digest; their mean difference is the Wasserstein distance."""
 FALLS: Final = Quantity("fall_share", "share of runs that fall", "")
 FALL_TIME: Final = Quantity("time_to_fall", "mean time to a fall, within the commands", "s")
 LARGEST: Final = frozenset({"top_speed"})
@@ -155,7 +155,7 @@ def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tup
 
 
 def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts:
-    """Of each run up to each tick the quantiles of each gap's components, shape (Q, k)."""
+    """Quantiles of each gap's components, of each run up to each tick, shape (Q, k)."""
     ticks_ns = [run.ticks.robot_stamp_ns[policy_ticks(run, at_least)] for run in runs]
     signals = [[gap.pick(run) for gap in GAPS] for run in runs]
 

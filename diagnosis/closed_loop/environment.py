@@ -40,7 +40,7 @@ class Surroundings:
     contact_time_constant_s: float = _OWN[0]
     contact_damping_ratio: float = _OWN[1]
     odometry_time_s: float = 0.0
-    """In which standing legs pull the reported velocity; 0 for one that is true. See :class:`LegOdometry`."""
+    """Time in which standing legs pull the reported velocity; 0 for a true velocity. See :class:`LegOdometry`."""
 
     def around(self, model: RobotModel) -> RobotModel:
         """The model in these surroundings. They come first: what is wrong with an estimate comes on top of it.
@@ -86,9 +86,9 @@ BETTER: Final = 0.95
 SMALL: Final = 0.01
 """No score counts as less."""
 MAX_SEQUENCES: Final = 4
-"""So many command sequences serve to choose; one simulated run of each for each choice."""
+"""Number of command sequences that serve to choose; each choice takes one simulated run of each."""
 MAX_TICKS: Final = 200
-"""Of a run, from its start."""
+"""Ticks of a run that count, from its start."""
 SURROUNDING_EFFECTS: Final = frozenset(
     {"ground_compliance", "ground_friction", "foot_radius", "contact_delay", "velocity_estimate", "imu_tilt"}
 )

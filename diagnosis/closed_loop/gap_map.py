@@ -17,7 +17,7 @@ from spot_log.format.events import FOLLOWING_MODE
 from trainer.signals.smoothing import smooth
 
 QUANTILES: Final = (np.arange(25) + 0.5) / 25
-"""Of which a run's digest in a cell is made; their mean difference is the Wasserstein distance."""
+"""Quantiles of a run's digest in a cell; their mean difference is the Wasserstein distance."""
 MIN_SAMPLES: Final = 40
 N_PERMUTATIONS: Final = 400
 BLOCK_S: Final = 1.0

@@ -16,7 +16,7 @@ from trainer.signals.policy_ticks import fall_stamp_ns, policy_ticks
 HELD_S: Final = 1.0
 """A top speed was held for so long."""
 KNEE_SHARE: Final = 0.99
-"""Of the time the knees' torque lies below the one that is told: single peaks are noise of the cells."""
+"""Share of the time that the knees' torque lies below the reported one: single peaks are noise of the load cells."""
 
 
 @dataclass(frozen=True)

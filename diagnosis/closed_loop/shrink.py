@@ -26,7 +26,7 @@ WHOLE: Final = 0.9
 """Of two runs, one of less than this share of the other one fell, or was cut: they are compared up to its end."""
 
 Features = Sequence[NDArray[np.float32]]
-"""Of the runs of one sequence, each of shape (n, 36)."""
+"""Features of the runs of one sequence, each of shape (n, 36)."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def features_by_sequence(
 
 
 def simulated_features(runs: Sequence[Run], policy: Policy) -> dict[str, list[NDArray[np.float32]]]:
-    """Of all simulated runs, in their order: one that falls at once is compared with its fall, a second long."""
+    """Features of all simulated runs, in their order; of one that falls at once, those of its fall, a second long."""
     return features_by_sequence(runs, policy, MIN_TICKS)
 
 
@@ -161,12 +161,12 @@ def shrinkage(
 
 
 def mean_distance(compared: Sequence[SequenceDistances], model: str) -> float:
-    """Of a model's runs from the robot's."""
+    """Mean distance of a model's runs from the robot's."""
     return float(np.mean([c.models[model].mean() for c in compared]))
 
 
 def mean_floor(compared: Sequence[SequenceDistances]) -> float:
-    """Of the robot's runs from each other, or what stands in for it."""
+    """Mean distance of the robot's runs from each other, or what stands in for it."""
     return float(np.mean([_floor(c) for c in compared]))
 
 

@@ -41,7 +41,7 @@ class Bench:
     runs: tuple[Run, ...]
     """Real logs."""
     scripts: tuple[Script, ...]
-    """Of those that are long enough."""
+    """Scripts of the runs that are long enough."""
     policy: Policy
     engine: Rollouts
 
@@ -79,7 +79,7 @@ NOMINAL: Final = "nominal"
 LEAST_RUNS: Final = 3
 """Simulated runs of a sequence, however few real ones there are."""
 LOWER: Final = 1.0 / 3.0
-"""Of a sequence's simulated runs, the quantile that counts: some stumble where the robot did not."""
+"""Quantile of a sequence's simulated runs that counts: some stumble where the robot did not."""
 SMALLEST: Final = 0.01
 """No distance counts as less."""
 
@@ -96,7 +96,7 @@ class Trials:
     """Whether each sequence's model was fitted without it."""
     notes: tuple[str, ...]
     surroundings: ChosenSurroundings = ChosenSurroundings({})
-    """Of all models but the nominal one."""
+    """Surroundings of all models but the nominal one."""
 
     def distances(self) -> dict[str, float]:
         """One by model, in floors: distances between the robot's own repeats; without repeats between the model's.

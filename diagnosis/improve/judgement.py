@@ -14,7 +14,7 @@ Kind = Literal["better", "worse", "same"]
 Evaluation = Mapping[str, Any]
 
 SPEED_SHARE: Final = 0.02
-"""Of the speed held: two runs of one policy differ by less."""
+"""Share of the held speed; two runs of one policy differ by less."""
 STANDS_M_S: Final = 0.03
 ERROR_M_S: Final = 0.02
 FOLLOWS_M_S: Final = 0.15

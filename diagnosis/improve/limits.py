@@ -20,7 +20,7 @@ from trainer.sysid.config import default_config
 from trainer.sysid.result import ResultData
 
 QUANTILE: Final = 1.645
-"""Of a normal variable: half of a 90 % interval in standard deviations."""
+"""Half of a 90 % interval of a normal variable, in standard deviations."""
 CONTACT_S: Final = 0.02
 """Contact time constant of the simulator, to which a corrected model's ground is relative."""
 GENERATIONS: Final = 8
@@ -36,7 +36,7 @@ class Limit:
     value: float
     low: float
     high: float
-    """Of its 90 % interval."""
+    """Upper end of its 90 % interval."""
     is_known: bool
     """Whether the logs determine it."""
     is_reached: bool

@@ -18,7 +18,7 @@ RETRAIN: Final = Path(__file__).with_name("retrain.yaml")
 FEWEST_ROBOTS: Final = 512
 """A training with fewer learns too little for its time."""
 GENERATIONS: Final = 12
-"""Of the search over gains; on two cores they take some 15 minutes."""
+"""Generations of the search over gains; on two cores they take some 15 minutes."""
 POPULATION: Final = 14
 
 

@@ -38,7 +38,7 @@ class Step:
 
     @property
     def command(self) -> str:
-        """As a person would type it."""
+        """The command, as a person would type it."""
         return " ".join(["spot-rl", *self.words])
 
 

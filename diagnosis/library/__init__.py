@@ -71,7 +71,7 @@ class LibraryEffect(ABC):
     """
 
     name: ClassVar[str]
-    """Of the spot_model effect, unless it is given."""
+    """Name of the spot_model effect, unless another is given."""
     title: ClassVar[str]
     """For a person; the name in words, unless it is given."""
     effect: ClassVar[type[Effect]]

@@ -16,7 +16,9 @@ from spot_model.effects.drivetrain import TorqueRipple
 BIN_RAD: Final = 0.002
 LOWEST_PER_RAD: Final = 36.0
 HIGHEST_PER_RAD: Final = 700.0
-"""Of slower lines the window takes off too much; faster than this the bins cannot follow."""
+"""The window takes off too much of lines that are slower than the lowest; the bins cannot follow lines that are faster
+than this.
+"""
 STEP_PER_RAD: Final = 0.5
 WINDOW_BINS: Final = 81
 """What varies more slowly than over this many bins is taken off first."""

@@ -18,7 +18,7 @@ from spot_model.io.velocity_sequence import VelocitySequence, load_sequence, sav
 from spot_model.io.yaml_text import read_yaml
 
 LASTS_S: Final = (4.0, 60.0)
-"""Of a walk that is judged: it is simulated on some seventy robots."""
+"""Length of a walk that is judged, s: it is simulated on some seventy robots."""
 
 
 def free_folder(parent: Path, name: str) -> Path:

@@ -53,7 +53,7 @@ class Predicted(Quantity):
     """One of the numbers."""
 
     usual: float
-    """By which simulations of walking robots are usually off, as a share of the number. Not calibrated."""
+    """Usual error of simulations of walking robots, as a share of the number. It is not calibrated."""
 
 
 _USUAL: Final = {"top_speed": 0.04, "tracking_error": 0.15, "knee_torque": 0.08}
@@ -66,11 +66,11 @@ class Forecast(Settings):
     """One predicted number."""
 
     name: str
-    """Of the number, such as ``top_speed``."""
+    """Name of the number, such as ``top_speed``."""
     title: str
     """The name in words."""
     unit: str
-    """Of all numbers below."""
+    """Unit of all numbers below."""
     value: float
     """What is expected."""
     low: float
@@ -105,7 +105,7 @@ class Prediction(Settings):
     """What could not be predicted, and why."""
 
     def to_json(self) -> str:
-        """As text."""
+        """The prediction as JSON text."""
         return self.model_dump_json(by_alias=True, indent=1) + "\n"
 
     def lines(self) -> list[str]:
@@ -128,7 +128,7 @@ def recorded(run: Run) -> tuple[str, int]:
 
 
 def digest_of(posterior: Posterior) -> str:
-    """By which a prediction knows the diagnosis that it was made from."""
+    """Digest by which a prediction knows the diagnosis that it was made from."""
     return sha256_hex(posterior.model_dump_json(by_alias=True).encode())
 
 

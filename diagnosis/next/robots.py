@@ -42,7 +42,7 @@ class Robots:
 
     causes: tuple[Cause, ...]
     weights: np.ndarray
-    """Of the causes, shape (C,), adding up to 1."""
+    """Weights of the causes, shape (C,), adding up to 1."""
     models: tuple[RobotModel, ...]
     cause_of: np.ndarray
     """Index of each model's cause, shape (n,)."""

@@ -298,7 +298,7 @@ class Story:
 
     @property
     def logs(self) -> list[Path]:
-        """Of all rounds that left one."""
+        """Logs of all rounds that left one."""
         return [Path(r.log) for r in self.rounds if r.log]
 
     @property
@@ -312,7 +312,7 @@ class Story:
         return self.failed + [r.name for r in self.rounds if r.outcome == WHOLE and r.moved < STILL]
 
     def to_json(self) -> str:
-        """As text for ``story.json``."""
+        """The text of ``story.json``."""
         data = {
             "schema": SCHEMA,
             "first": {"odds": self.first.odds, "status": self.first.status},

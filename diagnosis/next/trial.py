@@ -38,7 +38,7 @@ TILT_RAD: Final = 0.6
 HEIGHT_M: Final = 0.28
 """Body over its lowest sole; the safety core stops at 0.25 m."""
 SPEED_RAD_S: Final = 25.0
-"""Of a joint, where the knee's motor gives no more torque; the robot itself stops at 40."""
+"""Speed of a joint at which the knee's motor gives no more torque; the robot itself stops at 40."""
 LOAD_NM: Final = np.tile([50.0, 50.0, 115.0], facts.N_LEGS)
 """The joints' limits are 45 and 113 N·m; the rest is noise of the cells."""
 STOP_MARGIN_RAD: Final = 0.05

@@ -90,7 +90,7 @@ def _after_steps(runs: Sequence[Run]) -> float | None:
 
 
 def _answers(run: Run) -> tuple[Array, Array, Array] | None:
-    """Of each step and each state around it: offset in states, change of load along the step, square of the step."""
+    """For each step and each state around it: offset in states, change of load along the step, square of the step."""
     states, c = run.states, run.commands
     ask = np.nan_to_num(c.kp_nm_per_rad * c.position_rad)
     step = np.diff(ask, axis=0)

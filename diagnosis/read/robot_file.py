@@ -34,7 +34,7 @@ class RobotFile(Settings):
     schema_name: Literal["spot-rl/robot/1"] = Field(alias="schema")
     name: str
     joint_names: tuple[str, ...] = Field(min_length=1)
-    """As the logs name them, in the logs' order."""
+    """Names of the joints as in the logs, in the logs' order."""
     kp_nm_per_rad: PerJoint | None = None
     """Servo gains, where the logs hold none."""
     kd_nm_s_per_rad: PerJoint | None = None

@@ -32,7 +32,7 @@ TORQUE_MARGIN: Final = 3.0
 MAX_BAD_SHARE: Final = 0.02
 """Rows that are not numbers, at most; fewer are left out."""
 OVERLOAD_SHARE: Final = 0.01
-"""Of a log's states: shocks last milliseconds."""
+"""Share of a log's states that may be overloaded: shocks last milliseconds."""
 MAX_STRETCHES: Final = 3
 """A wrong unit or a broken cell shows again and again; what a log has at so many places is an event."""
 MAX_STRETCH_SHARE: Final = 0.5

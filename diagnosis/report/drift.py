@@ -38,7 +38,7 @@ class Point(Settings):
     date: str
     """Name of the diagnosis."""
     value: float
-    """As the corrected model of that date holds it."""
+    """Value in the corrected model of that date."""
     low: float | None = None
     """Lower end of the 90 % interval; null where the logs of that date do not tell the number."""
     high: float | None = None

@@ -52,7 +52,7 @@ QUANTITY_UNITS: Final = {
     "torque history": "(N·m)²·s",
     **dict.fromkeys(("time since start", "time since set-point"), "s"),
 }
-"""Of what an unexplained residual may depend on."""
+"""Units of the quantities on which an unexplained residual may depend."""
 
 
 def gap_bars(consequences: Consequences) -> str:

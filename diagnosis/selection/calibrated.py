@@ -93,7 +93,7 @@ ROUNDS: Final = 3
 PRIOR_UNITS: Final = 2.0
 FAR: Final = 3.0
 MEDIAN_OF_SQUARES: Final = 0.455
-"""Of a standard normal variable."""
+"""Median of the square of a standard normal variable."""
 
 
 def learn_scales(board: Evidence) -> None:

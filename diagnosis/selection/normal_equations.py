@@ -34,7 +34,7 @@ class OrdinaryPart:
     """Products of ordinary errors and y, by block, over some folds."""
 
     pairs: Any
-    """Of two ordinary errors, the first not after the second: sparse, shape (B, Q·Q)."""
+    """Products of two ordinary errors, the first not after the second: sparse, shape (B, Q·Q)."""
     transposed: Any
     with_y: Array
     """Shape (B, Q)."""

@@ -21,7 +21,7 @@ WORTH_SHARE: Final = 0.25
 ROUNDS: Final = 5
 WEIGHT_ROUNDS: Final = 2
 SHAPES_AGAIN: Final = 8
-"""Of the coarse shapes, as many as are tried again with sharper weights."""
+"""Number of coarse shapes that are tried again with sharper weights."""
 PER_PARAMETER: Final = 2.0
 """Nats that each further free number must bring."""
 PER_UNIT: Final = 1.0
@@ -208,7 +208,7 @@ def _near(first: Sequence[Rival], board: Evidence) -> set[str]:
 
 
 def _distances(places: Array, natural: Array) -> Array:
-    """Of each place, units by which it differs from the nearest natural set; (L, U) to (L,)."""
+    """Units by which each place differs from the nearest natural set; (L, U) to (L,)."""
     return np.asarray(np.abs(natural - places[:, None]).sum(axis=2).min(axis=1))
 
 

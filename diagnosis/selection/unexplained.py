@@ -110,7 +110,7 @@ def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:
 
 
 def nats_by_joint(board: Evidence, found: Remainder) -> Array:
-    """Of what is left and predictable, what belongs to each joint; a leg's rows count for its joints. Shape (J,)."""
+    """Share of each joint in what is left and predictable; a leg's rows count for its joints. Shape (J,)."""
     out = np.zeros(board.robot.n_joints)
     for number, block in enumerate(board.blocks):
         view = board.views[block.channel]

@@ -30,11 +30,11 @@ class Causes:
     found: Explanation
     """With the differences alone."""
     belief: Belief
-    """Of the differences."""
+    """Belief in the differences."""
     first: Explanation
     """With all effects that residuals show."""
     at_first: Belief
-    """Of all of them."""
+    """Belief in all effects that residuals show."""
     hypotheses: Mapping[str, Scored]
     """Sets that were compared at first, by name."""
 
@@ -104,7 +104,7 @@ def candidates_of(found: Explanation) -> dict[str, Scored]:
 
 
 def name_of(scored: Scored) -> str:
-    """Of a set of effects."""
+    """Name of a set of effects."""
     return " + ".join(sorted(t.effect.name for t in scored.terms)) or CALIBRATED
 
 

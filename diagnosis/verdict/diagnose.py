@@ -58,7 +58,7 @@ class Diagnosis:
     corrected: RobotModel
     """The nominal model with this robot's ordinary errors, its ground, its estimator and the causes; plain numbers."""
     cells: tuple[GapCell, ...]
-    """Of the gap map in closed loop; empty where nothing was simulated."""
+    """Cells of the gap map in closed loop; empty where nothing was simulated."""
     simulated: Mapping[str, tuple[Run, ...]]
     """Closed-loop runs, "nominal" and "corrected"; empty where nothing was simulated."""
     runs: tuple[Run, ...]

@@ -29,9 +29,9 @@ class Measurements:
     """Consequences of all that was found, and what is left of the gaps."""
 
     whole: Consequences
-    """Of the corrected model against the nominal one."""
+    """Consequences of the corrected model, against the nominal one."""
     calibration: Consequences | None
-    """Of the robot's own numbers, without any difference; None where that model could not be simulated."""
+    """Consequences of the robot's own numbers, without any difference; None where that model could not be simulated."""
     each: Mapping[str, Consequences]
     """By difference, of the corrected model against the same without it."""
     left: tuple[GapLeft, ...]

@@ -143,7 +143,7 @@ def is_right(belief: Belief, effects: frozenset[str]) -> float:
 
 
 def _covariance(scored: Scored, which: int) -> Array:
-    """Of one term's coefficients: a jackknife over the folds, and what formulas are usually wrong by."""
+    """Covariance of one term's coefficients: a jackknife over the folds, and what formulas are usually wrong by."""
     sizes = [len(c) for c in scored.coefficients]
     at = sum(sizes[:which])
     folds = scored.spread[:, at : at + sizes[which]]

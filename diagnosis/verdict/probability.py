@@ -63,7 +63,7 @@ class Belief:
     there: Mapping[str, float]
     """By effect of the best set: that it, or a rival in its place, is there; each by itself."""
     weights: Mapping[tuple[str, ...], float]
-    """Of each set of effects, adding up to 1."""
+    """Probability of each set of effects, adding up to 1."""
 
     @staticmethod
     def of(

@@ -64,7 +64,7 @@ class Report(NamedTuple):
     velocity_rad_s: Array
     load_nm: Array
     world_from_body_wxyz: Array
-    """As estimated. The odometry frames are fixed in the world."""
+    """Estimated orientation. The odometry frames are fixed in the world."""
     position_of_body_in_world_m: Array
     linear_vel_of_body_in_world_m_s: Array
     angular_vel_of_body_in_world_rad_s: Array

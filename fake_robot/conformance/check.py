@@ -53,7 +53,7 @@ class Check:
     """One row of the table."""
 
     name: str
-    """By which it is chosen, and named in reports."""
+    """Name by which it is chosen and reported."""
     rpc: str
     """Service, method and field."""
     sends: str

@@ -41,7 +41,7 @@ _VOLTS = (10.0, 100.0)
 """Far around a Spot's 42 to 58.8 V, so that only another unit lies beyond."""
 _N_JOINTS, _N_ARM_JOINTS = 12, 19
 _TREE = ("odom", "vision", "body", "flat_body", "gpe")
-"""Of a robot at rest. Source: frame_helpers of the SDK."""
+"""Frame tree of a robot at rest. Source: frame_helpers of the SDK."""
 _CONTACTS = {robot_state_pb2.FootState.CONTACT_MADE, robot_state_pb2.FootState.CONTACT_LOST}
 
 Judge = Callable[[Recording], str]

@@ -92,7 +92,7 @@ class Recording:
 
     @functools.cached_property
     def feet_in_body_m(self) -> Array:
-        """Of the polled states, shape (n, 4, 3), m."""
+        """Feet of the polled states, shape (n, 4, 3), m."""
         return np.array([[axes(foot.foot_position_rt_body) for foot in p.foot_state] for p in self.polls])
 
     @functools.cached_property

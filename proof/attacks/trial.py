@@ -47,7 +47,7 @@ class Trial:
         return sum(latency_s > BOUND_S for latency_s in self.latencies_s)
 
     def figures(self) -> dict[str, Any]:
-        """As JSON."""
+        """The figures as JSON values."""
         median_s, worst_s = statistics.median(self.latencies_s), max(self.latencies_s)
         times = {"median_ms": round(median_s * 1e3, 1), "worst_ms": round(worst_s * 1e3, 1)}
         return {"listen": self.listen, "attack": self.attack, **times, "failed": self.refusals}

@@ -80,7 +80,7 @@ class Result:
     problems: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON; the problems only where there are any."""
+        """The outcome as JSON, with problems only where there are any."""
         values = asdict(self)
         problems = values.pop("problems")
         return values if self.ok else {**values, "problems": list(problems)}

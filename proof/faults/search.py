@@ -27,7 +27,7 @@ MAX_FAULTS: Final = 3
 FALLEN_M: Final = 0.2
 TIPPED_RAD: Final = 0.8
 KEPT: Final = 12
-"""Of the worst so far, from which others are varied."""
+"""Number of the worst so far that are kept and varied."""
 VARIED_SHARE: Final = 0.5
 _JOINTS: Final = ("fl_kn", "hr_kn", "fr_hy", "hl_hx")
 
@@ -108,7 +108,7 @@ class Case:
     faults: tuple[Fault, ...]
 
     def to_json(self) -> str:
-        """As one line."""
+        """The outcome as one line of JSON."""
         return json.dumps(asdict(self), ensure_ascii=False)
 
     @staticmethod

@@ -60,7 +60,7 @@ class Spoiling(NamedTuple):
     earlier: np.ndarray
     """The value of 0.2 s ago."""
     seen: int
-    """Of states since it began."""
+    """Number of states since it began."""
     noise: np.ndarray
     """White, of variance 1."""
 

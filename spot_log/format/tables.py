@@ -221,7 +221,7 @@ class TickTable(Table):
     host_stamp_ns: Ints = column(np.int64)
     """When the tick began, host clock. Shape (n,)."""
     mode: NDArray[np.str_] = column(np.str_)
-    """Of the runtime: ``ramping_in``, ``active``, ``soft_stop``, … Shape (n,)."""
+    """Mode of the runtime: ``ramping_in``, ``active``, ``soft_stop``, … Shape (n,)."""
     observation: NDArray[np.float32] = column(np.float32, "#")
     """What the policy saw. Shape (n, 48); NaN where the tick ran no policy."""
     action: NDArray[np.float32] = column(np.float32, "joints")
@@ -261,7 +261,7 @@ class SlowTable(Table):
     motor_temperature_c: Array = column(np.float64, "joints")
     """Shape (k, J); NaN where the robot reports none."""
     battery_temperature_c: tuple[tuple[float, ...], ...] = ()
-    """Of each cell that the battery reports, for each row."""
+    """Temperature of each cell that the battery reports, for each row."""
     system_faults: tuple[tuple[str, ...], ...] = ()
     """A sentence a fault, for each row."""
     behavior_faults: tuple[tuple[str, ...], ...] = ()

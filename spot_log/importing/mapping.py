@@ -95,7 +95,7 @@ class SignalMapping(_Strict):
     offset: float | tuple[float, ...] = 0.0
     """Added after the factors, in our unit."""
     order: Literal["wxyz", "xyzw"] | None = None
-    """Of a quaternion; needed there."""
+    """Order of a quaternion's components; required for one."""
     file: str | None = None
     """Another file beside the main one, row by row the same instants."""
 

@@ -26,7 +26,7 @@ WINDOW_S: Final = 4.0
 """What joints and contacts show: the gait is not to be seen in a longer stretch."""
 _WINDOW: Final = "Four seconds of the run; Foxglove shows all of it."
 _STEP_S: Final = 0.003
-"""Of the gait diagram."""
+"""Time step of the gait diagram."""
 
 Draw = Callable[[Run], str]
 

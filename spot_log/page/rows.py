@@ -21,7 +21,7 @@ class Bar(NamedTuple):
     """One bar of a group."""
 
     share: float
-    """Of the full length, 0 to 1."""
+    """Length as a share of the full length, 0 to 1."""
     colour: str
     words: str
     """Behind the bar."""

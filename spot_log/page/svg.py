@@ -184,9 +184,9 @@ class Frame:
     y: tuple[float, float]
     """What the lower and the upper edge stand for."""
     width: float
-    """Of the picture, with its labels."""
+    """Width of the picture, with its labels."""
     height: float
-    """Of the plot."""
+    """Height of the plot."""
     left: float = 62
     top: float = 8
 
@@ -197,7 +197,7 @@ class Frame:
 
     @property
     def total_height(self) -> float:
-        """Of plot and labels, without the axis' title."""
+        """Height of plot and labels, without the axis' title."""
         return self.top + self.height + _BELOW
 
     def at(self, x: float, y: float) -> tuple[float, float]:

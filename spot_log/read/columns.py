@@ -67,7 +67,7 @@ _INT_BYTES: Final[dict[int, int]] = {
     FieldDescriptor.TYPE_UINT32: 4,
 }
 MAX_LAYOUTS: Final = 100
-"""Of one topic; one with more is left to protobuf."""
+"""Layouts of one topic that are remembered; a topic with more is left to protobuf."""
 
 Values = dict[str, NDArray[Any]]
 

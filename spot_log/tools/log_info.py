@@ -82,7 +82,7 @@ class MotionInfo:
     distance_m: float
     mean_speed_m_s: float
     tracking_rms: list[float]
-    """Of V_x, V_y (m/s) and ω_z (rad/s), over the ticks."""
+    """Root mean square errors of V_x, V_y (m/s) and ω_z (rad/s), over the ticks."""
     tilt_max_rad: float
     load_peak_nm: dict[str, float]
     falls: list[Fall] | None
@@ -116,7 +116,7 @@ class LogInfo:
     event_counts: dict[str, int]
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON values; NaN becomes null."""
+        """All figures as plain JSON values; NaN becomes null."""
         result = _plain(dataclasses.asdict(self))
         assert isinstance(result, dict)  # noqa: S101
         return result

@@ -16,7 +16,7 @@ NS: Final = 1e-9
 GAP_PERIODS: Final = 1.5
 """A gap is a step of stamps longer than this many median periods."""
 CLOCK_ERROR_NS: Final = 10_000_000
-"""By which a stamp of the host's may lie after the robot's own for the same instant; a tick is twice as long."""
+"""Most by which the host's stamp may lie after the robot's for the same instant; a tick is twice as long."""
 NEVER_NS: Final = np.iinfo(np.int64).max // 2
 """Receipt of a command that no state has shown."""
 FALL_TILT_RAD: Final = np.deg2rad(60.0)

@@ -79,11 +79,11 @@ class ForwardingSink:
 
     @property
     def dropped(self) -> Mapping[str, int]:
-        """As of the log behind."""
+        """What the log behind has dropped."""
         return self._to.dropped
 
     def health(self) -> SinkHealth:
-        """As of the log behind."""
+        """Health of the log behind."""
         return self._to.health()
 
     def close(self, outcome: str) -> None:

@@ -82,7 +82,7 @@ def foot_velocity_m_s(
     position_rad: AnyArray,
     velocity_rad_s: AnyArray,
 ) -> AnyArray:
-    """Of the feet's lowest points, world frame, by what the robot knows of its joints; shape (n, 4, 3).
+    """Velocity of the feet's lowest points, world frame, by what the robot knows of its joints; shape (n, 4, 3).
 
     Component by component, since many small arrays cost by the call.
     """

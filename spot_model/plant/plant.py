@@ -210,7 +210,7 @@ class Plant(PlantState):
         return Captured(work, generators, is_recorded=self._qpos.is_cuda)
 
     def _recorded(self, n_substeps: int) -> Any:
-        """So many steps on a GPU as one piece of work."""
+        """Record this many steps on a GPU as one piece of work."""
         key = (self.physics.build, n_substeps)
         if key not in self._records:
             self._records[key] = self.recorded(lambda: self._advance(n_substeps), self._rng)

@@ -30,7 +30,7 @@ from spot_model.robot.state import RobotState
 
 TABLE_HZ: Final = 100.0
 FADE_S: Final = 1.5
-"""In which a motion grows from nothing, and goes back to it."""
+"""Time in which a motion grows from nothing, and in which it fades at its end, s."""
 BODY_M_S2: Final = 4.0
 """The body is not accelerated more: feet neither leave the ground nor slip where its friction is 0.5."""
 MARGIN_RAD: Final = 0.05
@@ -91,7 +91,7 @@ def motion_of(experiment: JointExperiment) -> JointMotion:
 
 
 def _poses(experiment: JointExperiment, time_s: Array) -> tuple[Array, Array, Array]:
-    """Of n instants: the body's place (n, 3), m; poses (n, 12); how far each foot is relieved, 0 to 1 (n, 4)."""
+    """Poses at n instants: the body's place (n, 3), m; joints (n, 12); how far each foot is relieved, 0 to 1 (n, 4)."""
     grown = _plateau(time_s, 0.0, experiment.duration_s, FADE_S)
     body, air = np.zeros((len(time_s), 3)), np.zeros((len(time_s), facts.N_LEGS))
     if isinstance(experiment, Standing):

@@ -90,7 +90,7 @@ class OnnxHead:
 
     metadata: dict[str, str] = field(default_factory=dict)
     operators: list[str] = field(default_factory=list)
-    """Of every node, in the order of the file."""
+    """Operators of all nodes, in the order of the file."""
 
     @property
     def nodes(self) -> int:

@@ -55,7 +55,7 @@ class TickResult(NamedTuple):
     """What one tick gave."""
 
     observation: NDArray[np.float32]
-    """As the network saw it: shape (48,), or as many times that as it sees ticks, the newest first."""
+    """Observation as the network saw it: shape (48,), or a multiple if it sees several ticks, the newest first."""
     action: NDArray[np.float32]
     """Shape (12,), policy order, unscaled."""
     setpoint_rad: Array

@@ -118,7 +118,7 @@ class Memory(NamedTuple):
     told: frozenset[tuple[EventName, str]] = frozenset()
     """Once-only events that have been reported, and what they were about."""
     key: int = 0
-    """Of the newest command."""
+    """Key of the newest command."""
     sent_ns: int = 0
     """When it was made, robot clock."""
     signals: SignalMemory = SignalMemory()

@@ -31,7 +31,7 @@ class Snapshot(NamedTuple):
     log: SinkHealth | None = None
     """How the log is doing; None between two looks at it."""
     pause: Pause | None = None
-    """In which this process itself did not look; None where it did, unless states are stale."""
+    """Pause in which this process itself did not look; None without one, unless states are stale."""
 
 
 class Phase(NamedTuple):

@@ -64,7 +64,7 @@ class WarmReceiver:
     def receive(
         self, newest: RobotState, until_robot_ns: int, timeout_s: float, dry_run: Callable[[], None]
     ) -> list[RobotState]:
-        """As :meth:`Hal.receive`, for the state after ``newest``; calls ``dry_run`` where there is time for it."""
+        """Like :meth:`Hal.receive`, for the state after ``newest``; calls ``dry_run`` where there is time for it."""
         hal, begin_ns = self._hal, self._hal.host_now_ns()
         end_ns = begin_ns + round(timeout_s * NS_PER_S)
         earliest_ns = self.arrivals.earliest_host_ns(newest.robot_stamp_ns + facts.STATE_PERIOD_NS)

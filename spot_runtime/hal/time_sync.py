@@ -102,7 +102,7 @@ class SyncedCommandClient(RobotCommandClient):  # type: ignore[misc]
     """
 
     def update_from(self, other: Any) -> None:
-        """As the SDK's, but begin no time sync."""
+        """Like the SDK's, but it begins no time sync."""
         BaseClient.update_from(self, other)
         if self.lease_wallet:
             add_lease_wallet_processors(self, self.lease_wallet)

@@ -49,7 +49,7 @@ class CpuWait:
 SHORTEST_S: Final = 0.02
 """Half the age of a state that ends a run by default; the loop waits 4 ms at most."""
 RECENT_S: Final = 2.0
-"""So long a pause may be what later goes wrong: a stream that the robot ended, a check-in that it missed."""
+"""A pause may explain what goes wrong up to this long after it: a stream that ended, a check-in that was missed."""
 SHARE: Final = 0.5
 """Of a pause, or of the age of a state, which is mostly put down to what lasted so long."""
 

@@ -40,10 +40,10 @@ UNGUARDED_S: Final = 10.0
 HANGS_S: Final = 2.0
 """A guardian that watched, and was not seen to look for so long, is killed. It looks five times a second."""
 LOOK_PERIOD_S: Final = 1.0
-"""Of :meth:`GuardianKeeper.look`."""
+"""Period of :meth:`GuardianKeeper.look`, s."""
 LASTS_S: Final = 60.0
 MOST_ENDS: Final = 5
-"""So many guardians may end in a row, none of which lasted."""
+"""Number of guardians that may end in a row, none of which lasted."""
 
 
 def longest_silence_s(robot: RobotConfig) -> float:

@@ -68,12 +68,12 @@ class Heartbeat:
 
     @property
     def count(self) -> int:
-        """Of beats, modulo 256."""
+        """Number of beats, modulo 256."""
         return self._shared[_COUNT]
 
     @property
     def hold(self) -> Hold:
-        """As last told."""
+        """What was last reported."""
         return Hold(self._shared[_HOLD])
 
     @hold.setter

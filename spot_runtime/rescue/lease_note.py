@@ -44,7 +44,7 @@ class LeaseNote:
     root: int
     """First number of the lease's sequence; every holder has another."""
     token: str = field(repr=False)
-    """Of the login, in the place of user name and password, which systemd hides from what it runs after a stop."""
+    """Token of the login, in place of user name and password, which systemd hides from what it runs after a stop."""
 
 
 def note_folder(environment: Mapping[str, str]) -> Path:

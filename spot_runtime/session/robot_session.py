@@ -72,7 +72,7 @@ class ControlEnd(NamedTuple):
     """Whether the vendor's controller may be asked to stand first, so that the robot sits down in good order: not when
     it stands already, must be quick, lies, is tipped, or is not believed."""
     fall: Stop | None = None
-    """That the body tilted too far afterwards."""
+    """Whether the body tilted too far afterwards."""
 
 
 def control_end(ending: Ending | None) -> ControlEnd:

@@ -221,7 +221,7 @@ class NoiseConfig(Settings):
     """Joint velocities."""
 
     def sigmas(self) -> NDArray[np.float32]:
-        """Of each observation feature, shape (48,), canonical joint order; command and last action have none."""
+        """Noise of each observation feature, shape (48,), canonical joint order; command and last action have none."""
         values: list[float] = []
         for field in OBSERVATION:
             sigma = getattr(self, field.noise) if field.noise else 0.0

@@ -62,7 +62,7 @@ class Condition:
 
 
 PAYLOAD_HEIGHT_M: Final = 0.15
-"""Of a payload's centre above the body's: a box on the back."""
+"""Height of a payload's centre above the body's: a box on the back."""
 CONDITIONS: Final = (
     Condition("slope", "10° down", STEEP, is_down=True),
     Condition("slope", "5° down", GENTLE, is_down=True),

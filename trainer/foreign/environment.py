@@ -107,7 +107,7 @@ class Environment(FilePart):
     """An environment; of observations and commands, only what the actor sees is read."""
 
     step_s: Annotated[Number, Field(gt=0.0)] | None = Field(default=None, validation_alias=AliasPath("sim", "dt"))
-    """Of the physics."""
+    """Time step of the physics."""
     decimation: Annotated[Number, Field(gt=0.0)] | None = None
     """Physics steps of one action."""
     pose: ByJoint = Field(validation_alias=AliasPath("scene", "robot", "init_state", "joint_pos"))

@@ -25,7 +25,7 @@ BESIDE: Final = (
 
 
 class Framework(str, enum.Enum):
-    """Whose conventions a policy follows."""
+    """Framework whose conventions a policy follows."""
 
     ISAAC_LAB = "isaac-lab"
     MJLAB = "mjlab"

@@ -21,7 +21,7 @@ from spot_model.robot import facts
 from trainer.play.walk import SEEN_S, VelocityAt, Walk
 
 COLOURS = ((0.95, 0.75, 0.1), (0.3, 0.65, 1.0), (0.3, 0.65, 1.0), (0.95, 0.75, 0.1))
-"""Of the bars of fl, fr, hl, hr: one colour a diagonal."""
+"""Colours of the bars of fl, fr, hl, hr: one for each diagonal."""
 
 
 def columns(walk: Walk) -> tuple[str, str]:

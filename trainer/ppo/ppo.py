@@ -56,7 +56,7 @@ def _observation_mirror(device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 SETTLED_KL_SHARE = 0.2
-"""Of the KL target, at the end of the settling iterations."""
+"""Share of the KL target at the end of the settling iterations."""
 LEARNING_RATES = (1.0e-5, 1.0e-2)
 """Bounds of the adaptive learning rate. Source: rsl-rl."""
 LEARNING_RATE_FACTOR = 1.5

@@ -59,22 +59,24 @@ class StartConfig(Settings):
     jump_s: float = Field(default=1.2, gt=0.0, le=10.0)
     """When the command jumps; it is watched for as long again."""
     weight: float = Field(default=30.0, ge=0.0)
-    """Of the share that falls."""
+    """Weight of the share that falls."""
 
 
 class WeightConfig(Settings):
     """What a shortfall costs; the search minimises the sum."""
 
     duty_spread: float = Field(default=10.0, ge=0.0)
-    """Of the mean, and again of the worst, difference of duty factors above what is allowed."""
+    """Weight of the mean, and again of the worst, difference of duty factors above what is allowed."""
     duty_spread_allowed: float = Field(default=0.065, ge=0.0)
     forward_error_per_m_s: float = Field(default=5.0, ge=0.0)
     other_error: float = Field(default=2.0, ge=0.0)
-    """Of the mean error of V_x, V_y (m/s) and ω_z (rad/s) where the robot also turns or goes sideways or backwards."""
+    """Weight of the mean error of V_x, V_y (m/s) and ω_z (rad/s) where the robot also turns or goes sideways or
+    backwards.
+    """
     top_speed_per_m_s: float = Field(default=2.0, ge=0.0)
     top_speed_wanted_m_s: float = Field(default=7.0, gt=0.0)
     fall: float = Field(default=2.0, ge=0.0)
-    """Of each robot that falls in steady running."""
+    """Weight of each robot that falls in steady running."""
 
 
 class RefineConfig(Settings):

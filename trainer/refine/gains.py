@@ -37,9 +37,9 @@ class Gain:
     name: str
     kind: Literal["observed", "action", "offset"]
     columns: tuple[int, ...]
-    """Of the observation, or of the action."""
+    """Columns of the observation, or of the action."""
     signs: tuple[float, ...]
-    """Of a shift, so that left and right stay mirror images."""
+    """Signs of a shift, so that left and right stay mirror images."""
     scale: float
 
 

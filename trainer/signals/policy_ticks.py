@@ -90,7 +90,7 @@ def fall_row(joint_names: tuple[str, ...], states: StateTable | Measured, stamp_
 
 
 def _height_m(position_rad: Array, gravity_in_body: Array) -> Array:
-    """Of the body over its lowest sole, shape (n,)."""
+    """Height of the body over its lowest sole, shape (n,)."""
     feet = np.asarray(foot_position_in_body_m(position_rad))
     return np.asarray((feet @ gravity_in_body[:, :, None])[..., 0].max(axis=1) + facts.FOOT_RADIUS_M)
 

@@ -48,7 +48,7 @@ class Fall:
     """Joints at a stop."""
 
     def figures(self) -> dict[str, Any]:
-        """As plain data."""
+        """The fall as plain data."""
         return {
             "robot": self.robot,
             "time_s": round(self.time_s, 2),

@@ -64,7 +64,9 @@ class Identification:
     model: RobotModel
     """The identified model."""
     scores: dict[str, float]
-    """Of the initial values, the search's mean, and the identified model; 1 is the floor where there are repeats."""
+    """Scores of the initial values, the search's mean, and the identified model; 1 is the floor where there are
+    repeats.
+    """
 
 
 def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig, device: str = "cpu") -> Preparation:

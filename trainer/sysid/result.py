@@ -47,13 +47,13 @@ class ResultData(ResultPart):
     logs: list[str]
     """Names of the logs that were used."""
     confidence: float
-    """Of all intervals: 0.9."""
+    """Confidence of all intervals: 0.9."""
     parameters: list[ParameterVerdict]
     """The searched parameters; below."""
     measured: list[MeasuredData]
     """Quantities measured directly and put into the model; below."""
     score: dict[str, float | None]
-    """Of the initial values, the search's mean and the identified model."""
+    """Score of the initial values, the search's mean and the identified model."""
     score_is_over_floor: bool
     """Whether scores are in units of the floor: 1 is as close as two real runs."""
     score_by_generation: list[float | None]

@@ -61,9 +61,9 @@ class LossFit:
     """Windows that bear on each, shape (n,)."""
     n_runs: NDArray[np.intp]
     inertia_kg_m2: Array
-    """Of hips and knees, beside what the model holds; shape (2,)."""
+    """Inertia of hips and knees, beside what the model holds; shape (2,)."""
     viscosity_nm_s_per_rad: Array
-    """Of hips and knees, beside what the model holds; shape (2,)."""
+    """Viscosity of hips and knees, beside what the model holds; shape (2,)."""
     residual_nm: float
 
 

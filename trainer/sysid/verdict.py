@@ -121,7 +121,7 @@ found by planting known values in simulations of other step, integrator and cont
 """
 MIN_ACTIVE: Final = 30
 MIN_RUNS: Final = 2
-"""So many samples must bear on a parameter, in so many runs."""
+"""A parameter needs this many samples that depend on it, in this many runs."""
 
 MIN_INDEPENDENT: Final = 30.0
 """As many, in effect, must tell it from the other parameters: of 138 samples on a falling line 13 and 25 once misplaced

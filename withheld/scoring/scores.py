@@ -140,7 +140,7 @@ def f1(said: set[str], true: set[str]) -> float:
 
 
 def joints_f1(o: Outcome) -> list[float]:
-    """Of each fault that is named and is a matter of joints."""
+    """F1 of the joints of each fault that is named and is a matter of joints."""
     faults = ((o.truth.faults[i], difference) for i, difference in score(o).named.items())
     return [f1({*difference.joints}, {*fault.joints}) for fault, difference in faults if fault.joints]
 
@@ -213,7 +213,7 @@ def claims(o: Outcome) -> list[Claim]:
 
 
 def stated_claims(o: Outcome) -> list[Claim]:
-    """Of the stated differences alone."""
+    """Claims of the stated differences alone."""
     there = {name for i in inside(o) for name in o.truth.faults[i].names}
     return [(d.probability, bool(d.names & there)) for d in differences(o.verdict)]
 

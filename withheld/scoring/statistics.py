@@ -87,12 +87,12 @@ class Estimate:
 
 
 def mean(values: NDArray[np.float64]) -> float:
-    """Of a column."""
+    """Mean of a column."""
     return float(np.mean(values))
 
 
 def median(values: NDArray[np.float64]) -> float:
-    """Of a column."""
+    """Median of a column."""
     return float(np.median(values))
 
 

@@ -24,7 +24,7 @@ class Checked:
     head: RunHead
     outcomes: tuple[Outcome, ...]
     folders: dict[int, Path]
-    """Of each case."""
+    """Folder of each case."""
     seed: int | None
     """Published; None where no folder holds it."""
     locked_in: tuple[str, ...]

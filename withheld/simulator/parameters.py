@@ -120,7 +120,7 @@ class SupplyParameters:
     idle_w: float = 165.0
     regeneration: float = 0.7
     nominal_v: float = 55.0
-    """At which the drives' no-load speeds hold."""
+    """Voltage at which the drives' no-load speeds hold."""
 
 
 @dataclass
@@ -154,7 +154,7 @@ class SensingParameters:
     velocity_quantum_rad_s: float = 5e-3
     load_quantum_nm: float = 0.06
     load_filter_s: float = 1e-4
-    """Of the load cells' amplifiers."""
+    """Time constant of the load cells' amplifiers."""
     load_gain: Array = field(default_factory=lambda: np.ones(N))
     load_bias_nm: Array = field(default_factory=lambda: np.zeros(N))
     contact_on_n: float = 22.0

@@ -68,7 +68,7 @@ class RunRequest:
 
     sequence: Asked
     rng: np.random.Generator
-    """Of all that differs from run to run."""
+    """Generator of all that differs from run to run."""
 
 
 def simulate(robot: Robot, policy: Policy, requests: Sequence[RunRequest], settings: Settings) -> list[RunArrays]:

@@ -19,7 +19,7 @@ ROOT_RESOURCE = "body"
 LEAF_RESOURCE = "mobility"
 RESOURCES = (ROOT_RESOURCE, LEAF_RESOURCE)
 LISTED_RESOURCES = ("all-leases", *RESOURCES)
-"""As a base robot lists them. Source: the vendor's "Understanding Spot Programming"."""
+"""Resources that a base robot lists. Source: the vendor's "Understanding Spot Programming"."""
 
 NOBODY = "root"
 """Client name in the lease of a resource that nobody has acquired."""

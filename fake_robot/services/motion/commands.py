@@ -53,7 +53,7 @@ _BEGIN: Final[dict[Verb, Callable[[Robot], None]]] = {
     Verb.SAFE_POWER_OFF: lambda robot: robot.safe_power_off(),
     Verb.JOINT: lambda robot: robot.enter_joint_control(),
 }
-"""Of the commands without parameters."""
+"""What the commands without parameters begin."""
 
 
 @dataclass(frozen=True)

@@ -234,7 +234,7 @@ def _encoded(pixels: NDArray[Any], size: tuple[int, int], *, is_jpeg: bool) -> b
 
 IMAGE_SERVICE: Final = "image"
 MAX_REQUESTS: Final = 256
-"""Whose images are kept; the oldest give way."""
+"""Number of requests whose images are kept; the oldest are dropped first."""
 
 
 class DataAcquisitionService(Service):

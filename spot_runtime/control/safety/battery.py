@@ -40,7 +40,7 @@ class BatteryMemory(NamedTuple):
     since_ns: int = 0
     """When all of it was last known, or first looked at; host clock, 0 before."""
     charge_percent: float | None = None
-    """As it was then; None if it was never known."""
+    """Charge at that time; None if it was never known."""
     temperatures: int = 0
     """How many there were then, of motors and battery."""
     has_discharged: bool = False

@@ -40,7 +40,7 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
 
 
 ARM_PREFIX: Final = "arm"
-"""Of the names of an arm's joints: arm0.sh0, arm0.sh1, ..."""
+"""Beginning of the names of an arm's joints: arm0.sh0, arm0.sh1, ..."""
 
 
 def refuse_arm(message: robot_state_pb2.RobotState) -> None:

@@ -28,7 +28,7 @@ REQUEST: Final = 1
 ALL_STATES: Final = 0xFFFF_FFFF
 ANY_INTERFACE_AND_COOKIE: Final = bytes(4) + b"\xff" * 8
 USER_OFFSET: Final = 64
-"""Of the user in ``inet_diag_msg``, after state, addresses, timer and queues."""
+"""Offset of the user in ``inet_diag_msg``, after state, addresses, timer and queues."""
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 NETWORK_BITS: Final = {4: 32, 6: 64}
@@ -39,7 +39,7 @@ class Peer(NamedTuple):
     """The other end of a connection."""
 
     group: str
-    """Whose share of the connections it takes: a process, a user, or an address."""
+    """Group whose share of the connections it takes: a process, a user, or an address."""
     user_id: int | None
     """On this computer; None over a network, or where the kernel does not tell."""
 

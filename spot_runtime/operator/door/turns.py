@@ -15,7 +15,7 @@ class Place(NamedTuple):
 
     has_role: bool
     peer: str
-    """Whose share it takes."""
+    """Client whose share it takes."""
 
 
 class Turns:

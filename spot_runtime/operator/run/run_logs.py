@@ -38,7 +38,7 @@ class SwitchedSink(ForwardingSink):
 
     @property
     def dropped(self) -> Mapping[str, int]:
-        """Of all logs so far."""
+        """What all logs so far have dropped."""
         now = self._to.dropped
         return {topic: self._dropped_before[topic] + now[topic] for topic in TOPICS}
 

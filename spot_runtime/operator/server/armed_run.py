@@ -102,7 +102,7 @@ class ArmedRun:
 
     @property
     def mode(self) -> str:
-        """Of the control loop, as last told; empty before."""
+        """Mode of the control loop, as last reported; empty before."""
         return "" if self.status is None else self.status.mode
 
     def take(self, message: run_link_pb2.FromRun) -> None:

@@ -71,7 +71,7 @@ class AnswerMemory(NamedTuple):
     """Sums over a time that fades, N²·m²·s, and what they said."""
 
     felt_s: float = 0.0
-    """That time."""
+    """Time over which these sums are taken; it fades as they do, s."""
     asked_asked: Array = _NO_JOINTS
     """Squares of the torque that was asked of each joint. Shape (12,)."""
     asked_load: Array = _NO_JOINTS

@@ -32,7 +32,7 @@ class SignalMemory(NamedTuple):
     """What the checks remember."""
 
     states: tuple[RobotState, ...] = ()
-    """Of the window that is not full yet."""
+    """States of the window that is not full yet."""
     commands: tuple[JointCommand, ...] = ()
     """The newest that changed what is asked, oldest first."""
     motion: MotionMemory = MotionMemory()

@@ -76,7 +76,7 @@ class GroundMemory(NamedTuple):
     has_touched: bool = False
     """Whether any foot ever was in contact; where none ever is, contacts are not reported at all."""
     speed_m_s: float = 0.0
-    """Of the slowest foot in contact in the newest window."""
+    """Speed of the slowest foot in contact in the newest window."""
 
     @property
     def sliding_share(self) -> float:

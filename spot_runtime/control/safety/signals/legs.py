@@ -35,9 +35,9 @@ class Feet(NamedTuple):
     position_m: Array
     """Centres of the feet from the body's origin. Shape (4, 3)."""
     velocity_m_s: Array
-    """Of those centres relative to the body. Shape (4, 3)."""
+    """Velocity of those centres relative to the body. Shape (4, 3)."""
     turn_rate_rad_s: Array
-    """Of the lower legs relative to the body. Shape (4, 3)."""
+    """Turn rate of the lower legs relative to the body. Shape (4, 3)."""
 
 
 def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:

@@ -28,7 +28,7 @@ class MotionMemory(NamedTuple):
     slope_rad: Array = _NO_JOINTS
     """Shape (12,)."""
     change_rad_s: Array = _NO_JOINTS
-    """Of each joint's velocity. Shape (12,)."""
+    """Change of each joint's velocity. Shape (12,)."""
     blur_rad: Array = _NO_JOINTS
     """The most that a window leaves open: the bend of a lag, and holes between states. Shape (12,)."""
     slope_windows: NDArray[np.int64] = _NO_COUNTS
@@ -36,7 +36,7 @@ class MotionMemory(NamedTuple):
     turn_rad: Array = _NO_TURN
     """Shape (3,), odom."""
     turn_change_rad_s: Array = _NO_TURN
-    """Of the turn rate. Shape (3,), odom."""
+    """Change of the turn rate. Shape (3,), odom."""
     turn_blur_rad: float = 0.0
     turn_windows: int = 0
 
@@ -90,7 +90,7 @@ class ImuMemory(NamedTuple):
     force_m_s2: Array = _NOTHING
     """Specific force in odom less the body's acceleration, summed over a time that fades. Shape (3,), m/s² · s."""
     felt_s: float = 0.0
-    """That time."""
+    """Time over which the force is summed; it fades as the sum does, s."""
     angle_windows: int = 0
     turn_rate_windows: int = 0
     unknown_windows: int = 0

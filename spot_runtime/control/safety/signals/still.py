@@ -24,7 +24,7 @@ NAMES: Final = (
     *(f"the body's velocity, {axis}" for axis in "xyz"),
     *(f"the body's turn rate, {axis}" for axis in "xyz"),
 )
-"""Of the signals, in the order of :func:`still_windows`."""
+"""Names of the signals, in the order of :func:`still_windows`."""
 
 WINDOWS: Final = np.array(
     [bounds.LOAD_WINDOWS_STILL if name.startswith("load") else bounds.STILL_WINDOWS for name in NAMES]

@@ -26,11 +26,11 @@ class Window(NamedTuple):
     travel_rad: Array
     """Integral of each joint's velocity. Shape (12,)."""
     velocity_range_rad_s: Array
-    """Of each joint's velocity. Shape (12,)."""
+    """Range of each joint's velocity. Shape (12,)."""
     turn_rad: Array
     """Integral of the body's turn rate, in odom. Shape (3,)."""
     turn_rate_range_rad_s: float
-    """Of the turn rate, its widest axis."""
+    """Range of the turn rate on its widest axis."""
     odom_from_body: Array
     """Rotation matrix of the last attitude. Shape (3, 3)."""
     contact_changed: bool
@@ -71,7 +71,7 @@ def window_of(states: Sequence[RobotState]) -> Window | None:
 
 
 def rotation_matrix(wxyz: Array) -> Array:
-    """Of a unit quaternion. Shape (3, 3)."""
+    """Rotation matrix of a unit quaternion. Shape (3, 3)."""
     w, x, y, z = wxyz.tolist()
     return np.array(
         [
@@ -99,5 +99,5 @@ def turned_rad(before_wxyz: Array, after_wxyz: Array) -> Array:
 
 
 def length(vector: Array) -> float:
-    """Of a vector, shape (3,)."""
+    """Length of a vector, shape (3,)."""
     return float(np.sqrt(vector @ vector))
