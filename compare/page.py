@@ -56,14 +56,14 @@ def sentence(reference: Track, found: Differences) -> str:
     speeds = found.forward_speed_m_s
     told = ""
     if np.isfinite(speeds).all():
-        told = f"{reference.name} walks at {speeds[0]:.2f} m/s, {found.name} at {speeds[1]:.2f} m/s. "
+        told = f"{reference.name} moves at {speeds[0]:.2f} m/s, {found.name} at {speeds[1]:.2f} m/s. "
     if not found.is_known:
         return f"{told}{reference.name} and {found.name} have no joint signal in common."
     signal, joint, share = found.largest
     if share == 0.0:
         return told + "All joints move alike."
     distance = found.signals[signal].distance[JOINT_NAMES.index(joint)]
-    bound = f"{'close, below' if is_close(found) else 'not close, which is below'} {100 * CLOSE:.0f} %"
+    bound = f"{'close, below' if is_close(found) else 'close would be below'} {100 * CLOSE:.0f} %"
     return told + (
         f"They differ most in the {TITLES[signal]} of {joint}: by {distance:.3g} {SIGNALS[signal]}, "
         f"{100 * share:.1f} % of its standard deviation ({bound})."
@@ -95,7 +95,7 @@ def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> 
     meta = f"{stretch(tracks)} The commands are the same. Simulated runs are in closed loop, with the policy that ran."
     badge, kind = ("Some close", "fair") if close and apart else ("Close", "good") if close else ("Apart", "bad")
     told = [f"{verb} {' and '.join(names)}" for verb, names in (("like", close), ("differently from", apart)) if names]
-    return headed(badge, kind, f"{reference.name} walks {', and '.join(told)}", lines, meta)
+    return headed(badge, kind, f"{reference.name} moves {', and '.join(told)}", lines, meta)
 
 
 def _key(tracks: Sequence[Track]) -> str:

@@ -49,12 +49,16 @@ def play(
     ] = "127.0.0.1",
     diagnosis: Annotated[
         Path | None,
-        typer.Option("--diagnosis", help="Folder of a log's diagnosis, of which --web offers what was found."),
+        typer.Option(
+            "--diagnosis", help="With a log: folder of its diagnosis, whose effects --web offers as switches."
+        ),
     ] = None,
     ran: Annotated[
         Path | None,
         typer.Option(
-            "--policy", help="Of a log, the policy that ran; default: the one with its digest.", parser=policy_file
+            "--policy",
+            help="With a log: the policy that ran; default: the one with the log's digest.",
+            parser=policy_file,
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Random seed of pushes, sensors and delays.", min=0)] = 0,

@@ -192,7 +192,7 @@ def _check_same(reference: Track, other: Track, s: int) -> None:
         at_s = (max(0, -s) + int(at)) * STEP_S
         name, unit = AXES[axis]
         raise CompareError(
-            f"{reference.name} and {other.name} follow different velocity commands: after {at_s:.1f} s they are told "
+            f"{reference.name} and {other.name} follow different velocity commands: after {at_s:.1f} s they get "
             f"{first[at, axis]:.2f} and {second[at, axis]:.2f} {unit} {name}; {ALLOWED:g} apart is allowed; compare "
             "runs of one sequence, or a log with a model, which is simulated with the log's own commands"
         )

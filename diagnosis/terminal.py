@@ -23,11 +23,11 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
         ("verdict", v.headline or words.headline(v)),
         ("logs", f"{len(v.logs)}; {used} of {len(v.channels)} channels can be used"),
         *([("difference", _difference(d)) for d in v.differences[:MOST]] or [("difference", "none is shown")]),
-        ("otherwise", f"probability of nothing {v.probability_none:.2f}, of an unknown effect {_unknown(v)}"),
+        ("otherwise", _otherwise(v)),
         ("calibration", words.calibration_told(v.calibration.numbers)),
         ("corrected", "; ".join(map(words.gap_told, words.all_gaps(v))) or "not measured"),
         ("remains", "; ".join(map(words.left_told, v.remainder))),
-        ("invisible", ", ".join(v.invisible)),
+        ("invisible", ", ".join(map(words.plain, v.invisible))),
         ("to decide", "".join(splits[:1])),
         ("advice", "".join(v.log_advice[:1])),
         *((name, str(paths.get(name, "-"))) for name in ("model", "report")),
@@ -43,6 +43,12 @@ def _difference(d: Difference) -> str:
         gaps = map(words.gap_told, d.consequences.gaps)
         does = words.change_told(change) if change is not None else next(gaps, "")
     return f"{words.found(d)}, P {d.probability:.2f}" + "".join(f"; {told}" for told in (values, does) if told)
+
+
+def _otherwise(v: Verdict) -> str:
+    told = f"an effect that the library lacks, P {_unknown(v)}; "
+    told += f"nothing beside the robot's own calibration, P {v.probability_none:.2f}"
+    return f"{told}; effects can act together, so probabilities do not add up to 1" if v.differences else told
 
 
 def _unknown(v: Verdict) -> str:

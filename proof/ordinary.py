@@ -224,7 +224,7 @@ def ordinary(
         list[Path] | None,
         typer.Option(parser=policy_file, metavar="POLICY", help="ONNX file or a built-in policy; repeatable."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the robots and the commands.")] = 0,
     quiet_minutes: Annotated[
         float, typer.Option(min=0.2, max=60.0, help="Length of every fifth robot's runs, in which nothing happens.")
     ] = 10.0,

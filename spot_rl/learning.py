@@ -185,7 +185,7 @@ def identify(
         workers: Processes, which import the script that calls this: put its own lines under
             ``if __name__ == "__main__":``, or give 1. The result does not depend on them.
         resume: Continue an interrupted search in ``out``.
-        device: What simulates: "cpu", or "cuda" for an NVIDIA GPU (extra ``gpu``), which one process fills.
+        device: Where to simulate: "cpu", or "cuda" for an NVIDIA GPU (extra ``gpu``), for which one process is enough.
 
     Returns:
         The result: ``parameters`` (name, value, low, high, identified, reason), ``score``, ``measured``.

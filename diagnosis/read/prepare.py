@@ -155,8 +155,8 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
         if shift_s != 0.0:
             out = [_shifted(run, round(shift_s * 1e9)) if run in unstamped else run for run in out]
             notes.append(
-                f"loads follow their commands by {1e3 * shift_s:.1f} ms; without receipts of commands nobody knows how "
-                "much of that is the recording's own order, so it is taken off: a delay of that size cannot be found"
+                f"loads follow their commands by {1e3 * shift_s:.1f} ms; this is taken off, as without receipts of "
+                "commands the recording itself may add it. A delay of that size cannot be found"
             )
     return tuple(out), tuple(notes)
 

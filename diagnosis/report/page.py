@@ -203,8 +203,9 @@ def _calibration(v: Verdict) -> str:
     n_out = sum(n.stands_out for n in numbers)
     first = max(n_out, MOST_NUMBERS)
     about = (
-        f"{counted(len(numbers), 'number')} of the robot's own beside the nominal ones; {n_out} stand out. The axis "
-        "counts published standard deviations. The shade is two of them, and the red line is the nominal number."
+        f"{counted(len(numbers), 'number')} of the robot's own beside the nominal ones; {n_out} "
+        f"{'stands' if n_out == 1 else 'stand'} out. The axis counts published standard deviations. The shade is "
+        "two of them, and the red line is the nominal number."
     )
     shown = _numbers(numbers[:first])
     if numbers[first:]:

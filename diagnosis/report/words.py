@@ -267,7 +267,7 @@ def _closed(v: Verdict) -> str:
     gaps = all_gaps(v)
     best = max(filter(closes, gaps), key=lambda g: g.share or 0.0, default=None)
     if best is None:
-        return "; that the corrected model closes a gap is not shown" if gaps else ""
+        return "; the corrected model is not shown to close a gap" if gaps else ""
     return f"; corrected, {percent(best.share or 0.0)} of the {best.gap} gap closes"
 
 

@@ -74,10 +74,10 @@ def test_each_run_is_close_or_not_for_itself(make_track) -> None:
     log, close, far = make_track(), make_track("corrected", offset_rad=0.005), make_track("nominal", offset_rad=0.05)
     both = [differences(log, run) for run in (close, far)]
     assert "7.1 % of its standard deviation (close, below 10 %)" in sentence(log, both[0])
-    assert "70.7 % of its standard deviation (not close, which is below 10 %)" in sentence(log, both[1])
+    assert "70.7 % of its standard deviation (close would be below 10 %)" in sentence(log, both[1])
     page = comparison_page([log, close, far], both, [], "", [])
     assert "Some close" in page
-    assert "log walks like corrected, and differently from nominal" in page
+    assert "log moves like corrected, and differently from nominal" in page
     assert "badge bad" not in page
     assert ">Apart<" in comparison_page([log, far], both[1:], [], "", [])
     assert ">Close<" in comparison_page([log, close], both[:1], [], "", [])

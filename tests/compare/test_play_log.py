@@ -55,7 +55,7 @@ def test_the_recorded_robot_and_the_model_start_on_the_ground_and_walk_on_the_sa
     assert played.offered is BUILT_IN
     assert played.model_name == "paper_identified"
     assert recorded.told == ""
-    assert "The robot walks at " in model.told
+    assert "The robot moves at " in model.told
     np.testing.assert_array_equal(model.qpos, played.simulate(played.model.effects, "", silent).qpos)
     stiff = played.simulate((CoulombFriction(joints=("knees",), level_nm=5.0),), "friction", silent)
     assert stiff.words == "paper_identified with friction"

@@ -383,7 +383,7 @@ def test_an_improvement_from_logs_to_a_policy(monkeypatch: pytest.MonkeyPatch, t
     text = page.read_text()
     assert "highest speed held" in text
     assert "4.4" in text
-    assert "speed_min_rad_s of the knees is -22.2" in text
+    assert "speed min of the knees is -22.2" in text
     # Once more: nothing is run again, and the outcome is the same.
     again, _ = loop.improve()
     assert again.figures == result.figures

@@ -319,7 +319,7 @@ def _can_train(v: Verdict) -> bool:
 
 
 def _probability(c: Claim) -> bool:
-    known = [c.v.probability_unknown, *(d.probability for d in c.v.differences)]
+    known = [c.v.probability_unknown, c.v.probability_none, *(d.probability for d in c.v.differences)]
     return any(f"{p:.2f}" == c.match[1] for p in known)
 
 
@@ -349,7 +349,7 @@ CLAIMS: dict[str, Check] = {
     r"no number of the robot's own stands out": lambda c: (
         bool(c.v.calibration.numbers) and not any(n.stands_out for n in c.v.calibration.numbers)
     ),
-    r"; (\d+) stand out": lambda c: int(c.match[1]) == sum(n.stands_out for n in c.v.calibration.numbers),
+    r"; (\d+) stands? out": lambda c: int(c.match[1]) == sum(n.stands_out for n in c.v.calibration.numbers),
     r"([a-z ]+) of (\w+) is ([\d.]+), nominal ([\d.]+)": lambda c: any(
         n.stands_out
         and n.where == c.match[2]
@@ -364,7 +364,7 @@ CLAIMS: dict[str, Check] = {
     rf"the {GAP} gap of the nominal model is above its floor": lambda c: any(
         g.gap == c.match[1] and g.before > NEAR * g.floor for g in _whole(c.v)
     ),
-    r"that the corrected model closes a gap is not shown": lambda c: (
+    r"the corrected model is not shown to close a gap": lambda c: (
         not any(_closes(g) and (g.share or 0) >= 0.005 for g in _whole(c.v))
     ),
     rf"{GAP} (?:is left at |[\d.e-]+ [^ ,;]+, ){N} times its floor": lambda c: any(

@@ -32,7 +32,7 @@ def evaluate(
     each: Annotated[
         int | None,
         typer.Option(
-            "--each", help="Robots in each condition of where it holds; an eighth of --n if not given.", min=1
+            "--each", help="Robots in each condition of ground, load or push; default: an eighth of --n.", min=1
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,

@@ -29,7 +29,9 @@ def refine(
         ),
     ] = None,
     jobs: Annotated[int, typer.Option("--jobs", help="Processes; 0: one per CPU.", min=0)] = 0,
-    generations: Annotated[int | None, typer.Option("--generations", help="In place of the config's.", min=1)] = None,
+    generations: Annotated[
+        int | None, typer.Option("--generations", help="Number of generations, in place of the config's.", min=1)
+    ] = None,
 ) -> None:
     """Optimise a trained policy's gains over whole runs: even gait, safe starts, top speed."""
     from spot_model.console.progress import Progress

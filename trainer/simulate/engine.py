@@ -287,7 +287,10 @@ EngineOption = Annotated[
     EngineName, typer.Option("--engine", help="Where to compute: processes on this machine, or a Ray cluster.")
 ]
 Device = Annotated[
-    str, typer.Option("--device", help="What simulates: cpu, or cuda for an NVIDIA GPU, which one process fills.")
+    str,
+    typer.Option(
+        "--device", help="Where to simulate: cpu, or cuda for an NVIDIA GPU, for which one process is enough."
+    ),
 ]
 RayAddress = Annotated[
     str | None, typer.Option("--ray-address", help="A running Ray cluster; by default one is started here.")
