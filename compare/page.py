@@ -23,6 +23,7 @@ COLOURS: Final = ("var(--real)", "var(--nominal)", "var(--corrected)", "var(--fl
 _MORE: Final = """
 .joints { display: grid; grid-template-columns: repeat(3, 1fr); gap: 2px 16px; }
 .joints details[open] { grid-column: 1 / -1; }
+@media print { section:has(> .joints):not(:has(details[open])) { display: none; } }
 """
 
 
