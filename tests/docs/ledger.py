@@ -155,6 +155,7 @@ NOT_RUN = {
     "make lock": "needs a network: it resolves all versions anew",
     "make safety ARGS=--all": "takes an hour; `.ci/run` does the same for 90 s",
     "pip install wandb": "needs a network",
+    "spot-rl demo --real-time": "wants an idle computer; in lock-step it runs",
     "make demo ARGS=--real-time": "wants an idle computer; in lock-step it runs",
     "tensorboard --logdir runs": "serves until somebody ends it",
     "pip install mjlab==1.6.0": "needs a network, and an environment of its own",

@@ -40,7 +40,7 @@ def test_operating_over_a_network(certificates: Path) -> None:
     assert "idle" in told
 
 
-@runs("spot-rl serve --robot 192.168.50.3 --policies policies --live-port 8765")
+@runs("spot-rl serve --robot 192.168.50.3 --live-port 8765")
 def test_live_view(certificates: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = str(free.getsockname()[1])
