@@ -198,14 +198,14 @@ def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]
     @cache
     def played(name: str) -> Path:
         folder = tmp_path_factory.mktemp(name) / "a folder"
-        if name in ("log", "compare", "other-tools"):
+        if name in ("log", "compare", "play", "other-tools"):
             (folder / "logs").mkdir(parents=True)
             log = next((played("sysid") / "fake-walks").glob("*.mcap")).read_bytes()
             for copy in ("LOG", "OTHER"):
                 (folder / "logs" / f"{copy}.mcap").write_bytes(log)
             (folder / "logs" / "LOG.mcap.active").write_bytes(log[: len(log) * 2 // 3])
             (folder / "policies").symlink_to(REPOSITORY / "policies")
-            if name == "compare":
+            if name in ("compare", "play"):
                 shutil.copytree(played("diagnosis") / "gap", folder / "gap")
         elif name == "diagnosis":
             shutil.copytree(played("sysid"), folder, symlinks=True)

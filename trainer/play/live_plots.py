@@ -16,12 +16,14 @@ from trainer.play.walk import SEEN_S, Walk
 WIDTH: Final = 360
 ASKED, MEASURED, STANDS = "#9aa7b2", "#2f6fb5", "#e2a21b"
 STYLE: Final = (
-    "<style>.spot{--empty:#e6ebef;--line:#dbe2e8;padding:0 8px;font-size:13px}.spot svg{width:100%;display:block}"
+    "<style>.spot{--empty:#e6ebef;--line:#dbe2e8;padding:0 8px;font-size:13px}.spot .wide{display:block;width:100%}"
+    ".spot .wide,.spot .wide svg{overflow:visible}.spot .plot *{vector-effect:non-scaling-stroke}"
     ".spot svg text{fill:#1d2730}.spot svg .soft{fill:#5c6b78}.spot p{margin:6px 0 2px}"
     ".spot .legend span{margin-right:14px;color:#5c6b78}.spot .legend i{display:inline-block;width:10px;height:10px;"
     "border-radius:2px;margin-right:5px}.spot table{width:100%}.spot td{padding:0 6px 0 0}"
     ".spot td+td{text-align:right;font-variant-numeric:tabular-nums}</style>"
 )
+"""What the pages' own style does for these figures, within the frame of viser's."""
 UNITS: Final = (("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s"))
 
 
@@ -29,7 +31,7 @@ def live_html(walk: Walk, times_s: Array, asked_m_s: Array, measured_m_s: Array)
     """Figures, the feet on the ground over the last seconds, and the forward speed; arrays of shape (n,)."""
     gait = walk.gait
     rows = [
-        f"<tr><td>{name}</td><td>{is_:.2f}</td><td>of {wanted:.2f} {unit}</td></tr>"
+        f"<tr><td>{name}</td><td>{_two(is_)}</td><td>of {_two(wanted)} {unit}</td></tr>"
         for (name, unit), is_, wanted in zip(UNITS, walk.velocity, walk.command, strict=True)
     ]
     told = "—" if gait is None else f"{gait.name}, {gait.stride_hz:.1f} strides a second"
@@ -57,6 +59,11 @@ def live_html(walk: Walk, times_s: Array, asked_m_s: Array, measured_m_s: Array)
         f"<p>Forward speed, m/s</p>{speed}"
         f"{legend([(ASKED, 'commanded'), (MEASURED, 'measured')])}</div>"
     )
+
+
+def _two(value: float) -> str:
+    """Two decimals; nothing is told of a zero's sign."""
+    return f"{round(value, 2) + 0.0:.2f}"
 
 
 class SpeedHistory:

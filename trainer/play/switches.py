@@ -92,10 +92,10 @@ class Found:
 
 
 BUILT_IN: Final = (
-    Sized("friction in all knees", "N·m", CoulombFriction(joints=("knees",), level_nm=3.0), "level_nm"),
+    Sized("friction in all knees", "size (N·m)", CoulombFriction(joints=("knees",), level_nm=3.0), "level_nm"),
     Sized("weak front left knee", "share of its torque", TorqueGain(joints=("fl_kn",), gain=0.5), "gain"),
-    Sized("backlash in all joints", "rad", Backlash(gap_rad=0.02), "gap_rad"),
-    Sized("payload on the back", "kg", PayloadMass(mass_kg=8.0, z_m=0.15), "mass_kg"),
+    Sized("backlash in all joints", "size (rad)", Backlash(gap_rad=0.02), "gap_rad"),
+    Sized("payload on the back", "size (kg)", PayloadMass(mass_kg=8.0, z_m=0.15), "mass_kg"),
 )
 """What is offered without a diagnosis."""
 

@@ -144,7 +144,7 @@ class LivePage:
         beside = gui.add_panel()
         with beside.add_tab("Now"):
             self._live = gui.add_html("")
-        beside.float(x=15.0, y=-15.0, width=350.0)
+        beside.float(x=15.0, y=15.0, width=350.0)
 
     def _button(self, label: str, action: Callable[[], None], key: Any) -> None:
         def wish(_: object) -> None:
