@@ -24,7 +24,7 @@ FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
 """Colours of what was measured, of what was asked for, of limits, and of the feet fl, fr, hl, hr."""
 WINDOW_S: Final = 4.0
 """What joints and contacts show: the gait is not to be seen in a longer stretch."""
-_WINDOW: Final = "Four seconds of the run; Foxglove shows all of it."
+_WINDOW: Final = "At most four seconds of the run are shown; Foxglove shows all of it."
 _STEP_S: Final = 0.003
 """Time step of the gait diagram."""
 

@@ -99,7 +99,7 @@ def test_a_whole_evaluation_and_its_page() -> None:
     assert f"Policy mine.onnx holds {result['top_speed']['sustained_m_s']:.2f} m/s" in page
     assert "The file says that its policy is called walk." in page
     assert ">Walks</span>" in page  # three episodes show no more
-    assert "0 of 3 fell</b></td><td>0 falls in 60 s of walking</td>" in page
+    assert "0 of 3 fell</b>; 0 falls in 60 s of walking</td>" in page
     assert "Speed against command" in page
     assert "told to turn" not in page  # no command of these turns while it walks
     point = {**result["tracking"]["points"][-1], "command": [2.0, 0.0, 1.0], "velocity": [2.0, 0.0, 0.72]}

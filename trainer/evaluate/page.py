@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from spot_log.page.chart import Series, chart
-from spot_log.page.look import boxed, facts, folded, framed, headed
+from spot_log.page.look import Html, boxed, facts, folded, framed, headed
 from spot_log.page.rows import Bar, bars, stance
 from spot_log.page.svg import HALF, esc, legend
 from spot_model.robot.facts import LEG_NAMES
@@ -164,12 +164,12 @@ def _trials(result: Mapping[str, Any]) -> str:
     ]
     rows.append(("commanded to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
     rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
-    cells = "".join(f"<tr><th>{esc(a)}</th><td><b>{esc(b)}</b></td><td>{esc(c)}</td></tr>" for a, b, c in rows)
+    found = facts((what, Html(f"<b>{esc(came)}</b>{esc(f'; {more}' if more else '')}")) for what, came, more in rows)
     falls = [(TRIALS[name], fall["why"]) for name, figures in result.items() for fall in _fell(figures)]
     why = f"<h3>When and why</h3>{facts(falls[:SHOWN])}" if falls else ""
     if falls[SHOWN:]:
         why += folded(f"{len(falls) - SHOWN} more", facts(falls[SHOWN:]))
-    return f"<table>{cells}</table>{why}"
+    return f"{found}{why}"
 
 
 def _holds(figures: Mapping[str, Any]) -> str:
