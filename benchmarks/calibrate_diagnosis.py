@@ -219,8 +219,8 @@ def _unless_late(until_s: float, seed: int, number: int, out: Path) -> str:
 
 def two_steps(
     about: str | None, robots: Callable[[Namespace], object], name: str, judged: Callable[[Namespace], object]
-) -> tuple[ArgumentParser, ArgumentParser]:
-    """A command line of two steps, ``robots`` and one that reads their folder; the parser of all and of the first."""
+) -> tuple[ArgumentParser, ArgumentParser, ArgumentParser]:
+    """A command line of two steps, ``robots`` and one that reads their folder; the parsers of all and of each."""
     parser = ArgumentParser(description=about)
     steps = parser.add_subparsers(required=True)
     one = steps.add_parser("robots")
@@ -231,12 +231,12 @@ def two_steps(
     two = steps.add_parser(name)
     two.add_argument("folder", type=Path)
     two.set_defaults(step=judged)
-    return parser, one
+    return parser, one, two
 
 
 def main() -> None:
     """Read the command line."""
-    parser, one = two_steps(__doc__, robots, "fit", fit)
+    parser, one, _ = two_steps(__doc__, robots, "fit", fit)
     one.add_argument("--first", type=int, default=0, help="of the ensemble, not of the draw")
     one.add_argument("--to", type=int, required=True)
     one.add_argument("--workers", type=int, default=2)

@@ -128,7 +128,7 @@ def is_right(again: Dated, faults: list[Fault], told: str, moved: set[str]) -> b
 
 def main() -> None:
     """Read the command line."""
-    parser, one = two_steps(__doc__, robots, "score", score)
+    parser, one, _ = two_steps(__doc__, robots, "score", score)
     one.add_argument("--to", type=int, required=True, help="robots")
     one.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()

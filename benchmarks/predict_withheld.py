@@ -142,7 +142,7 @@ def _print_errors(some: Sequence[dict[str, Any]]) -> None:
 
 def main() -> None:
     """Read the command line."""
-    parser, one = two_steps(__doc__, robots, "score", score)
+    parser, one, _ = two_steps(__doc__, robots, "score", score)
     one.add_argument("--policy", type=policy_file, default="fast")
     one.add_argument("--catalogue", choices=CATALOGUES, default="judging")
     one.add_argument("--kinds", nargs="+", default=["single"], help="of cases")

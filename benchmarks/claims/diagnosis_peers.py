@@ -11,7 +11,9 @@ how often each means ranks a right effect first, and among its first three; and 
 those without a fault: the area under its ROC curve, 0.5 by chance. Intervals are of 95 %.
 
     python benchmarks/claims/diagnosis_peers.py robots --seed 2207 --to 80 --out DIR [--workers 2] [--until 600]
-    python benchmarks/claims/diagnosis_peers.py table DIR
+    python benchmarks/claims/diagnosis_peers.py table DIR [--below 60]
+
+Robots that take longest are finished last: where some are missing, ``--below`` ends the table before the first.
 """
 
 from __future__ import annotations
@@ -156,6 +158,7 @@ def said(row: Mapping[str, Any], healthy: list[Any]) -> dict[str, tuple[float, d
 def table(given: Namespace) -> None:
     """Print one JSON object, and a table."""
     rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
+    rows = [row for row in rows if row["number"] < given.below]
     healthy = [r for r in rows if not r["faults"]]
     faulty = [r for r in rows if any(f["moved"] is not None and f["moved"] >= LARGE for f in r["faults"])]
     if len(healthy) < 2 or not faulty:
@@ -202,7 +205,8 @@ def _area(faulty: np.ndarray, healthy: np.ndarray) -> float:
 
 def main() -> None:
     """Read the command line."""
-    parser, one = two_steps(__doc__, robots, "table", table)
+    parser, one, two = two_steps(__doc__, robots, "table", table)
+    two.add_argument("--below", type=int, default=sys.maxsize)
     one.add_argument("--first", type=int, default=0)
     one.add_argument("--to", type=int, required=True)
     one.add_argument("--catalogue", choices=CATALOGUES, default="judging")

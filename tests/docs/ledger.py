@@ -72,7 +72,7 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
-    "spot-rl withheld run --cases 800 --seed-from-os --out DIR --workers 2 --until 1950": (
+    "spot-rl withheld run --cases 800 --seed 4209367683016129723 --only 0:400 --out DIR": (
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
