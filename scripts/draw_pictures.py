@@ -44,16 +44,12 @@ SHOTS = {
     "evaluation-page": Shot("evaluation/evaluation.html", 24, 820),
     # spot-rl diagnose next gap
     "next-page": Shot("gap/next/next.html", 24, 800),
-    # python examples/ask_the_robot.py asked
-    "story-page": Shot("asked/found/asked/story.html", 24, 800),
     # spot-rl sysid fake-walks --policy baseline --config few.yaml --out found
     "sysid-page": Shot("found/report.html", 24, 800),
     # python examples/has_it_changed.py changed
     "has-it-changed": Shot("history/history.html", 24, 880),
     # spot-rl withheld score withheld
     "scores-page": Shot("withheld/scores.html", 24, 700),
-    # spot-rl improve logs --policy walk --nominal paper_initial --out improved
-    "improve-page": Shot("improved/improve.html", 24, 640),
 }
 
 
