@@ -1,6 +1,6 @@
 """What a policy's gait is at each speed, on the CPU plant: a line a speed, quick enough to end a training with.
 
-Claim: the gait figures of docs/training.md.
+Claim: the gait figures of docs/evidence/training.md.
 
     python benchmarks/gait_figures.py walk --speeds 0.3,0.5,1,1.5
 """

@@ -1,4 +1,4 @@
-"""What one inference costs at the pace at which it is needed: docs/inference.md rests on it.
+"""What one inference costs at the pace at which it is needed: docs/evidence/loop.md has it.
 
     python benchmarks/inference_pace.py [--policy walk] [--seconds 10] [--provider CPUExecutionProvider]
 

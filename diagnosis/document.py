@@ -1,4 +1,4 @@
-"""The verdict: what ``verdict.json`` holds. Its JSON Schema lies beside it and in docs/diagnosis.md."""
+"""The verdict: what ``verdict.json`` holds. Its JSON Schema lies beside it."""
 
 from __future__ import annotations
 
