@@ -79,7 +79,7 @@ ARRAYS = (
     ("an entry of ResultData.measured", MeasuredData),
 )
 
-OF_THE_RUNTIME = ("tick", "warm_up", "observe", "observe_many", "gains", "with_joints_in_policy_order")
+OF_THE_RUNTIME = ("tick", "warm_up", "observe", "observe_many", "gains", "with_joints_in_policy_order", "close_extras")
 """Methods that take or return what only the runtime has; the page does not describe it."""
 
 
@@ -125,6 +125,7 @@ def _signature(function: Any) -> str:
         shown.append(f"{'*' * (p.kind is p.VAR_POSITIONAL)}{p.name}{annotation}{default}")
     result = inspect.signature(function).return_annotation
     returns = "" if result is inspect.Signature.empty else f" -> {result}"
+    shown, returns = [s.replace("Numbers", "array") for s in shown], returns.replace("Numbers", "array")
     one = f"({', '.join(shown)}){returns}"
     return one if len(one) < 90 else "(\n    " + ",\n    ".join(shown) + f",\n){returns}"
 
