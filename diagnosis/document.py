@@ -25,7 +25,7 @@ class GapCell(Settings):
     gap: float
     """Mean Wasserstein distance of real and nominal runs of the same commands, in ``unit``."""
     floor: float
-    """The same between real runs; 0 where there are no repeats."""
+    """Mean distance between real runs of the same commands; 0 where there are no repeats."""
     ratio: float | None
     """gap / floor; null without repeats."""
     p_value: float | None
@@ -47,7 +47,7 @@ class Number(Settings):
     low: float
     """Lower end of the interval."""
     high: float
-    """Upper end."""
+    """Upper end of that interval."""
     unit: str = ""
     """Its unit; empty for a share."""
 
@@ -77,7 +77,7 @@ class GapChange(Settings):
     before: float
     """Mean distance from the robot without it."""
     after: float
-    """The same with it."""
+    """Mean distance from the robot with it."""
     floor: float
     """Distance between two runs of the robot; without repeats what formulas and noise leave."""
     share: float | None
@@ -86,18 +86,18 @@ class GapChange(Settings):
     low: float | None = None
     """Lower end of its 90 % interval."""
     high: float | None = None
-    """Upper end."""
+    """Upper end of that interval."""
 
 
 class QuantityChange(Settings):
     """One quantity of simulated runs, without something and with it."""
 
     quantity: str
-    """Its name."""
+    """Name of the quantity."""
     title: str
-    """The same in words."""
+    """The quantity in words."""
     unit: str
-    """Its unit."""
+    """Unit of all its values."""
     before: float | None
     """Without it; null where no run gives it."""
     after: float | None
@@ -107,7 +107,7 @@ class QuantityChange(Settings):
     low: float | None = None
     """Lower end of the 90 % interval of ``after - before``."""
     high: float | None = None
-    """Upper end."""
+    """Upper end of that interval."""
 
 
 class Consequences(Settings):
@@ -127,7 +127,7 @@ class Difference(Settings):
     name: str
     """Name of the effect, as in a model file."""
     title: str = ""
-    """The same in words."""
+    """The effect in words."""
     probability: float = Field(ge=0.0, le=1.0)
     """Probability that an effect of this group is there."""
     group: tuple[str, ...]
@@ -141,13 +141,13 @@ class Difference(Settings):
     parameters: dict[str, Number]
     """Fitted parameters of the effect, by name."""
     by_type: dict[str, dict[str, Number]] = Field(default_factory=dict)
-    """The same by joint type (``hx``, ``hy``, ``kn``), where the data part the types; empty where one number serves."""
+    """Fitted parameters by joint type (``hx``, ``hy``, ``kn``), where types differ; empty where one number serves."""
     rivals: dict[str, float] = Field(default_factory=dict)
     """Probability of each effect in this place, adding up to ``probability`` with the other members."""
     gain_nats: float = 0.0
     """Evidence for it: what it adds to the log-likelihood of data not used for fitting, nats (3: odds of 20 to 1)."""
     channels: dict[str, float] = Field(default_factory=dict)
-    """The same evidence by channel, in nats."""
+    """The evidence for it by channel, in nats."""
     consequences: Consequences | None = None
     """What it does; null where nothing could be measured."""
 
@@ -170,7 +170,7 @@ class CalibratedNumber(Settings):
     low: float
     """Lower end of the 90 % interval."""
     high: float
-    """Upper end."""
+    """Upper end of that interval."""
     unit: str = ""
     """Its unit; empty for a share."""
     spread: float = 0.0
@@ -185,7 +185,7 @@ class Calibration(Settings):
     numbers: tuple[CalibratedNumber, ...] = ()
     """Farthest from the nominal model first, in published standard deviations."""
     units: tuple[CalibratedNumber, ...] = ()
-    """The same joint by joint, leg by leg and of the floor, differences included: what is compared with other dates."""
+    """Numbers of single joints, of legs and of the floor, with the differences: what is compared with other dates."""
     consequences: Consequences | None = None
     """What they do together, without any difference; null where nothing could be measured."""
 
@@ -281,7 +281,7 @@ class Shrink(Settings):
     s_low: float | None
     """Lower end of its 90 % interval."""
     s_high: float | None
-    """Upper end."""
+    """Upper end of that interval."""
     held_out: tuple[str, ...]
     """Sequences, each run by a model with numbers fitted to the others; empty: by the model that was fitted to all."""
 

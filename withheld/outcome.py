@@ -73,7 +73,7 @@ class Difference(_Read):
     joints: tuple[str, ...] = ()
     parameters: dict[str, Number] = Field(default_factory=dict)
     by_type: dict[str, dict[str, Number]] = Field(default_factory=dict)
-    """The same by joint type (``hx``, ``hy``, ``kn``), where one number does not serve."""
+    """Parameters by joint type (``hx``, ``hy``, ``kn``), where one number does not serve."""
     rivals: dict[str, float] = Field(default_factory=dict)
     consequences: StatedConsequences | None = None
 
@@ -172,7 +172,7 @@ class Outcome(_Part):
     true_s: float | None = None
     """S of the delivered model on sequences that neither fit nor verdict saw."""
     true_gaps: dict[Gap, float] = Field(default_factory=dict)
-    """The same of each of the three gaps that the nominal model has."""
+    """S of each of the three gaps that the nominal model has."""
     metadata: dict[str, float] = Field(default_factory=dict)
     """What can be known of the logs without their signals: sizes, counts, stamps, digits of names."""
     seal: str

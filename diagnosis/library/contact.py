@@ -156,7 +156,7 @@ class VelocityEstimateEntry(LibraryEffect):
         return {"scale": scale, "bias_x_m_s": x * scale, "bias_y_m_s": y * scale, "lag_s": float(shape["lag_s"])}
 
     def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
-        """The same backwards."""
+        """Coefficients and shape of these values."""
         scale = values["scale"]
         moved = (values["bias_x_m_s"] / scale, values["bias_y_m_s"] / scale)
         return np.array([1.0 - 1.0 / scale, *moved, 1.0]), {"lag_s": values["lag_s"]}

@@ -208,7 +208,7 @@ class VelocityFilterEntry(LibraryEffect):
         return {"time_constant_s": float(coefficients[0]), "unfiltered_share": float(coefficients[2])}
 
     def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
-        """The same backwards; the body's channels see all of it."""
+        """Coefficients and shape of these values; the body's channels see all of it."""
         return np.array([values["time_constant_s"], 0.0, values["unfiltered_share"], 1.0]), {}
 
 

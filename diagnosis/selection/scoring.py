@@ -51,13 +51,13 @@ class Scored:
     score: float
     """Value against none of the effects, in nats."""
     by_block: Array
-    """The same by block, without what the ordinary errors cost. Shape (B,)."""
+    """Value of each block, without what the ordinary errors cost. Shape (B,)."""
     held_out: Array
     """Mean square of each block's residual in folds that the fit never saw, units of the noise. Shape (B,)."""
     pulls: Array
     """Ordinary errors in units of their usual sizes. Shape (Q,)."""
     fold_pulls: Array
-    """The same, fitted without each fold. Shape (F, Q)."""
+    """Ordinary errors in these units, fitted without each fold. Shape (F, Q)."""
     explained: Array
     """Mean square of what terms and ordinary errors explain in each block, units of the noise. Shape (B,)."""
 

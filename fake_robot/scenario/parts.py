@@ -44,7 +44,7 @@ class PhysicsConfig(Part):
     armature_hip_kg_m2: float = Field(default=0.0403, ge=0.0, le=1.0)
     """Reflected rotor inertia of a hip joint."""
     armature_knee_kg_m2: float = Field(default=0.0731, ge=0.0, le=1.0)
-    """The same of a knee; both defaults are from one public estimate."""
+    """Reflected rotor inertia of a knee; both defaults are from one public estimate."""
     unpowered_damping_nm_s_per_rad: float = Field(default=6.0, ge=0.0, le=100.0)
     """Drag of gears and shorted motors without power: the robot sinks to the ground, it does not drop."""
 
@@ -188,7 +188,7 @@ class MotorConfig(Part):
     hip_loss_w_per_nm2: float = Field(default=0.045, ge=0.0, le=10.0)
     """Copper loss of a hip per squared joint torque."""
     knee_loss_w_per_nm2: float = Field(default=0.025, ge=0.0, le=10.0)
-    """The same of a knee."""
+    """Copper loss of a knee per squared joint torque."""
     regeneration_efficiency: float = Field(default=0.6, ge=0.0, le=1.0)
     """Share of braking power that returns to the battery."""
     heat_capacity_j_per_k: float = Field(default=420.0, gt=0.0, le=1e5)

@@ -24,7 +24,7 @@ HUNG_S: Final = 300.0
 """Host time after which a row counts as one that hangs."""
 
 HUNG_LONG_S: Final = 1800.0
-"""The same for five minutes of robot time, which take as long again, and more, on a computer that has other work."""
+"""Host time after which a row with five minutes of robot time counts as one that hangs; a busy computer is slow."""
 
 SETTLE_PART_S: Final = 0.25
 STILL_PARTS: Final = 2

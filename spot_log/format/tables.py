@@ -263,8 +263,8 @@ class SlowTable(Table):
     battery_temperature_c: tuple[tuple[float, ...], ...] = ()
     """Temperature of each cell that the battery reports, for each row."""
     system_faults: tuple[tuple[str, ...], ...] = ()
-    """A sentence a fault, for each row."""
+    """A sentence for each system fault, for each row."""
     behavior_faults: tuple[tuple[str, ...], ...] = ()
-    """The same."""
+    """A sentence for each behaviour fault, for each row."""
     service_faults: tuple[tuple[str, ...], ...] = ()
-    """The same."""
+    """A sentence for each service fault, for each row."""

@@ -41,7 +41,7 @@ class GaitSpan:
     first_command: Velocity
     """V_x, V_y (m/s), ω_z (rad/s) at the start."""
     command: Velocity
-    """The same at the end; it differs from the start in a ramp."""
+    """V_x, V_y (m/s), ω_z (rad/s) at the end; in a ramp they differ from the start."""
     gait: Gait
     """The gait; below."""
 

@@ -92,7 +92,7 @@ class RunSummary:
     control_robot_s: float = 0.0
     """Robot time from the start of control to its end."""
     control_wall_s: float = 0.0
-    """The same in host time; shorter in lock-step."""
+    """Host time from the start of control to its end; shorter in lock-step."""
     log_unwritten: int = 0
     """Records that reached the log's process but not the disk."""
     log_problem: str = ""

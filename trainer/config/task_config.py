@@ -45,18 +45,18 @@ class RewardWeights(Settings):
     air_time: float = 5.0
     gait: float = 10.0
     trot: float = 0.0
-    """Not of the paper: the gait term compares times, so that short strides make a hop look like a trot."""
+    """Not in the paper. The gait term compares times, so that short strides make a hop look like a trot."""
     short_swing: float = 0.0
-    """Not of the paper."""
+    """Not in the paper."""
     long_phase: float = 0.0
-    """Not of the paper: a price on phases that air_time merely ceases to pay, which keeps strides from growing long."""
+    """Not in the paper. It penalises phases for which air_time only stops paying, which keeps strides short."""
     foot_clearance: float = 0.5
     action_smoothness: float = -1.0
     air_time_variance: float = -1.0
     uneven_duty: float = 0.0
-    """Not of the paper: phases that differ by less than a policy period are invisible to air_time_variance."""
+    """Not in the paper. Differences of less than a policy period are invisible to air_time_variance."""
     fall: float = 0.0
-    """Not of the paper. As all weights it is multiplied by the period: -1000 costs 20 a fall."""
+    """Not in the paper. Like all weights it is multiplied by the period: -1000 costs 20 for each fall."""
     base_motion: float = -2.0
     orientation: float = -3.0
     foot_slip: float = -0.5
@@ -67,7 +67,7 @@ class RewardWeights(Settings):
     joint_position: float = -0.7
     joint_torque: float = -5.0e-4
     power: float = 0.0
-    """Not of the paper."""
+    """Not in the paper."""
 
     @model_validator(mode="after")
     def _known(self) -> RewardWeights:

@@ -221,7 +221,7 @@ class SimulationConfig(Settings):
     robots_per_sequence: int = Field(default=1, ge=1, le=64)
     """Simulated robots per command sequence, each started like one of its real runs."""
     final_robots_per_sequence: int = Field(default=5, ge=1, le=64)
-    """The same for the scores in the result, which need more because runs with the same model differ."""
+    """Simulated robots per command sequence for the scores in the result: runs with the same model differ."""
     timestep_s: float = Field(default=0.002, gt=0.0, le=0.005)
     """Physics step."""
     foot_friction: float = Field(default=0.8, gt=0.0, le=2.0)

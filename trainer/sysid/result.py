@@ -33,7 +33,7 @@ class SequenceData(ResultPart):
     floor_w1_nm: float | None
     """Mean Wasserstein distance between real runs; null without repeats."""
     floor_mmd: float | None
-    """The same for MMD."""
+    """Mean maximum mean discrepancy (MMD) between real runs; null without repeats."""
     mmd_bandwidth_nm: float
     """Median distance between two samples, which sets the kernels' widths."""
 
@@ -67,7 +67,7 @@ class ResultData(ResultPart):
     observation_noise_sigma: list[float]
     """Standard deviation of the noise of each observation, shape (48,)."""
     load_noise_nm: list[float | None]
-    """The same of each joint's load."""
+    """Standard deviation of the noise of each joint's load, shape (12,)."""
     torque_residual_nm: float | None
     """What the fit of the loads leaves, root mean square."""
     time_offset_s: float | None

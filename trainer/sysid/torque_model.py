@@ -65,7 +65,7 @@ class TorqueSamples:
         return self.asked_nm(self.position_rad, self.velocity_rad_s)
 
     def asked_nm(self, position_rad: Array, velocity_rad_s: Array) -> Array:
-        """The same of joints elsewhere, shape (n, 12)."""
+        """Torque that the servo's law asks of joints at other positions and velocities, shape (n, 12)."""
         return self.kp_nm_per_rad * (self.setpoint_rad - position_rad) - self.kd_nm_s_per_rad * velocity_rad_s
 
     @property

@@ -25,9 +25,9 @@ class Leak:
 
     question: str
     accuracy: float
-    """Balanced, on cases that the classifier never saw."""
+    """Balanced accuracy, on cases that the classifier never saw."""
     chance: float
-    """The same with permuted labels, mean."""
+    """Mean accuracy with permuted labels."""
     p_value: float
     cases: int
 
