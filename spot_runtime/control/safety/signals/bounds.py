@@ -30,10 +30,10 @@ POSITION_NOISE_RAD: Final = 1e-4
 less may truly repeat its value."""
 
 VELOCITY_NOISE_RAD_S: Final = 0.01
-"""Velocity of a neighbour that counts: one step of that encoder within 10 ms, the time over which velocities are formed."""
+"""Velocity of a neighbour that counts: one step of that encoder within 10 ms, over which velocities are formed."""
 
 LOAD_NOISE_NM: Final = 0.05
-"""Load of a neighbour that counts. A 12-bit torque sensor over ±113 N·m, the knee's range, resolves 226 / 4096 = 0.055 N·m."""
+"""Load of a neighbour that counts. A 12-bit torque sensor over the knee's ±113 N·m resolves 226 / 4096 = 0.055."""
 
 STEPS: Final = 3.0
 """Neighbours that move by less than so many steps of their own sensors say nothing, whatever those resolve: the least
