@@ -22,6 +22,7 @@ from diagnosis.report.words import joints_in_short, number
 from spot_log.read.reader import read_run
 from spot_log.read.run import Run
 from spot_model.effects.base import Effect
+from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.plant.closed_loop import standing_height_m
 from spot_model.policy.policy import Policy
@@ -75,8 +76,7 @@ class LogToPlay:
         """A log under a model, by default its diagnosis' nominal one.
 
         Raises:
-            CompareError: The log is too short, or its policy is not known.
-            BadInputError: The model is not valid.
+            CompareError: The log is too short, its policy is not known, or the model is not valid.
         """
         found = find_policy(policy, [run])
         if found is None:
@@ -88,7 +88,11 @@ class LogToPlay:
             raise CompareError(f"{run.path} has less than a second under a policy; nothing can be simulated from it")
         name = model or (verdict.nominal if verdict is not None else "") or USUAL_MODEL
         offered = (switches_of(verdict) if verdict is not None else ()) or BUILT_IN
-        return cls(run, track_of(run, "The robot"), script, found, load_model(name), name, seed, offered)
+        try:
+            simulated = load_model(name)
+        except BadInputError as error:
+            raise CompareError(f"{error}; name the model to simulate, --model") from error
+        return cls(run, track_of(run, "The robot"), script, found, simulated, name, seed, offered)
 
     def recorded(self) -> Walked:
         """The recorded walk."""

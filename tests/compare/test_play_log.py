@@ -101,6 +101,11 @@ def test_a_log_without_a_known_policy_names_the_next_step(run: Run) -> None:
         LogToPlay.of(unknown)
 
 
+def test_a_diagnosis_whose_model_is_gone_names_the_next_step(run: Run, verdict: Verdict) -> None:
+    with pytest.raises(CompareError, match=r"'nominal\.yaml' is not a file.*--model"):
+        LogToPlay.of(run, policy=POLICY, verdict=verdict)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
