@@ -27,8 +27,8 @@ from trainer.play.scene import DrawnRobot, Scene, Server, offer
 from trainer.play.switches import Switch, Switched
 
 Effects = tuple[Effect, ...]
-FRAME_S: Final = 0.04
-PLOTTED_EVERY: Final = 6
+FRAME_S: Final = 1.0 / 30.0
+PLOTTED_EVERY: Final = 8
 """Frames."""
 PACES: Final = ("1", "1/2", "1/4", "1/8")
 SEEN_S: Final = 1.5
@@ -157,9 +157,10 @@ class ReplayPage:
 
     def run(self, seconds: float | None) -> None:
         """Show the log again and again until ``seconds`` have passed."""
-        start_s = last_s = time.monotonic()
+        start_s = last_s = due_s = time.monotonic()
         while seconds is None or last_s - start_s < seconds:
-            time.sleep(FRAME_S)
+            due_s = max(due_s + FRAME_S, last_s)
+            time.sleep(max(0.0, due_s - time.monotonic()))
             now_s = time.monotonic()
             self.advance(now_s - last_s)
             last_s = now_s
