@@ -8,16 +8,29 @@ from typing import Annotated
 
 import typer
 
+from spot_model.errors import BadInputError
 from spot_model.policy.built_in import policy_file
 
 USUAL_MODEL = "paper_identified"
+
+
+def policy_or_log(text: str) -> Path:
+    """A policy by its name or path, or a log by its path.
+
+    Raises:
+        BadInputError: It does not exist.
+    """
+    path = Path(text)
+    if ".mcap" in path.name and not path.exists():
+        raise BadInputError(f"log {text!r} does not exist (looked in {Path.cwd()}); give the path of a log, *.mcap")
+    return policy_file(text)
 
 
 def play(
     policy: Annotated[
         Path,
         typer.Argument(
-            parser=policy_file,
+            parser=policy_or_log,
             metavar="POLICY",
             help="ONNX file, a built-in policy's name, a running training's folder, or a log (*.mcap, with --web).",
         ),
@@ -68,8 +81,6 @@ def play(
     Given a training's folder, it plays the newest checkpoint and switches to each new one when it is written. Given a
     log, it shows the recorded robot beside a simulation of the same commands, in a browser.
     """
-    from spot_model.errors import BadInputError
-
     if seconds is not None and not 0.1 <= seconds <= 3600.0:
         raise BadInputError(f"--seconds {seconds}: it must be 0.1 to 3600")
     if web + gamepad + (video is not None) > 1:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compare.play_command import play
+from compare.play_command import play, policy_or_log
 from compare.play_log import LogToPlay, switches_of
 from compare.tracks import CompareError
 from diagnosis.document import Number, Verdict
@@ -117,6 +117,11 @@ def test_a_diagnosis_whose_model_is_gone_names_the_next_step(run: Run, verdict: 
 def test_options_that_a_log_does_not_have_are_refused(words: dict[str, object], message: str, tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=message):
         play(tmp_path / "a.mcap", **words)
+
+
+def test_a_log_that_is_not_there_is_called_a_log() -> None:
+    with pytest.raises(BadInputError, match=r"log 'nowhere\.mcap' does not exist .*\*\.mcap"):
+        policy_or_log("nowhere.mcap")
 
 
 def a_walk(words: str) -> Walked:

@@ -61,9 +61,9 @@ class Started:
     def sentence(self) -> str:
         """How the walk ended."""
         walk = self.walk
-        gait = walk.gait
+        gait, forward_m_s = walk.gait, round(float(walk.velocity[0]), 2) + 0.0  # without a zero's sign
         return (
-            f"{walk.time_s:.1f} s, {walk.falls} falls; at the end {walk.velocity[0]:.2f} m/s forward, "
+            f"{walk.time_s:.1f} s, {walk.falls} falls; at the end {forward_m_s:.2f} m/s forward, "
             f"gait: {'too short to say' if gait is None else gait.sentence()}"
         )
 
