@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -18,12 +19,15 @@ from spot_model.io.whole import OutputExistsError
 AnyPath = str | os.PathLike[str]
 T = TypeVar("T")
 P = ParamSpec("P")
+OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
+ARGUMENTS = {"add-effect": "add_effects", "resume": "resume=True"}
+"""Options whose argument is not spelled alike."""
 LONGEST_NAME = 255
 """Bytes that Linux' file systems take."""
 
 
 def with_our_errors(function: Callable[P, T]) -> Callable[P, T]:
-    """The same function; what the system says of a file or folder becomes a :class:`SpotRlError`."""
+    """The same function, whose errors are :class:`SpotRlError` and name arguments, not the options of the commands."""
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -31,8 +35,18 @@ def with_our_errors(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **kwargs)
         except OSError as error:
             raise SpotRlError(system_words(error)) from error
+        except SpotRlError as error:
+            error.args = (in_python(str(error)),)
+            raise
 
     return call
+
+
+def in_python(message: str) -> str:
+    """A message of the commands with arguments in the place of options; one that holds a command stays."""
+    if "spot-rl " in message:
+        return message
+    return OPTION.sub(lambda option: ARGUMENTS.get(option[1], option[1].replace("-", "_")), message)
 
 
 def wrong(name: str, value: object, allowed: str) -> BadInputError:
