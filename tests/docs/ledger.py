@@ -43,20 +43,20 @@ ELSEWHERE = {
         "trainer/test_foreign_policies.py",
         'imported(tmp_path / "policy_1.pt", "--joint-order", order)',
     ),
-    "spot-rl export policies/walk.onnx --for mjlab --out walk_mjlab.onnx": (
+    "spot-rl export walk --for mjlab --out walk_mjlab.onnx": (
         "trainer/test_foreign_policies.py",
         '"--for", "mjlab"',
     ),
-    "spot-rl export policies/walk.onnx --for spot-rl-example --out walk_example": (
+    "spot-rl export walk --for spot-rl-example --out walk_example": (
         "trainer/test_foreign_policies.py",
         '"--for", "spot-rl-example"',
     ),
-    "spot-rl play policies/walk.onnx --video walk.mp4 --velocity 1,0,0": (
+    "spot-rl play walk --video walk.mp4 --velocity 1,0,0": (
         "trainer/test_play.py",
         '"--video", str(film), "--seconds", "0.1", "--velocity", "1,0,0"',
     ),
     "spot-rl play walk --video walk.mp4": ("trainer/test_play.py", '"--video", str(film), "--seconds", "0.1"'),
-    "spot-rl train --config policies/walk.yaml --set logger=wandb": (
+    "spot-rl train --config walk --set logger=wandb": (
         "trainer/test_training_log.py",
         'make_log("wandb")',
     ),
@@ -64,7 +64,7 @@ ELSEWHERE = {
     "spot-rl demo": ("docs/test_from_a_wheel.py", 'shell("spot-rl demo --top-speed 0.5'),
     "make docs": ("docs/test_site.py", '"mkdocs", "build"'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
-    "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (
+    "spot-rl refine FILE --config fast_refine --out NEW": (
         "trainer/test_refine.py",
         '["refine", str(POLICY), "--config"',
     ),
@@ -148,10 +148,10 @@ NOT_RUN = {
     "podman build -f deploy/container/fake.Containerfile -t spot-rl-fake .": CONTAINER,
     "podman build -f deploy/container/train.Containerfile -t spot-rl-train .": CONTAINER,
     "podman run --rm --network host spot-rl-fake --port 8443": CONTAINER,
-    "podman run --rm --device nvidia.com/gpu=all -v $PWD/runs:/runs spot-rl-train --config policies/walk.yaml "
+    "podman run --rm --device nvidia.com/gpu=all -v $PWD/runs:/runs spot-rl-train --config walk "
     "--device cuda --out /runs/walk": CONTAINER,
     "spot-rl play runs/walk_cpu-…": "needs a display; newer checkpoints take over in tests/trainer/test_export.py",
-    "spot-rl play policies/walk.onnx": "needs a display; films of the same walk are made in tests/trainer/test_play.py",
+    "spot-rl play walk": "needs a display; films of the same walk are made in tests/trainer/test_play.py",
     "make lock": "needs a network: it resolves all versions anew",
     "make safety ARGS=--all": "takes an hour; `.ci/run` does the same for 90 s",
     "pip install wandb": "needs a network",
@@ -171,12 +171,12 @@ NOT_RUN = {
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "spot-rl bench train --json --iterations 2 --set n_envs=2048": CORES,
     (
-        "spot-rl train --config policies/fast.yaml --device cuda --set task.commands.curriculum_iterations=250 "
+        "spot-rl train --config fast --device cuda --set task.commands.curriculum_iterations=250 "
         "--set iterations=220"
     ): GPU,
     "torchrun --nproc-per-node 2": GPU,
     "spot-rl bench ordinary": CORES,
-    "spot-rl bench ordinary --runs 10 --policy policies/NAME.onnx --out NAME.jsonl": CORES,
+    "spot-rl bench ordinary --runs 10 --policy NAME --out NAME.jsonl": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --stops 11": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --only 100 Hz": "a row of the matrix, which tests/spot_runtime/faults/test_matrix.py tries",
@@ -188,7 +188,7 @@ NOT_RUN = {
         "needs ten machines; tests/test_on_ray.py has two nodes"
     ),
     "spot-rl bench sysid --json": "takes ten seconds of CPU time at its smallest; identification itself is played",
-    "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy policies/walk.onnx --out DIR": (
+    "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy walk --out DIR": (
         "takes minutes with twenty logs of half a minute; shorter ones are diagnosed on the same page"
     ),
 }

@@ -13,9 +13,9 @@ SCRIPT: Final = re.compile(r"(?<![\w./-])(?:benchmarks|deploy|examples|scripts|t
 """A script's name in a page or a command."""
 
 SMALL: dict[str, tuple[str, ...]] = {
-    "benchmarks/gait_figures.py": ("policies/walk.onnx --speeds 0.5",),
+    "benchmarks/gait_figures.py": ("walk --speeds 0.5",),
     "benchmarks/log_damage.py": ("LOG 5",),
-    "benchmarks/solver_options.py": ("--policy policies/walk.onnx --rounds 1 --robots 4",),
+    "benchmarks/solver_options.py": ("--policy walk --rounds 1 --robots 4",),
     "scripts/draw_effects.py": ("",),
 }
 """Script, and the words after it in each of its runs; ``LOG`` stands for a log of a short walk."""
@@ -28,31 +28,31 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),
     "benchmarks/calibrate_formulas.py": ("--seed 41 --robots 1 --workers 1",),
     "benchmarks/check_experiments.py": (
-        "--policy policies/walk.onnx --out found.json --robots 2 --only squat --once --figure found.svg",
+        "--policy walk --out found.json --robots 2 --only squat --once --figure found.svg",
     ),
     "benchmarks/claims/identification.py": ("--generations 1 --seconds 3",),
     "benchmarks/claims/training.py": ("--envs 16",),
-    "benchmarks/gait_on_robot.py": ("policies/walk.onnx --speeds 0.5",),
+    "benchmarks/gait_on_robot.py": ("walk --speeds 0.5",),
     "benchmarks/has_it_changed.py": ("robots --seed 71 --to 1 --workers 1 --out changed", "score changed"),
     "benchmarks/identify_fake.py": (
-        "--out found --truth 0 --policy policies/walk.onnx --repeats 1 --config short.yaml",
+        "--out found --truth 0 --policy walk --repeats 1 --config short.yaml",
     ),
     "benchmarks/identify_session.sh": (
-        "run small --truth 0 --policy policies/walk.onnx --sequences ahead.yaml --repeats 1 --config short.yaml",
+        "run small --truth 0 --policy walk --sequences ahead.yaml --repeats 1 --config short.yaml",
     ),
-    "benchmarks/judge_policy.py": ("policies/walk.onnx --n 2 --seeds 2",),
+    "benchmarks/judge_policy.py": ("walk --n 2 --seeds 2",),
     "benchmarks/predict_withheld.py": (
-        "robots --seed 51 --count 1 --speed 1 --policy policies/walk.onnx --out predicted",
+        "robots --seed 51 --count 1 --speed 1 --policy walk --out predicted",
         "score predicted",
     ),
     "benchmarks/rounds_withheld.py": (
         "robots --seed 31 --to 3 --out rounds --strategies menu --until 300",
         "score rounds --to 3",
     ),
-    "benchmarks/withheld_fake.py": ("--work found --policy policies/walk.onnx --repeats 1",),
+    "benchmarks/withheld_fake.py": ("--work found --policy walk --repeats 1",),
     "examples/ask_the_robot.py": ("asked",),
     "examples/close_the_loop.py": (
-        "--robot torque_lag --out loop --improved policies/walk.onnx --oracle policies/walk.onnx",
+        "--robot torque_lag --out loop --improved walk --oracle walk",
     ),
     "examples/has_it_changed.py": ("changed --weeks 3 --repeats 1",),
     "examples/hidden_friction.py": ("hidden_friction",),

@@ -43,7 +43,6 @@ class Session:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         folder.mkdir()
-        (folder / "policies").symlink_to(REPOSITORY / "policies")
         self._fake = FakeProcess(is_lock_step=True, state_dir=folder / "fake")
         # A socket's name is short, and the folders of tests may lie deep.
         self._runtime = Path(tempfile.mkdtemp(prefix="pages-", dir="/tmp"))

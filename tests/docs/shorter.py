@@ -6,10 +6,10 @@ The line runs as it stands on the page, with these words at its end; where an op
 from __future__ import annotations
 
 SHORTER = {
-    "spot-rl train --config policies/walk.yaml --set n_envs=64 --set iterations=2 --out runs/try": "--set n_envs=16 "
+    "spot-rl train --config walk --set n_envs=64 --set iterations=2 --out runs/try": "--set n_envs=16 "
     "--set iterations=1",
     "spot-rl evaluate try.onnx --n 2 --out try-evaluation": "--n 1",
-    "spot-rl train --config policies/walk_cpu.yaml": "--set n_envs=16 --set iterations=1",
+    "spot-rl train --config walk_cpu": "--set n_envs=16 --set iterations=1",
     "spot-rl train --resume runs/walk_cpu-…": "--set iterations=2",
     "spot-rl bench train --json": "--set n_envs=16 --iterations 1",
     "spot-rl play walk --web": "--port 0 --seconds 0.2",
@@ -17,8 +17,8 @@ SHORTER = {
     "spot-rl play logs/LOG.mcap --web --diagnosis gap": "--port 0 --seconds 0.2",
     # The first try of the page has recorded these runs: none is missing, so no robot is asked.
     "spot-rl collect --sequences all --repeats 5 --robot 192.168.50.3 --credentials-file credentials.yaml "
-    "--policy policies/baseline.onnx --out spot-walks": "--sequences ahead.yaml,aside.yaml --repeats 1 "
-    "--policy policies/walk.onnx --out fake-walks",
+    "--policy baseline --out spot-walks": "--sequences ahead.yaml,aside.yaml --repeats 1 "
+    "--policy walk --out fake-walks",
 }
 
 

@@ -23,7 +23,6 @@ def certificates(tmp_path: Path) -> Path:
     """A folder with what the page's commands make, for this computer in the place of the robot's."""
     folder = tmp_path / "a folder"
     folder.mkdir()
-    (folder / "policies").symlink_to(REPOSITORY / "policies")
     bash(block_with("operate", "openssl req").text.replace("192.168.50.5", "127.0.0.1"), folder)
     return folder
 
@@ -59,7 +58,6 @@ def test_what_the_fake_robot_prints_is_what_the_next_terminal_needs(tmp_path: Pa
     words = block_with("first-run-fake", "fake-robot --port 8443").text.split()
     environment = {**ENVIRONMENT, "XDG_STATE_HOME": str(tmp_path)}
     command = ["0" if word == "8443" else word for word in words]  # any port that is free
-    (tmp_path / "policies").symlink_to(REPOSITORY / "policies")
     with said_until("your_program.py", command, tmp_path, environment) as said:
         exports = [line.strip() for line in said if "export " in line and "PYTHONPATH" not in line]
         assert len(exports) == 3
@@ -73,7 +71,6 @@ def test_what_the_fake_robot_prints_is_what_the_next_terminal_needs(tmp_path: Pa
 @runs("spot-rl bench soak")
 @runs("python benchmarks/loop_lock_step.py", "python benchmarks/inference_pace.py --seconds 5")
 def test_benchmarks_at_their_smallest(tmp_path: Path) -> None:
-    (tmp_path / "policies").symlink_to(REPOSITORY / "policies")
     (tmp_path / "benchmarks").symlink_to(REPOSITORY / "benchmarks")
     told = bash("spot-rl bench faults --json --only 'policy file cut in half'", tmp_path)
     assert json.loads(told)["failed"] == 0

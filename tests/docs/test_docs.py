@@ -204,14 +204,12 @@ def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]
             for copy in ("LOG", "OTHER"):
                 (folder / "logs" / f"{copy}.mcap").write_bytes(log)
             (folder / "logs" / "LOG.mcap.active").write_bytes(log[: len(log) * 2 // 3])
-            (folder / "policies").symlink_to(REPOSITORY / "policies")
             if name in ("compare", "play"):
                 shutil.copytree(played("diagnosis") / "gap", folder / "gap")
         elif name == "diagnosis":
             shutil.copytree(played("sysid"), folder, symlinks=True)
         else:
             folder.mkdir()
-            (folder / "policies").symlink_to(REPOSITORY / "policies")
         waiting: list[list[str]] = []
         for block in blocks_of(next(page for page in RUN_PAGES if page.stem == name)):
             kind, _, file = block.order.partition(" ")

@@ -106,7 +106,7 @@ def log_in(folder: Path) -> str:
         "--robot",
         "HOST",
     ]
-    words += ["--lock-step", admin, "--policy", "policies/walk.onnx", "--sequence", "ahead.yaml", "--duration", "1"]
+    words += ["--lock-step", admin, "--policy", "walk", "--sequence", "ahead.yaml", "--duration", "1"]
     run([*words, "--log-dir", "logs"], folder)
     return str(next((folder / "logs").glob("*.mcap")))
 
