@@ -92,11 +92,14 @@ def begin(
         BadInputError: The folder holds a run, or the part lies outside of it.
     """
     protocol, generator = source_digests()
+    digests = policy_digests(policies)
+    if not digests:
+        raise BadInputError(f"folder {policies} has no policy (*.onnx); name another with --policies, or leave it out")
     head = RunHead(
         protocol=protocol,
         generator=generator,
         seed_digest=secret.digest,
-        policies=policy_digests(policies),
+        policies=digests,
         reality=reality,
         locked_in=level,
         cases=cases,
@@ -205,15 +208,8 @@ def pack(out: Path, file: Path, most_mib: float) -> int:
 
 
 def policy_digests(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each policy.
-
-    Raises:
-        BadInputError: The folder has none.
-    """
-    found = {path.stem: file_digest(path) for path in sorted(folder.glob("*.onnx"))}
-    if not found:
-        raise BadInputError(f"folder {folder} has no policy (*.onnx); name another with --policies, or leave it out")
-    return found
+    """Return the SHA-256 of each policy."""
+    return {path.stem: file_digest(path) for path in sorted(folder.glob("*.onnx"))}
 
 
 def source_digests() -> tuple[str, str]:
