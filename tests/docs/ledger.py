@@ -171,8 +171,7 @@ NOT_RUN = {
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "spot-rl bench train --json --iterations 2 --set n_envs=2048": CORES,
     (
-        "spot-rl train --config fast --device cuda --set task.commands.curriculum_iterations=250 "
-        "--set iterations=220"
+        "spot-rl train --config fast --device cuda --set task.commands.curriculum_iterations=250 --set iterations=220"
     ): GPU,
     "torchrun --nproc-per-node 2": GPU,
     "spot-rl bench ordinary": CORES,

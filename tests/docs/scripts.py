@@ -34,9 +34,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/claims/training.py": ("--envs 16",),
     "benchmarks/gait_on_robot.py": ("walk --speeds 0.5",),
     "benchmarks/has_it_changed.py": ("robots --seed 71 --to 1 --workers 1 --out changed", "score changed"),
-    "benchmarks/identify_fake.py": (
-        "--out found --truth 0 --policy walk --repeats 1 --config short.yaml",
-    ),
+    "benchmarks/identify_fake.py": ("--out found --truth 0 --policy walk --repeats 1 --config short.yaml",),
     "benchmarks/identify_session.sh": (
         "run small --truth 0 --policy walk --sequences ahead.yaml --repeats 1 --config short.yaml",
     ),
@@ -51,9 +49,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     ),
     "benchmarks/withheld_fake.py": ("--work found --policy walk --repeats 1",),
     "examples/ask_the_robot.py": ("asked",),
-    "examples/close_the_loop.py": (
-        "--robot torque_lag --out loop --improved walk --oracle walk",
-    ),
+    "examples/close_the_loop.py": ("--robot torque_lag --out loop --improved walk --oracle walk",),
     "examples/has_it_changed.py": ("changed --weeks 3 --repeats 1",),
     "examples/hidden_friction.py": ("hidden_friction",),
 }
