@@ -67,6 +67,7 @@ ELSEWHERE: dict[str, tuple[str, str]] = {
     "examples/learn_skrl.py": ("spot_rl/test_environments.py", '("skrl", "skrl")'),
     "examples/oil_drag.py": ("diagnosis/test_chosen_library.py", '"oil_drag:OilDrag"'),
     "examples/tour.ipynb": ("spot_rl/test_tour.py", "tour.ipynb"),
+    "scripts/run_notebook.py": ("spot_rl/test_tour.py", '"scripts" / "run_notebook.py"'),
     "tests/fuzz/run.py": ("docs/test_in_a_clone.py", "tests/fuzz/run.py config -runs=10"),
 }
 """Script, the test that runs it or what it calls, and its words there."""
@@ -83,6 +84,7 @@ NOT_RUN: dict[str, str] = {
     "benchmarks/mujoco_sysid.py": "needs mujoco's extra sysid, which is not among this project's packages",
     "benchmarks/withheld_share.py": "needs a folder of packed wheels, and so a network",
     "deploy/check_wheels.py": "needs a network: it asks the package index",
+    "scripts/draw_pictures.py": "needs Chromium, and pages that take commands minutes to write",
     "scripts/try_systemd.py": "needs root, and makes a container",
 }
 """Script, and why nothing runs it: what it takes from this project's packages is looked for all the same."""
