@@ -20,7 +20,7 @@ from spot_rl.inputs import policy_file
 def next_experiment(diagnosis: AnyPath, *, policy: AnyPath | Policy | None = None, seed: int = 0) -> dict[str, Any]:
     """Rank the experiments that would tell most about the cause of a gap, as ``spot-rl diagnose next`` does.
 
-    Takes two to five minutes on two cores. Writes next.html, ranking.json and a file for each experiment into the
+    Takes four to ten minutes on two cores. Writes next.html, ranking.json and a file for each experiment into the
     folder ``next`` (``next-2``, … if it is there) of the diagnosis.
 
     Args:
