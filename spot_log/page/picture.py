@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -11,9 +12,9 @@ from spot_log.page.svg import text
 
 COLOURS: Final = ("#2f6fb5", "#c8402f", "#1f8a5b", "#8446a8")
 _STYLE: Final = (
-    "<style>text{fill:#1d2730;font-family:system-ui,sans-serif}.soft{fill:#5c6b78}"
-    ".grid{stroke:#dbe2e8;stroke-width:1;fill:none}</style>"
+    "<style>svg{--line:#dbe2e8}text{fill:#1d2730;font-family:system-ui,sans-serif}.soft{fill:#5c6b78}</style>"
 )
+_MARGINS: Final = re.compile(r'style="height:([\d.]+)px;padding:0 ([\d.]+)px 0 ([\d.]+)px"')
 _TOP: Final = 24
 
 
@@ -47,11 +48,13 @@ def plot(lines: Mapping[str, Any], y_title: str, *, width: int = 760, height: in
     body = chart(drawn, y_title, x_unit=" s", width=width, height=height)
     if not body:
         raise ValueError(f"{', '.join(lines) or 'no line'}: nothing to draw, no value is finite")
-    inner = body[body.index(">") + 1 : body.rindex("</svg>")]
-    bottom = float(body.split('viewBox="0 0 ')[1].split('"')[0].split()[1])
-    names = [text(62 + 180 * i, 14, name, size=12.5, fill=colour) for i, ((name, _), colour) in enumerate(coloured)]
-    size = f'width="{width}" height="{bottom + _TOP:g}" viewBox="0 0 {width} {bottom + _TOP:g}"'
+    # A chart takes the width of its place, and leaves its margins to the style of a page; here both are fixed.
+    tall, right, left = map(float, _MARGINS.findall(body)[0])
+    inside = body[body.index(">") + 1 : body.rindex("</svg>")]
+    names = [text(left + 180 * i, 14, name, size=12.5, fill=colour) for i, ((name, _), colour) in enumerate(coloured)]
+    size = f'width="{width}" height="{tall + _TOP:g}" viewBox="0 0 {width} {tall + _TOP:g}"'
+    place = f'x="{left:g}" y="{_TOP}" width="{width - left - right:g}" height="{tall:g}" overflow="visible"'
     return Picture(
         f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{_STYLE}<rect width="100%" height="100%" fill="#fff"/>'
-        f'{"".join(names)}<g transform="translate(0 {_TOP})">{inner}</g></svg>'
+        f"{''.join(names)}<svg {place}>{inside}</svg></svg>"
     )
