@@ -9,21 +9,9 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import BadInputError
-from spot_model.policy.built_in import policy_file
+from spot_model.policy.built_in import policy_file, policy_or_log
 
 USUAL_MODEL = "paper_identified"
-
-
-def policy_or_log(text: str) -> Path:
-    """A policy by its name or path, or a log by its path.
-
-    Raises:
-        BadInputError: It does not exist.
-    """
-    path = Path(text)
-    if ".mcap" in path.name and not path.exists():
-        raise BadInputError(f"log {text!r} does not exist (looked in {Path.cwd()}); give the path of a log, *.mcap")
-    return policy_file(text)
 
 
 def play(

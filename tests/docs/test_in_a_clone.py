@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from .ledger import runs
-from .shell import bash, block_with
+from .shell import bash
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -22,8 +22,7 @@ def digests(folder: Path) -> dict[str, str]:
 
 @runs("make setup", ". .venv/bin/activate", "make help", "spot-rl --help")
 def test_set_up_and_activate(project: Path) -> None:
-    block = block_with("first-run-fake", "make setup")
-    told = bash(f"{block.text}\nmake help\nspot-rl --help", project)
+    told = bash("make setup\n. .venv/bin/activate\nmake help\nspot-rl --help", project)
     assert "make demo" in told
     assert "fake-robot" in told
 

@@ -36,6 +36,15 @@ def policy_or_run(name_or_path: str | os.PathLike[str]) -> Path:
     return _find(name_or_path, ".onnx", "policy or run", "the path of an ONNX file, a run's folder or checkpoint")
 
 
+def policy_or_log(name_or_path: str | os.PathLike[str]) -> Path:
+    """Like :func:`policy_file`, where a training's folder or a log will do as well.
+
+    Raises:
+        BadInputError: It is neither a built-in name nor a path of something that exists.
+    """
+    return _find(name_or_path, ".onnx", "policy or log", "the path of an ONNX file, a run's folder or a log (*.mcap)")
+
+
 def config_file(name_or_path: str | os.PathLike[str]) -> Path:
     """A built-in training config by name, or the path that was given.
 
