@@ -70,7 +70,7 @@ def test_the_table_counts_what_each_means_ranks_first(tmp_path: Path, capsys: py
             "cma_es": {"gap": 1.0, "effects": {"armature": -1.0} if is_faulty else {}},
         }
         (tmp_path / f"{number}.json").write_text(json.dumps(row))
-    script.table(Namespace(folder=tmp_path))
+    script.table(Namespace(folder=tmp_path, below=9))
     told = json.loads(capsys.readouterr().out.split("\n\n|")[0])
     assert told["ours"]["first"].startswith("100 % (2/2")
     assert told["least_squares"]["first"].startswith("100 % (2/2")

@@ -17,6 +17,7 @@ from spot_log import read_run
 from spot_log.importing import Mapping, import_log
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import DEFAULT_POSITION_RAD, JOINT_NAMES
 from trainer.signals.recording import record
@@ -83,7 +84,7 @@ def test_one_log_of_another_robot_and_policy_is_set_aside_in_what_follows_too(
     monkeypatch.chdir(POLICIES.parent)
     monkeypatch.setattr("diagnosis.next.session.found_in", lambda _: None)
     session = Session.opened(tmp_path, [], None, None, 0)
-    assert session.inputs.policy == str(POLICIES / "walk.onnx")
+    assert session.inputs.policy == str(policy_file("walk"))
 
 
 def test_a_robot_that_got_no_command_says_nothing_beside_one_that_did(tmp_path: Path) -> None:
@@ -148,18 +149,18 @@ def _by(run: Run, sha256: str, name: str) -> Run:
 def test_the_policy_must_be_the_logs(run: Run) -> None:
     walk = load_policy(POLICIES / "walk.onnx")
     mine = _by(run, walk.sha256, "walk")
-    found = find_policy(None, [mine], POLICIES)
+    found = find_policy(None, [mine])
     assert found is not None
     assert found.sha256 == walk.sha256
-    assert find_policy_file(None, [mine], POLICIES) == POLICIES / "walk.onnx"
+    assert find_policy_file(None, [mine]) == policy_file("walk")
     assert find_policy(POLICIES / "walk.onnx", [mine]) is not None
     # A log that names no policy is taken at the user's word.
     assert find_policy(POLICIES / "baseline.onnx", [run]) is not None
-    assert find_policy(None, [run], POLICIES) is None
+    assert find_policy(None, [run]) is None
     with pytest.raises(BadInputError, match=r"baseline.onnx has SHA-256 .*a.mcap was made by walk .*leave --policy"):
         find_policy(POLICIES / "baseline.onnx", [mine])
     with pytest.raises(BadInputError, match=r"logs of 2 policies: a.mcap: .*diagnose logs of one policy at a time"):
-        find_policy(None, [mine, _by(run, "0" * 64, "other")], POLICIES)
+        find_policy(None, [mine, _by(run, "0" * 64, "other")])
 
 
 def test_logs_of_one_network_at_other_gains_stand_beside_the_policys_own(run: Run) -> None:
@@ -170,7 +171,7 @@ def test_logs_of_one_network_at_other_gains_stand_beside_the_policys_own(run: Ru
     for sha, contract in ((walk.sha256, walk.contract), (walk.sha256, walk.contract), ("1" * 64, stiff)):
         own = replace(run.header, policy_sha256=sha, policy_contract_json=contract.to_json(), policy_name=contract.name)
         logs.append(replace(run, header=replace(own, command_sequence="ahead")))
-    found = find_policy(None, logs, POLICIES)
+    found = find_policy(None, logs)
     assert found is not None
     assert found.sha256 == walk.sha256
     apart, notes = apart_by_gains(logs, found)

@@ -80,7 +80,7 @@ def test_a_comparison_is_a_page_and_a_ghost(walks: list[Run], in_project: None, 
     *told, compared = found.sentences
     assert compared.startswith("Compared: ")
     for sentence, name in zip(told, ("second", "ideal"), strict=True):
-        assert sentence.startswith("first walks at 0.")
+        assert sentence.startswith("first moves at 0.")
         assert f", {name} at 0." in sentence
     # The same robot twice is nearer to itself than to a model without its friction, limits and rotors.
     assert found.differences[0].largest[2] < found.differences[1].largest[2]

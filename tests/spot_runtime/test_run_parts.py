@@ -338,10 +338,10 @@ def test_a_log_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
-        (["--robot", "h:x", "--policy", "p.onnx"], 2, "robot address 'h:x' is not valid"),
-        (["--robot", "h", "--policy", "none.onnx"], 3, "policy none.onnx cannot be read"),
+        (["--robot", "h:x", "--policy", "walk"], 2, "robot address 'h:x' is not valid"),
+        (["--robot", "h", "--policy", "none.onnx"], 3, "policy 'none.onnx' does not exist"),
         (["--robot", "h", "--policy", "{cut}"], 3, "no readable ONNX model"),
-        (["--robot", "h", "--policy", "p.onnx", "--config", "none.yaml"], 2, "configuration none.yaml cannot be read"),
+        (["--robot", "h", "--policy", "walk", "--config", "none.yaml"], 2, "configuration none.yaml cannot be read"),
     ],
 )
 def test_bad_words_on_the_command_line(

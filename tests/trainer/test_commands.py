@@ -18,9 +18,9 @@ def fails(*words: str) -> str:
 
 
 def test_train_says_what_is_wrong() -> None:
-    assert "give either --config FILE or --resume RUN" in fails("train")
+    assert "give either --config CONFIG or --resume RUN" in fails("train")
     assert "'gate' is unknown" in fails("train", "--config", CONFIG, "--set", "rewards.gate=1")
-    assert "cannot be read" in fails("train", "--config", "nowhere.yaml")
+    assert "does not exist" in fails("train", "--config", "nowhere.yaml")
     assert "a resumed run keeps its config" in fails("train", "--resume", "runs/x", "--set", "seed=3")
     assert "'tpu' is unknown" in fails("train", "--config", CONFIG, "--device", "tpu")
 

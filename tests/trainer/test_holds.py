@@ -103,9 +103,10 @@ def test_the_page_colours_by_how_many_hold() -> None:
         "conditions": [condition("5° up", 95, 0.87), condition("10° up", 94, None)],
     }
     page = _holds(figures)
-    good, bad = page.split("10° up")
+    assert page.index("5° up") < page.index("10° up")
+    good, bad = page.split("<rect")[1:]
     assert "95 of 100 · 87 %" in good
     assert "var(--good)" in good
     assert "94 of 100<" in bad
     assert "var(--bad)" in bad
-    assert "99 of 100 stayed up, 94 of them got on" in bad
+    assert "99 of 100 stayed up, 94 of them kept the speed" in bad

@@ -13,6 +13,12 @@ WALK: Final = Path("walk")
 """The policy of commands that need any that walks."""
 
 
+class NoPolicyError(BadInputError):
+    """There is no such policy."""
+
+    exit_code = 3
+
+
 def built_in_files(suffix: str) -> dict[str, Path]:
     """The files of a kind by name, such as ``walk``."""
     return {path.stem: path for path in sorted(FOLDER.rglob(f"*{suffix}")) if not path.stem.endswith(".card")}
@@ -22,7 +28,7 @@ def policy_file(name_or_path: str | os.PathLike[str]) -> Path:
     """A built-in policy by name, or the path that was given.
 
     Raises:
-        BadInputError: It is neither a built-in name nor a path of something that exists.
+        NoPolicyError: It is neither a built-in name nor a path of something that exists.
     """
     return _find(name_or_path, ".onnx", "policy", "the path of an ONNX file")
 
@@ -31,7 +37,7 @@ def policy_or_run(name_or_path: str | os.PathLike[str]) -> Path:
     """Like :func:`policy_file`, where a training's folder or checkpoint will do as well.
 
     Raises:
-        BadInputError: It is neither a built-in name nor a path of something that exists.
+        NoPolicyError: It is neither a built-in name nor a path of something that exists.
     """
     return _find(name_or_path, ".onnx", "policy or run", "the path of an ONNX file, a run's folder or checkpoint")
 
@@ -40,7 +46,7 @@ def policy_or_log(name_or_path: str | os.PathLike[str]) -> Path:
     """Like :func:`policy_file`, where a training's folder or a log will do as well.
 
     Raises:
-        BadInputError: It is neither a built-in name nor a path of something that exists.
+        NoPolicyError: It is neither a built-in name nor a path of something that exists.
     """
     return _find(name_or_path, ".onnx", "policy or log", "the path of an ONNX file, a run's folder or a log (*.mcap)")
 
@@ -59,7 +65,8 @@ def _find(name_or_path: str | os.PathLike[str], suffix: str, kind: str, allowed:
     if text in built_in:
         return built_in[text]
     if not text or not Path(text).exists():
-        raise BadInputError(
+        error = BadInputError if suffix == ".yaml" else NoPolicyError
+        raise error(
             f"{kind} {text!r} does not exist (looked in {Path.cwd()}); allowed: {allowed}, or a built-in name: "
             f"{', '.join(built_in)}"
         )

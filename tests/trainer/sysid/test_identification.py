@@ -79,7 +79,7 @@ def test_the_page_stands_alone_and_escapes_what_it_shows(out: Path) -> None:
     assert "Not identified" in page
     assert "x.mcap: &lt;left&gt; out" in page
     assert 'src="http' not in page
-    for name in ("score of each generation", "fr_kn action"):
+    for name in ("best of the generation", "fr_kn action"):
         assert name in page
 
 
