@@ -26,7 +26,8 @@ class ServiceConfig(Settings):
     tls_key: Path | None = Field(default=None, description="PEM file: its key, readable by its owner alone.")
     tls_client_ca: Path | None = Field(default=None, description="PEM file: who signs the operators' certificates.")
     policies: Path | None = Field(
-        default=None, description="Folder whose .onnx files may be armed, by name; null: the built-in policies."
+        default=None,
+        description="Folder whose .onnx files may be armed, by name; null: ./policies, or else the built-in ones.",
     )
     policy_sha256: tuple[str, ...] = Field(
         default=(), max_length=1000, description="If given, only policies with one of these digests may be armed."

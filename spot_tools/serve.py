@@ -37,7 +37,9 @@ def serve(
     robot: RobotAddress,
     policies: Annotated[
         Path | None,
-        typer.Option(help="Folder of the policies that may be armed, by name; by default the built-in ones."),
+        typer.Option(
+            help="Folder of the policies that may be armed, by name; by default ./policies, or else the built-in ones."
+        ),
     ] = None,
     listen: Annotated[
         str | None,
@@ -91,6 +93,7 @@ def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> N
         server = OperatorServer(supervisor, config)
         try:
             supervisor.begin()
+            console.say(f"policies that may be armed: those in {supervisor.policies.folder}")
             console.say(f"idle; operators reach this service at {server.address}")
             manager.ready()
             manager.status("idle")

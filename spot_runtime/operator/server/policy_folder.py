@@ -19,6 +19,8 @@ from spot_runtime.operator.door.access import Refusal, bad_request, not_now
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 SUFFIX: Final = ".onnx"
 MAX_LISTED: Final = 200
+OWN: Final = Path("policies")
+"""In the working folder: whoever keeps policies there means those, whatever the built-in ones are called."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,13 @@ class PolicyFolder:
     """Looks policies up by name. A name is not a path, so nothing outside the folder can be reached."""
 
     def __init__(self, config: ServiceConfig) -> None:
-        """The folder that a configuration names; what may be armed is as it says."""
-        self._folder, self._config = config.policies or FOLDER, config
+        """The folder that a configuration names, else ``policies`` here if there is one, else the built-in ones."""
+        self.folder = config.policies or (OWN if OWN.is_dir() else FOLDER)
+        self._config = config
 
     def list(self) -> list[OfferedPolicy]:
         """All that can be named, at most :data:`MAX_LISTED`."""
-        paths = sorted(self._folder.glob(f"*{SUFFIX}")) if self._folder.is_dir() else []
+        paths = sorted(self.folder.glob(f"*{SUFFIX}")) if self.folder.is_dir() else []
         found = [self._read(path) for path in paths[:MAX_LISTED] if NAME.fullmatch(path.stem)]
         return [policy for policy in found if policy is not None]
 
@@ -64,10 +67,10 @@ class PolicyFolder:
                 f"policy name {name[:80]!r} is not valid; allowed: letters, digits, '.', '_' and '-', at most 64, and "
                 "no path; see 'spot-rl ctl policies'"
             )
-        policy = self._read(self._folder / f"{name}{SUFFIX}")
+        policy = self._read(self.folder / f"{name}{SUFFIX}")
         if policy is None:
             there = ", ".join(p.name for p in self.list()) or "none"
-            raise not_now(f"there is no policy {name!r} in {self._folder}; there are: {there}")
+            raise not_now(f"there is no policy {name!r} in {self.folder}; there are: {there}")
         if sha256 and sha256.lower() != policy.sha256:
             raise not_now(f"policy {name!r} has SHA-256 {policy.sha256}, not {sha256[:64]}; copy the right file there")
         if not policy.is_allowed:

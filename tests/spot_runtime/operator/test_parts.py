@@ -252,6 +252,18 @@ def test_policies_are_found_by_name_alone(tmp_path: Path) -> None:
             shelf.find(name, sha256)
 
 
+def test_a_folder_of_policies_here_comes_before_the_built_in_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "fast" in {p.name for p in PolicyFolder(ServiceConfig()).list()}
+    (tmp_path / "policies").mkdir()
+    (tmp_path / "policies" / "walk.onnx").write_bytes(b"mine")
+    mine = PolicyFolder(ServiceConfig())
+    assert [p.name for p in mine.list()] == ["walk"]
+    assert mine.find("walk", "").size_bytes == 4
+
+
 def test_only_allowed_digests_may_be_armed(tmp_path: Path) -> None:
     (tmp_path / "walk.onnx").write_bytes(b"one")
     digest = PolicyFolder(ServiceConfig(policies=tmp_path)).find("walk", "").sha256
