@@ -37,9 +37,7 @@ def serve(
     robot: RobotAddress,
     policies: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder of the policies that may be armed, by name; by default ./policies, or else the built-in ones."
-        ),
+        typer.Option(help="Folder of the policies that may be armed, by name; else ./policies, or the built-in ones."),
     ] = None,
     listen: Annotated[
         str | None,
