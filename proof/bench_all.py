@@ -25,6 +25,7 @@ from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.yaml_text import read_yaml
 from spot_model.process.child_process import module_command
+from spot_model.process.inherited import environment_as_inherited
 from spot_model.process.signals import exit_on_termination
 from spot_model.version import software_revision
 
@@ -34,10 +35,20 @@ Parts = dict[tuple[str, int], dict[str, Any]]
 """What each script printed, by claim and repeat."""
 
 
+Bound = Annotated[str, Field(pattern=r"^(([<>]=) [\d.]+)?$")]
+"""``>= 4``, or with ``<=``."""
+
+
 class ScriptError(SpotRlError):
     """A script of a claim failed; the message holds its last words."""
 
     exit_code = 92
+
+
+class RegressionError(SpotRlError):
+    """A ratio lies beyond its guard; the message names it."""
+
+    exit_code = 93
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -47,8 +58,10 @@ class Ratio:
     over: str
     under: str = ""
     """Empty: the figure by itself."""
-    asked: Annotated[str, Field(pattern=r"^(([<>]=) [\d.]+)?$")] = ""
-    """``>= 4``, or with ``<=``; empty: nothing is asked."""
+    asked: Bound = ""
+    """The target; empty: nothing is asked."""
+    guard: Bound = ""
+    """Beyond this the ratio is a regression, on any computer; empty: it is not guarded."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -61,6 +74,11 @@ class Claim:
     """Expected time of one repeat on two idle cores, s; the time left follows from it."""
     ratios: dict[str, Ratio] = field(default_factory=dict)
     repeats: int = 3
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether one of its ratios has a guard."""
+        return any(ratio.guard for ratio in self.ratios.values())
 
 
 def read_claims(folder: Path = BENCHMARKS) -> dict[str, Claim]:
@@ -81,13 +99,18 @@ def all_claims(
     as_json: AsJson = False,
     only: Annotated[list[str] | None, typer.Option(help="Name of a claim, or its beginning; repeatable.")] = None,
     repeats: Annotated[int, typer.Option(min=0, max=100, help="Repeats of each claim; 0: its default.")] = 0,
+    guard: Annotated[bool, typer.Option("--guard", help="Guarded claims alone; fail at a regression.")] = False,
 ) -> None:
     """Measure every claim against its alternatives; run it in the project's folder."""
     claims = read_claims()
     for word in only or []:
         if not any(name.startswith(word) for name in claims):
             raise BadInputError(f"there is no claim {word!r}; there are {', '.join(map(repr, claims))}")
-    claims = {name: claim for name, claim in claims.items() if not only or name.startswith(tuple(only))}
+    claims = {
+        name: claim
+        for name, claim in claims.items()
+        if (not only or name.startswith(tuple(only))) and (not guard or claim.is_guarded)
+    }
     file = ResultFile(out, head())
     parts: Parts = {(part["claim"], part["repeat"]): part["told"] for part in file.earlier}
     # In rounds: each claim once, then each once more.
@@ -118,6 +141,14 @@ def all_claims(
     typer.echo(json.dumps(result, ensure_ascii=False) if as_json else table(result))
     if failed:
         raise ScriptError(f"{', '.join(failed)}: a script failed, see above; the same command measures what is missing")
+    broken = [
+        f"{name}: {label} is {found['median']:g}, guarded at {found['guard']}"
+        for name, claim in result["claims"].items()
+        for label, found in claim["ratios"].items()
+        if not found.get("is_guard_kept", True)
+    ]
+    if guard and broken:
+        raise RegressionError("; ".join(broken))
 
 
 def head() -> dict[str, Any]:
@@ -139,7 +170,8 @@ def run_script(script: str) -> dict[str, Any]:
     words = shlex.split(script)
     own = [sys.executable, str(BENCHMARKS / words[0]), *words[1:]]
     command = module_command("spot_model", *words[1:]) if words[0] == "spot-rl" else own
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(Path.cwd()), os.environ.get("PYTHONPATH", "")))}
+    paths = os.pathsep.join((str(Path.cwd()), os.environ.get("PYTHONPATH", "")))
+    environment = {**environment_as_inherited(os.environ), "PYTHONPATH": paths}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
     try:
         if done.returncode == 0:
@@ -177,14 +209,21 @@ def flat(told: Mapping[str, Any], before: str = "") -> dict[str, float]:
 
 
 def judge_ratio(ratio: Ratio, repeats: list[dict[str, float]]) -> dict[str, Any]:
-    """A ratio within each repeat, its median and spread, and whether the median is as asked."""
+    """A ratio within each repeat, its median and spread, and whether the median is as asked and keeps its guard."""
     values = [r[ratio.over] / (r[ratio.under] if ratio.under else 1.0) for r in repeats]
-    found: dict[str, Any] = spread(values) if values else {}
-    if ratio.asked and values:
-        sign, bound = ratio.asked.split()
-        is_low_enough, is_high_enough = found["median"] <= float(bound), found["median"] >= float(bound)
-        found |= {"asked": ratio.asked, "holds": is_low_enough if sign == "<=" else is_high_enough}
+    if not values:
+        return {}
+    found: dict[str, Any] = spread(values)
+    for key, bound, verdict in (("asked", ratio.asked, "holds"), ("guard", ratio.guard, "is_guard_kept")):
+        if bound:
+            found |= {key: bound, verdict: is_within(found["median"], bound)}
     return found
+
+
+def is_within(value: float, bound: str) -> bool:
+    """Whether a value keeps a bound such as ``<= 2``."""
+    sign, number = bound.split()
+    return value <= float(number) if sign == "<=" else value >= float(number)
 
 
 def spread(values: list[float]) -> dict[str, float]:

@@ -13,6 +13,7 @@ import pytest
 from proof.bench_all import (
     Claim,
     Ratio,
+    RegressionError,
     ScriptError,
     all_claims,
     flat,
@@ -52,7 +53,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(capsys: pytest.CaptureFixture[str], **given: Any) -> dict[str, Any]:
-    options: dict[str, Any] = {"out": Path("parts.jsonl"), "as_json": True, "only": None, "repeats": 0, **given}
+    options: dict[str, Any] = {
+        "out": Path("parts.jsonl"),
+        "as_json": True,
+        "only": None,
+        "repeats": 0,
+        "guard": False,
+        **given,
+    }
     all_claims(**options)
     result: dict[str, Any] = json.loads(capsys.readouterr().out)
     return result
@@ -103,6 +111,28 @@ def test_a_file_of_something_else_is_refused_and_kept(folder: Path, capsys: pyte
 def test_a_script_that_fails_is_told_with_its_last_words(folder: Path) -> None:
     with pytest.raises(ScriptError, match=r"(?s)broken\.py ended with exit code 1.*no robot today"):
         run_script("broken.py")
+
+
+def test_a_script_finds_the_module_beside_it_also_where_ours_are_kept_from_that(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "benchmarks" / "peer.py").write_text("US = 3")
+    (folder / "benchmarks" / "with_peer.py").write_text("import json, peer\nprint(json.dumps({'us': peer.US}))")
+    monkeypatch.setenv("PYTHONSAFEPATH", "1")  # as `spot-rl` sets it for what it starts
+    assert run_script("with_peer.py") == {"us": 3}
+
+
+def test_a_regression_fails_and_unguarded_claims_are_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    listed = folder / "benchmarks" / "claims.yaml"
+    listed.write_text(LIST.replace("asked: '>= 5'", "asked: '>= 5', guard: '>= 3'"))
+    told = run(capsys, guard=True)
+    assert list(told["claims"]) == ["count"]
+    assert told["claims"]["count"]["ratios"]["times"]["is_guard_kept"] is True
+    listed.write_text(LIST.replace("asked: '>= 5'", "guard: '>= 4.5'"))
+    with pytest.raises(RegressionError, match=r"count: times is 4, guarded at >= 4\.5"):
+        run(capsys, guard=True)
+    capsys.readouterr()
+    run(capsys)  # measuring alone fails for no ratio
 
 
 def test_a_script_that_fails_costs_no_other_its_result_and_is_tried_again(
