@@ -1,8 +1,8 @@
 """Where the time of a control tick goes: median and 99th percentile of each part, in µs.
 
 Runs `spot-rl run` for standing in real time against a fake robot, with timers around the parts of the loop. What lies
-within a part is counted there and not above it, so the medians add up to about the whole. The timers themselves take
-some 5 µs of a tick.
+within a part is counted there and not above it, so the medians add up to about the whole. The timers make the tick
+longer, by about a tenth.
 
     python benchmarks/loop_parts.py [--busy 2] [--seconds 10] [--policy walk]
 """
