@@ -16,6 +16,7 @@ with log loss and expected calibration error on robots that were not fitted (ten
 from __future__ import annotations
 
 import json
+import signal
 import tempfile
 import time
 from argparse import ArgumentParser, Namespace
@@ -197,13 +198,37 @@ def robots(given: Namespace) -> None:
     """Make what is missing."""
     given.out.mkdir(parents=True, exist_ok=True)
     numbers = list(islice(ensemble(given.seed), given.first, given.to))
+    late_s = time.monotonic() + given.until
+    make_all(_unless_late, [(late_s, given.seed, n, given.out) for n in numbers], given.workers)
+
+
+def make_all(
+    make: Callable[..., str],
+    robots: Sequence[tuple[Any, ...]],
+    workers: int,
+    prepare: Callable[[], object] | None = None,
+) -> None:
+    """Call ``make`` for each robot in processes, and print what it says. A robot that fails ends no other.
+
+    Ctrl-C ends all processes at once; what is missing then is for the next call.
+    """
     began_s = time.monotonic()
-    with ProcessPoolExecutor(given.workers) as pool:
-        late_s = began_s + given.until
-        waiting = [pool.submit(_unless_late, late_s, given.seed, n, given.out) for n in numbers]
-        for k, done in enumerate(as_completed(waiting), 1):
-            left_s = (time.monotonic() - began_s) / k * (len(waiting) - k)
-            print(f"{_said(done)} ({k} of {len(waiting)}, {left_s / 60:.0f} min left)", flush=True)
+    with ProcessPoolExecutor(workers, initializer=_begin, initargs=(prepare,)) as pool:
+        waiting = [pool.submit(make, *robot) for robot in robots]
+        try:
+            for k, done in enumerate(as_completed(waiting), 1):
+                left_s = (time.monotonic() - began_s) / k * (len(waiting) - k)
+                print(f"{_said(done)} ({k} of {len(waiting)}, {left_s / 60:.0f} min left)", flush=True)
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _begin(prepare: Callable[[], object] | None) -> None:
+    # An interrupted task would be a failed one, and the next would begin.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if prepare is not None:
+        prepare()
 
 
 def _said(done: Any) -> str:

@@ -13,12 +13,11 @@ from __future__ import annotations
 import json
 import tempfile
 from argparse import Namespace
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from calibrate_diagnosis import two_steps
+from calibrate_diagnosis import make_all, two_steps
 
 from diagnosis.report.drift import drift_of, significant
 from diagnosis.report.history import Dated
@@ -79,9 +78,7 @@ def robot(seed: int, number: int, out: Path) -> str:
 
 def robots(given: Namespace) -> None:
     """Make what is missing."""
-    with ProcessPoolExecutor(given.workers) as pool:
-        for told in pool.map(robot, *zip(*((given.seed, n, given.out) for n in range(given.to)), strict=True)):
-            print(told, flush=True)
+    make_all(robot, [(given.seed, n, given.out) for n in range(given.to)], given.workers)
 
 
 def score(given: Namespace) -> None:

@@ -17,13 +17,12 @@ import shutil
 import time
 from argparse import Namespace
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import count, islice
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from calibrate_diagnosis import two_steps
+from calibrate_diagnosis import make_all, two_steps
 
 from diagnosis.closed_loop.run_numbers import run_numbers
 from diagnosis.next.prediction import load_prediction, with_log
@@ -104,9 +103,7 @@ def robots(given: Namespace) -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     late_s = time.monotonic() + given.until
     numbers = list(islice((n for n in count() if kind_of(given.seed, n) in given.kinds), given.count))
-    with ProcessPoolExecutor(given.workers) as pool:
-        for done in as_completed([pool.submit(robot, n, given, late_s) for n in numbers]):
-            print(done.result(), flush=True)
+    make_all(robot, [(n, given, late_s) for n in numbers], given.workers)
 
 
 def score(given: Namespace) -> None:

@@ -23,7 +23,7 @@ import sys
 import time
 from argparse import Namespace
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,7 +35,7 @@ from torch import set_num_threads
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calibrate_diagnosis import POLICIES, recorded, two_steps
+from calibrate_diagnosis import POLICIES, make_all, recorded, two_steps
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
@@ -134,14 +134,8 @@ def robots(given: Namespace) -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     late_s = time.monotonic() + given.until
     numbers = [n for n in range(given.first, given.to) if kind_of(given.seed, n) in KINDS]
-    with ProcessPoolExecutor(given.workers, initializer=set_num_threads, initargs=(1,)) as pool:
-        waiting = [pool.submit(robot, given.seed, n, given.catalogue, given.out, late_s) for n in numbers]
-        for k, done in enumerate(as_completed(waiting), 1):
-            try:
-                told = done.result()
-            except Exception as error:  # noqa: BLE001 - one broken robot must not end the others
-                told = f"failed: {type(error).__name__}: {error}"
-            print(f"{told} ({k} of {len(waiting)})", flush=True)
+    robots = [(given.seed, n, given.catalogue, given.out, late_s) for n in numbers]
+    make_all(robot, robots, given.workers, partial(set_num_threads, 1))
 
 
 def said(row: Mapping[str, Any], healthy: list[Any]) -> dict[str, tuple[float, dict[str, float]]]:
