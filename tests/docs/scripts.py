@@ -38,6 +38,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/identify_session.sh": (
         "run small --truth 0 --policy walk --sequences ahead.yaml --repeats 1 --config short.yaml",
     ),
+    "benchmarks/loop_parts.py": ("--seconds 2",),
     "benchmarks/judge_policy.py": ("walk --n 2 --seeds 2",),
     "benchmarks/predict_withheld.py": (
         "robots --seed 51 --count 1 --speed 1 --policy walk --out predicted",
