@@ -41,15 +41,15 @@ class ScriptedSource:
     def __init__(self, sequence: VelocitySequence, *, duration_s: float | None = None) -> None:
         """Play ``sequence``, or (with ``duration_s``, above 0) over and over until that time is up."""
         self.name = sequence.name
-        self._sequence = sequence
+        self._commands, self._duration_s = sequence.commands, sequence.duration_s
         self._total_s = sequence.duration_s if duration_s is None else duration_s
 
     def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         """See the protocol."""
         del host_stamp_ns
         if active_s >= self._total_s:
-            return Wanted(self._sequence.at(self._sequence.duration_s), is_finished=True)
-        return Wanted(self._sequence.at(active_s % self._sequence.duration_s))
+            return Wanted(self._commands.at(self._duration_s), is_finished=True)
+        return Wanted(self._commands.at(active_s % self._duration_s))
 
     def close(self) -> None:
         """Nothing is held."""

@@ -6,9 +6,8 @@ import json
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from operator import attrgetter
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import yaml
@@ -45,6 +44,24 @@ class Waypoint(Settings):
         return (self.v_x_m_s, self.v_y_m_s, self.yaw_rate_rad_s)
 
 
+class Commands(NamedTuple):
+    """The waypoints of a sequence on plain numbers: with cold caches, reading models costs a control tick 20 µs."""
+
+    times_s: Sequence[float]
+    commands: Sequence[tuple[float, float, float]]
+    """V_x, V_y (m/s), ω_z (rad/s)."""
+    ramps: Sequence[bool]
+
+    def at(self, time_s: float) -> Array:
+        """The command at a time, shape (3,): V_x, V_y (m/s), ω_z (rad/s); the last one holds after the end."""
+        times_s, commands, ramps = self
+        index = max(0, bisect_right(times_s, time_s) - 1)
+        if index + 1 == len(times_s) or not ramps[index + 1]:
+            return np.array(commands[index])
+        share = (time_s - times_s[index]) / (times_s[index + 1] - times_s[index])
+        return np.array([a + share * (b - a) for a, b in zip(commands[index], commands[index + 1], strict=True)])
+
+
 class VelocitySequence(Settings):
     """A named sequence of velocity commands over ``duration_s``."""
 
@@ -64,21 +81,20 @@ class VelocitySequence(Settings):
         if times[-1] > self.duration_s:
             raise ValueError(f"waypoints: time_s = {times[-1]} lies after duration_s = {self.duration_s}")
 
+    @property
+    def commands(self) -> Commands:
+        """The waypoints as plain numbers."""
+        points = self.waypoints
+        return Commands([w.time_s for w in points], [w.command for w in points], [w.ramp for w in points])
+
     def at(self, time_s: float) -> Array:
-        """The command at a time, shape (3,): V_x, V_y (m/s), ω_z (rad/s); the last one holds after the end."""
-        index = max(0, bisect_right(self.waypoints, time_s, key=attrgetter("time_s")) - 1)
-        latest = self.waypoints[index]
-        now = np.array(latest.command)
-        if index + 1 < len(self.waypoints) and self.waypoints[index + 1].ramp:
-            following = self.waypoints[index + 1]
-            share = (time_s - latest.time_s) / (following.time_s - latest.time_s)
-            now = now + share * (np.array(following.command) - now)
-        return now
+        """See :meth:`Commands.at`, which is the faster one for many times."""
+        return self.commands.at(time_s)
 
     def sampled(self, rate_hz: float) -> Array:
         """All commands at a fixed rate, shape (duration · rate, 3)."""
-        count = round(self.duration_s * rate_hz)
-        return np.array([self.at(i / rate_hz) for i in range(count)])
+        count, commands = round(self.duration_s * rate_hz), self.commands
+        return np.array([commands.at(i / rate_hz) for i in range(count)])
 
     def clipped(self, low: Array, high: Array) -> VelocitySequence:
         """The same sequence within a policy's command range, each shape (3,)."""

@@ -233,12 +233,22 @@ class Policy:
                 observed(ordered, part.name)[...] = values[..., self.policy_from_canonical]
         return ordered
 
+    @cached_property
+    def _defaults(self) -> list[tuple[int, float]]:
+        """For each canonical joint, its place in the policy's order and its default position, rad."""
+        defaults_rad = self.default_position_rad.tolist()
+        return [(i, defaults_rad[i]) for i in self.canonical_from_policy.tolist()]
+
     def setpoint_rad(self, action: NDArray[Any]) -> Array:
         """Joint position set-points of an action, canonical order. Shape (..., 12), rad.
 
         Raises:
             PolicyError: The action is not made of 12 numbers.
         """
+        if getattr(action, "shape", None) == (facts.N_JOINTS,) and action.dtype == np.float32:
+            # That of a tick: on plain numbers, as the observation of one robot is, and the same bit for bit.
+            scale_rad, numbers = self.contract.action_scale_rad, action.tolist()
+            return np.array([scale_rad * numbers[i] + default_rad for i, default_rad in self._defaults])
         try:
             given = np.asarray(action, dtype=np.float64)
         except (TypeError, ValueError):

@@ -115,6 +115,8 @@ def test_another_joint_order_is_undone_on_both_sides():
     action = np.array([float(i) for i in isaac])
     np.testing.assert_allclose(policy.setpoint_rad(action), facts.DEFAULT_POSITION_RAD + 0.2 * np.arange(12))
     np.testing.assert_array_equal(policy.gains().kp_nm_per_rad, np.arange(1.0, 13.0))
+    actions = np.random.default_rng(1).normal(size=(20, 12)).astype(np.float32)  # one by one as all at once
+    np.testing.assert_array_equal([policy.setpoint_rad(a) for a in actions], policy.setpoint_rad(actions))
 
 
 def test_what_does_not_hold_is_refused_with_what_was_expected(tmp_path: Path):
