@@ -26,6 +26,7 @@ from diagnosis.next.trial import STAND_S, burden, refusals, try_on
 from spot_log.read.run import Run
 from spot_model.effects.friction import Armature
 from spot_model.io.model_file import load_model
+from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.rotation import tilt_rad
@@ -47,7 +48,7 @@ def tilts_deg(runs: Sequence[Run]) -> list[float]:
 def main(arguments: Sequence[str]) -> None:
     """Run what is missing, print a line each, draw."""
     parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--policy", type=Path, required=True)
+    parser.add_argument("--policy", type=policy_file, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--robots", type=int, default=50)
