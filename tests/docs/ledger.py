@@ -180,14 +180,13 @@ NOT_RUN = {
     "spot-rl bench stop --stops 11": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --only 100 Hz": "a row of the matrix, which tests/spot_runtime/faults/test_matrix.py tries",
     "spot-rl bench faults --search --minutes 8 --seed 301": "the same, for eight minutes",
-    "spot-rl bench all --repeats 1": "takes seven minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench all --json": "takes twenty minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench sysid --device cuda --population 250 --generations 4 --json": "needs an NVIDIA GPU",
     "spot-rl sysid LOGS --policy POLICY.onnx --config SEARCH.yaml --out found --engine ray --ray-address FIRST:6379": (
         "needs ten machines; tests/test_on_ray.py has two nodes"
     ),
     "spot-rl bench sysid --json": "takes ten seconds of CPU time at its smallest; identification itself is played",
-    "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy walk --out DIR": (
+    "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy fast --out DIR": (
         "takes minutes with twenty logs of half a minute; shorter ones are diagnosed on the same page"
     ),
 }
