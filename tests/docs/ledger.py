@@ -178,7 +178,7 @@ NOT_RUN = {
     "spot-rl bench ordinary --runs 10 --policy NAME --out NAME.jsonl": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --stops 11": "floods a service for minutes in real time, as the line above",
-    "spot-rl bench faults --only 100 Hz": "a row of the matrix, which tests/spot_runtime/faults/test_matrix.py tries",
+    "spot-rl bench faults --quick --json": "rows of the matrix, which tests/spot_runtime/faults/test_matrix.py tries",
     "spot-rl bench faults --search --minutes 8 --seed 301": "the same, for eight minutes",
     "spot-rl bench all --json": "takes twenty minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench sysid --device cuda --population 250 --generations 4 --json": "needs an NVIDIA GPU",
