@@ -16,12 +16,10 @@ with log loss and expected calibration error on robots that were not fitted (ten
 from __future__ import annotations
 
 import json
-import signal
 import tempfile
 import time
-from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from argparse import Namespace
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count, islice
 from pathlib import Path
@@ -29,6 +27,7 @@ from typing import Any, Final
 
 import numpy as np
 from calibration_forms import NOTHING, fit
+from many_robots import make_all, two_steps
 from numpy.typing import NDArray
 
 from diagnosis.closed_loop.simulation import rollouts_under
@@ -202,61 +201,8 @@ def robots(given: Namespace) -> None:
     make_all(_unless_late, [(late_s, given.seed, n, given.out) for n in numbers], given.workers)
 
 
-def make_all(
-    make: Callable[..., str],
-    robots: Sequence[tuple[Any, ...]],
-    workers: int,
-    prepare: Callable[[], object] | None = None,
-) -> None:
-    """Call ``make`` for each robot in processes, and print what it says. A robot that fails ends no other.
-
-    Ctrl-C ends all processes at once; what is missing then is for the next call.
-    """
-    began_s = time.monotonic()
-    with ProcessPoolExecutor(workers, initializer=_begin, initargs=(prepare,)) as pool:
-        waiting = [pool.submit(make, *robot) for robot in robots]
-        try:
-            for k, done in enumerate(as_completed(waiting), 1):
-                left_s = (time.monotonic() - began_s) / k * (len(waiting) - k)
-                print(f"{_said(done)} ({k} of {len(waiting)}, {left_s / 60:.0f} min left)", flush=True)
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _begin(prepare: Callable[[], object] | None) -> None:
-    # An interrupted task would be a failed one, and the next would begin.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if prepare is not None:
-        prepare()
-
-
-def _said(done: Any) -> str:
-    try:
-        return str(done.result())
-    except Exception as error:  # noqa: BLE001 - one broken robot must not end hundreds
-        return f"failed: {type(error).__name__}: {error}"
-
-
 def _unless_late(until_s: float, seed: int, number: int, out: Path) -> str:
     return robot(seed, number, out) if time.monotonic() < until_s else f"{number}: left for another time"
-
-
-def two_steps(
-    about: str | None, robots: Callable[[Namespace], object], name: str, judged: Callable[[Namespace], object]
-) -> tuple[ArgumentParser, ArgumentParser, ArgumentParser]:
-    """A command line of two steps, ``robots`` and one that reads their folder; the parsers of all and of each."""
-    parser = ArgumentParser(description=about)
-    steps = parser.add_subparsers(required=True)
-    one = steps.add_parser("robots")
-    one.add_argument("--seed", type=int, required=True)
-    one.add_argument("--out", type=Path, required=True)
-    one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
-    one.set_defaults(step=robots)
-    two = steps.add_parser(name)
-    two.add_argument("folder", type=Path)
-    two.set_defaults(step=judged)
-    return parser, one, two
 
 
 def main() -> None:

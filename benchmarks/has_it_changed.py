@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from calibrate_diagnosis import make_all, two_steps
+from many_robots import make_all, two_steps
 
 from diagnosis.report.drift import drift_of, significant
 from diagnosis.report.history import Dated

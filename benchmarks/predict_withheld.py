@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from calibrate_diagnosis import make_all, two_steps
+from many_robots import make_all, two_steps
 
 from diagnosis.closed_loop.run_numbers import run_numbers
 from diagnosis.next.prediction import load_prediction, with_log

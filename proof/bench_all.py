@@ -111,6 +111,8 @@ def all_claims(
         for name, claim in claims.items()
         if (not only or name.startswith(tuple(only))) and (not guard or claim.is_guarded)
     }
+    if not claims:
+        raise BadInputError("none of these claims has a guard; leave out --guard, or name others")
     file = ResultFile(out, head())
     parts: Parts = {(part["claim"], part["repeat"]): part["told"] for part in file.earlier}
     # In rounds: each claim once, then each once more.
@@ -141,12 +143,7 @@ def all_claims(
     typer.echo(json.dumps(result, ensure_ascii=False) if as_json else table(result))
     if failed:
         raise ScriptError(f"{', '.join(failed)}: a script failed, see above; the same command measures what is missing")
-    broken = [
-        f"{name}: {label} is {found['median']:g}, guarded at {found['guard']}"
-        for name, claim in result["claims"].items()
-        for label, found in claim["ratios"].items()
-        if not found.get("is_guard_kept", True)
-    ]
+    broken = broken_guards(result)
     if guard and broken:
         raise RegressionError("; ".join(broken))
 
@@ -224,6 +221,16 @@ def is_within(value: float, bound: str) -> bool:
     """Whether a value keeps a bound such as ``<= 2``."""
     sign, number = bound.split()
     return value <= float(number) if sign == "<=" else value >= float(number)
+
+
+def broken_guards(result: Mapping[str, Any]) -> list[str]:
+    """Ratios of a summary that lie beyond their guards, in words."""
+    return [
+        f"{name}: {label} is {found['median']:g}, guarded at {found['guard']}"
+        for name, claim in result["claims"].items()
+        for label, found in claim["ratios"].items()
+        if not found.get("is_guard_kept", True)
+    ]
 
 
 def spread(values: list[float]) -> dict[str, float]:

@@ -35,7 +35,8 @@ from torch import set_num_threads
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calibrate_diagnosis import POLICIES, make_all, recorded, two_steps
+from calibrate_diagnosis import POLICIES, recorded
+from many_robots import make_all, two_steps
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views

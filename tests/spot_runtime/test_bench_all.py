@@ -131,6 +131,8 @@ def test_a_regression_fails_and_unguarded_claims_are_left_out(folder: Path, caps
     listed.write_text(LIST.replace("asked: '>= 5'", "guard: '>= 4.5'"))
     with pytest.raises(RegressionError, match=r"count: times is 4, guarded at >= 4\.5"):
         run(capsys, guard=True)
+    with pytest.raises(BadInputError, match="none of these claims has a guard"):
+        run(capsys, guard=True, only=["other"])
     capsys.readouterr()
     run(capsys)  # measuring alone fails for no ratio
 
