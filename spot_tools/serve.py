@@ -20,7 +20,7 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
 from spot_runtime.rescue.lease_note import note_folder
-from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
+from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note, when_new
 from spot_runtime.session.run import recover_at_start
 from spot_tools.options import (
     CaFile,
@@ -113,14 +113,16 @@ def make_safe(
         Path | None, typer.Option(help="Folder of the note that the dead process left; default: the service's folder.")
     ] = None,
     within: Annotated[
-        float, typer.Option(min=0.0, max=600.0, help="Seconds after which it stops retrying.")
+        float, typer.Option(min=0.0, max=600.0, help="Seconds without an answer of the robot after which it gives up.")
     ] = WITHIN_S,
     lock_step: LockStepAddress = None,
 ) -> None:
-    """Sit a robot down and cut its power after its control process died, unless another client has it.
+    """Sit a robot down and cut its power after its control process died, unless another client commands it.
 
-    Does nothing if no process on this computer left a robot under control; never uses another client's lease.
+    Does nothing if no process on this computer left a robot under control; never uses another client's lease, but waits
+    until it is free.
     """
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=None)
     folder = state_dir or note_folder(os.environ)
-    typer.echo(make_safe_by_note(robot, settings, folder, lock_step=lock_step or "", within_s=within))
+    tell = when_new(lambda words: typer.echo(words, err=True))
+    typer.echo(make_safe_by_note(robot, settings, folder, lock_step=lock_step or "", within_s=within, tell=tell))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from spot_model.robot.state import RobotState
 from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.errors import HalError
+from spot_runtime.hal.errors import HalError, LeaseHeldError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
@@ -163,9 +164,8 @@ class NotingHal(BosdynHal):
 
     def stand(self) -> None:
         """See the protocol. The note is there, and a guardian watches, before the motors have power."""
-        lease = self._session.lease
-        if lease is not None:
-            note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
+        note = self._new_note()
+        if note is not None:
             try:
                 self._note = self._note or HeldNote.write(self._path, note)
             except LeaseNoteError as error:
@@ -181,9 +181,28 @@ class NotingHal(BosdynHal):
         return super().receive(until_robot_ns, timeout_s)
 
     def power_off(self) -> None:
-        """See the protocol."""
-        super().power_off()
+        """See the protocol. Where somebody else has the lease, the guardian asks for it from now on."""
+        try:
+            super().power_off()
+        except LeaseHeldError as error:
+            if self._guardian is None:
+                raise
+            raise LeaseHeldError(f"{error}; the guardian stays, and powers it off once the lease is free") from error
         self._heartbeat.hold = Hold.AT_REST
+
+    def _new_note(self) -> LeaseNote | None:
+        """A note of the lease that is held, or was; None before there was one."""
+        lease = self._session.lease
+        if lease is None:
+            return None
+        return LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
+
+    def _lease_taken_up(self) -> None:
+        super()._lease_taken_up()
+        note = self._new_note()
+        if self._note is not None and note is not None:
+            with contextlib.suppress(LeaseNoteError):  # the old one leads to the robot, too
+                self._note = HeldNote.write(self._path, note, instead_of=self._note)
 
     def _guard(self, start: Callable[[], ChildProcess]) -> None:
         def tell(text: str) -> None:

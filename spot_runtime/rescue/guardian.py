@@ -2,13 +2,15 @@
 
 It is started before the motors get power, and sleeps. A control process that hangs is aborted, then killed. When it is
 gone without having brought the robot to rest, the operator's service has its turn, if it lives; then this one asks the
-robot, and does what is left to do. It knows the lease by itself: a note that somebody deletes is not missed.
+robot, and does what is left to do, however long another client has the lease. It knows the lease by itself: a note that
+somebody deletes is not missed.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import math
 import mmap
 import os
 import signal
@@ -100,7 +102,7 @@ SERVICE_TURN_S: Final = 5.0
 """The service acts within a second of the end of its control process, unless it hangs."""
 
 OTHERS_TURN_S: Final = 60.0
-"""Within this time, any other program that holds the note has finished."""
+"""Within this time, any other program that holds the note has finished, or it waits as this one would."""
 
 
 def start_guardian(
@@ -168,19 +170,28 @@ def main() -> None:
         return
     from spot_runtime.config import RunConfig
     from spot_runtime.rescue.lease_note import LeaseNote
-    from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
+    from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note, when_new
+
+    def say(words: str) -> None:
+        with contextlib.suppress(OSError):
+            print(words, file=sys.stdout if is_heard else sys.stderr, flush=True)
 
     config, folder = RunConfig.model_validate_json(told["config"]), Path(told["folder"])
     known = None if is_heard else LeaseNote(**told["note"])
     code = 0
     try:
         words = make_safe_by_note(
-            told["robot"], config, folder, lock_step=told["lock_step"], within_s=WITHIN_S, known=known
+            told["robot"],
+            config,
+            folder,
+            lock_step=told["lock_step"],
+            within_s=WITHIN_S,
+            known=known,
+            tell=say if is_heard else when_new(say),
         )
     except SpotRlError as error:
         words, code = str(error), error.exit_code
-    with contextlib.suppress(OSError):
-        print(words, file=sys.stdout if is_heard else sys.stderr, flush=True)
+    say(words)
     raise SystemExit(code)
 
 
@@ -195,6 +206,7 @@ def _is_left_to_us(told: dict[str, Any]) -> bool:
 
     note = note_path(told["robot"], Path(told["folder"]))
     _wait_while(lambda: note.exists() and not service.has_ended(), SERVICE_TURN_S)
+    _wait_while(lambda: is_held(note) and not service.has_ended())  # it sees to it that its rescuer does not hang
     _wait_while(lambda: is_held(note), OTHERS_TURN_S)
     return True
 
@@ -228,11 +240,11 @@ def outlive(
             control.send(signal.SIGABRT)
 
 
-def _wait_while(is_so: Callable[[], bool], longest_s: float) -> None:
-    for _ in range(round(longest_s / LOOK_PERIOD_S)):
-        if not is_so():
-            return
+def _wait_while(is_so: Callable[[], bool], longest_s: float = math.inf) -> None:
+    waited_s = 0.0
+    while waited_s < longest_s and is_so():
         time.sleep(LOOK_PERIOD_S)
+        waited_s += LOOK_PERIOD_S
 
 
 if __name__ == "__main__":

@@ -81,13 +81,18 @@ class HeldNote:
         self._path, self._descriptor = path, descriptor
 
     @staticmethod
-    def write(path: Path, note: LeaseNote) -> HeldNote:
+    def write(path: Path, note: LeaseNote, instead_of: HeldNote | None = None) -> HeldNote:
         """Write a note to the disk, as a new file that takes the place of an old one, whoever may read that.
+
+        Args:
+            path: Where it lies.
+            note: What it says.
+            instead_of: The one that this process holds there, and lets go in any case.
 
         Raises:
             LeaseNoteError: It cannot be written, or the process lives that wrote the old one.
         """
-        old = HeldNote._old(path)
+        old = instead_of or HeldNote._old(path)
         fresh, descriptor = None, -1
         try:
             fresh, descriptor = new_private_file(path)

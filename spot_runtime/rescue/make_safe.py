@@ -3,13 +3,15 @@
 The robot's own time-outs have ended the motion by then: the last command lapsed 50 ms after it was sent, and the joints
 were damped. What is left is a robot that lies or stands with power and without anybody. This process asks the robot
 whose lease was the newest. If that is still the dead process's, or nobody has one by now, the robot is told to sit and
-to cut power. A lease of anybody else is never touched, and no motion but this one is asked for.
+to cut power. A lease of anybody else is never touched, and no motion but this one is asked for. As long as somebody
+else has the lease and commands nothing, it is asked for again; whoever commands the robot is answerable for it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 from typing import Final
@@ -27,10 +29,12 @@ WITHIN_S: Final = 20.0
 """With a last try of some 30 s, less than the unit gives everything that comes after a stop."""
 
 RETRY_S: Final = 1.0
-"""A link that is down when a process dies is often back in a moment."""
+"""A link that is down when a process dies is often back in a moment, and a lease may be given back at any time."""
 
 
 MAY_HAVE_POWER: Final = "THE ROBOT MAY HAVE POWER, see to it"
+WAITING: Final = "waiting for the lease: "
+"""Begins what is told before the last word."""
 
 
 class NotSafeError(SpotRlError):
@@ -44,17 +48,42 @@ class Safety(Enum):
 
     POWERED_OFF = "it sat down and its motors lost power"
     HAD_NO_POWER = "its motors had no power already"
-    NOT_OURS = "somebody else has the robot: nothing was done, and whoever has it is answerable"
+    NOT_OURS = "somebody else has its lease and has commanded it: nothing was done, and they are answerable"
 
 
-def make_safe(note: LeaseNote, config: RunConfig, *, lock_step: str = "", within_s: float = WITHIN_S) -> Safety:
+Tell = Callable[[str], None]
+
+
+def when_new(say: Tell) -> Tell:
+    """Say only what was not said just before."""
+    last = ""
+
+    def tell(words: str) -> None:
+        nonlocal last
+        if words != last:
+            last = words
+            say(words)
+
+    return tell
+
+
+def make_safe(
+    note: LeaseNote,
+    config: RunConfig,
+    *,
+    lock_step: str = "",
+    within_s: float = WITHIN_S,
+    tell: Tell = lambda _: None,
+) -> Safety:
     """Bring the robot of a note to rest, however often that must be tried.
 
     Args:
         note: What the dead process left.
         config: How to reach the robot.
         lock_step: Admin address of a fake robot in lock-step mode.
-        within_s: No new try after so many seconds; one that is under way takes at most some 30 s more.
+        within_s: No new try so many seconds after the robot last answered; one that is under way takes at most some
+            30 s more. A lease that somebody has without commanding anything is an answer.
+        tell: Told of each try that ends with such an answer.
 
     Raises:
         NotSafeError: It could not be done.
@@ -64,8 +93,9 @@ def make_safe(note: LeaseNote, config: RunConfig, *, lock_step: str = "", within
     while True:
         try:
             return _try(note, config, lock_step)
-        except LeaseHeldError:
-            return Safety.NOT_OURS
+        except LeaseHeldError as error:
+            tell(f"{WAITING}{MAY_HAVE_POWER}: {error}; once it is free, the robot sits down and is powered off")
+            until_s = time.monotonic() + within_s
         except HalError as error:
             is_hopeless = isinstance(error, (CertificateError, CredentialsError))
             if is_hopeless or time.monotonic() + RETRY_S > until_s:
@@ -74,7 +104,14 @@ def make_safe(note: LeaseNote, config: RunConfig, *, lock_step: str = "", within
 
 
 def make_safe_by_note(
-    robot: str, config: RunConfig, folder: Path, *, lock_step: str, within_s: float, known: LeaseNote | None = None
+    robot: str,
+    config: RunConfig,
+    folder: Path,
+    *,
+    lock_step: str,
+    within_s: float,
+    known: LeaseNote | None = None,
+    tell: Tell = lambda _: None,
 ) -> str:
     """Make one robot safe if there is a note of it. Returns what was done.
 
@@ -85,6 +122,7 @@ def make_safe_by_note(
         lock_step: Admin address of a fake robot in lock-step mode.
         within_s: As :func:`make_safe` has it.
         known: What stood in the note, for one that is gone or damaged, or whose holder cannot be ended.
+        tell: As :func:`make_safe` has it.
 
     Raises:
         NotSafeError: It could not be done; the note stays, for the next try.
@@ -102,7 +140,7 @@ def make_safe_by_note(
         return f"nothing to do: no process of this computer has left {address} with power"
     began_s = time.monotonic()
     try:
-        safety = make_safe(note, config, lock_step=lock_step, within_s=within_s)
+        safety = make_safe(note, config, lock_step=lock_step, within_s=within_s, tell=tell)
     except NotSafeError:
         if held is not None:
             held.let_go()
@@ -122,7 +160,8 @@ def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
         is_ours = _is_ours(session, note)
         if session.is_without_power():
             return Safety.HAD_NO_POWER
-        _hold(session, is_ours=is_ours)
+        if not _hold(session, note, is_ours=is_ours):
+            return Safety.NOT_OURS
         with contextlib.suppress(ClockError):  # a robot that syncs no clocks may still sit down
             session.sync_clocks()
 
@@ -147,12 +186,28 @@ def _is_ours(session: Session, note: LeaseNote) -> bool:
     return True
 
 
-def _hold(session: Session, *, is_ours: bool) -> None:
-    """Have a lease to use: the note's, as it is, or a new one. Raises LeaseHeldError where somebody else has one."""
+def _hold(session: Session, note: LeaseNote, *, is_ours: bool) -> bool:
+    """Have a lease to use: the note's, as it is, or a new one.
+
+    Returns:
+        Whether there is one; False where somebody else has one and has commanded the robot.
+
+    Raises:
+        LeaseHeldError: Somebody else has one, and has commanded nothing.
+    """
     if is_ours:
         try:
             session.retain_lease()
         except LeaseHeldError:  # it went stale, or somebody took it just now
             session.has_lease = False
-    if not session.has_lease:
+    if session.has_lease:
+        return True
+    try:
         session.acquire_lease()
+    except LeaseHeldError as error:
+        newest = session.newest_lease(note.resource)
+        if newest is not None and any(newest.sequence[1:]):  # each use of a lease raises its last number
+            return False
+        who = next(iter(newest.client_names), "") if newest is not None else ""
+        raise LeaseHeldError(f"{who or 'another client'} has its lease and commands nothing") from error
+    return True

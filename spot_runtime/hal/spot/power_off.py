@@ -61,7 +61,7 @@ def _take_up_lease(session: Session) -> None:
     try:
         session.acquire_lease()
     except LeaseHeldError as error:
-        raise LeaseHeldError(f"{error}; whoever has it is answerable for the robot, which may have power") from error
+        raise LeaseHeldError(f"{error}; whoever commands the robot is answerable for it; IT MAY HAVE POWER") from error
     except HalError as error:
         raise LeaseHeldError(f"the lease is gone, and THE ROBOT MAY HAVE POWER, see to it: {error}") from error
 

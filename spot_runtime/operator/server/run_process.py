@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -20,7 +21,7 @@ from spot_runtime.operator.run.link import is_ready, receive
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.rescue.guardian import start_rescuer
 from spot_runtime.rescue.lease_note import note_folder, note_path
-from spot_runtime.rescue.make_safe import MAY_HAVE_POWER, WITHIN_S
+from spot_runtime.rescue.make_safe import MAY_HAVE_POWER, WAITING, WITHIN_S
 
 MAX_READ: Final = 256
 LAST_WORDS_S: Final = 10.0
@@ -119,6 +120,7 @@ class RunProcess:
 
 
 KILL_AFTER_S: Final = WITHIN_S + 35.0
+"""A process that makes a robot safe and says nothing for so long hangs; while it waits for a lease, it says so."""
 
 
 class Rescue:
@@ -127,6 +129,8 @@ class Rescue:
     def __init__(self, process: ChildProcess, note: Path) -> None:
         self._process, self._note = process, note
         self._deadline_s = time.monotonic() + KILL_AFTER_S
+        self._said = b""
+        os.set_blocking(process.output.fileno(), False)
 
     @staticmethod
     def is_due(robot: str) -> bool:
@@ -141,12 +145,29 @@ class Rescue:
 
     def result(self) -> tuple[bool, str] | None:
         """Whether the robot is safe, and what was done; None while it is under way."""
-        if self._process.exit_code is None:
+        has_ended = self._process.exit_code is not None  # asked before it is heard, so that no word is missed
+        self._hear()
+        if not has_ended:
             if time.monotonic() > self._deadline_s:
                 self._process.kill()
             return None
-        words = self._process.output.read(4096)
         code = self._process.end()
         # An exit code may be lost and read as 0; the note is gone only where the robot was made safe.
         is_safe = code == 0 and not self._note.exists()
-        return is_safe, words.decode(errors="replace").strip() or f"{MAY_HAVE_POWER}: exit code {code}"
+        return is_safe, self._last_line or f"{MAY_HAVE_POWER}: exit code {code}"
+
+    @property
+    def waits(self) -> str:
+        """For whose lease it waits, in words; empty where it does not."""
+        return self._last_line if self._last_line.startswith(WAITING) else ""
+
+    @property
+    def _last_line(self) -> str:
+        whole, _, _ = self._said.rpartition(b"\n")
+        return whole.rpartition(b"\n")[2].decode(errors="replace").strip()
+
+    def _hear(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while data := os.read(self._process.output.fileno(), 4096):
+                self._said = (self._said + data)[-4096:]
+                self._deadline_s = time.monotonic() + KILL_AFTER_S

@@ -250,7 +250,10 @@ class Supervisor:
             run.process.press_estop()
 
     def shut_down(self) -> None:
-        """End whatever goes on; returns when the robot is at rest, or whatever should see to it has been killed."""
+        """End whatever goes on; returns when the robot is at rest, or whatever should see to it has been killed.
+
+        A process that waits for a lease of somebody else's is not waited for: it outlives this one.
+        """
         run = self._run
         if run is not None:
             # The service manager may have sent it the same signal, and a second one would mean damping.
@@ -258,7 +261,7 @@ class Supervisor:
             if self._at.now is State.ARMING or (self._at.now is not State.ENDING and not run.process.tell(stop)):
                 run.signal_stop()
         deadline_s = time.monotonic() + self._config.service.arm_timeout_s
-        while self._run is not None or self._rescue is not None:
+        while self._run is not None or (self._rescue is not None and not self._rescue.waits):
             if self._run is not None and time.monotonic() > deadline_s:
                 self._run.process.kill()
             self.turn()
@@ -302,17 +305,22 @@ class Supervisor:
             return
         self._at.say(
             "make_safe",
-            "a control process died with the robot in hand; the robot is made safe",
+            "a control process ended with the robot in hand; the robot is made safe",
             severity=Severity.WARNING,
         )
         self._at.set(State.ENDING)
 
     def _look_at_rescue(self) -> None:
-        result = None if self._rescue is None else self._rescue.result()
-        if result is not None:
-            with self._lock:
+        rescue = self._rescue
+        if rescue is None:
+            return
+        before, result = rescue.waits, rescue.result()
+        with self._lock:
+            if result is not None:
                 self._rescue = None
                 self._rescued(is_safe=result[0], text=result[1])
+            elif rescue.waits not in ("", before):
+                self._at.say("make_safe", rescue.waits, severity=Severity.ERROR)
 
     def _rescued(self, *, is_safe: bool, text: str) -> None:
         name, severity = ("made_safe", Severity.WARNING) if is_safe else ("not_safe", Severity.ERROR)

@@ -39,7 +39,7 @@ from spot_runtime.rescue.lease_note import (
     note_folder,
     note_path,
 )
-from spot_runtime.rescue.make_safe import NotSafeError, make_safe_by_note
+from spot_runtime.rescue.make_safe import WAITING, NotSafeError, make_safe_by_note, when_new
 
 SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))
 SCENARIO = "services: {on_lease_expiry: nothing}\n"
@@ -173,13 +173,49 @@ def test_a_lease_that_went_stale_in_dead_hands_is_taken_up_again(robot: Robot) -
     assert not robot.status().lease_owner
 
 
-def test_whoever_took_the_robot_meanwhile_keeps_it(robot: Robot) -> None:
+def test_whoever_took_and_commanded_the_robot_meanwhile_keeps_it(robot: Robot) -> None:
     robot.leave_standing()
-    robot.inject("lease_stolen", owner="tablet")
+    other = robot.session()
+    other.sync_clocks()
+    other.adopt_lease(other.calls.client(LeaseClient).take().lease_proto)
+    other.calls.client(RobotCommandClient).robot_command(RobotCommandBuilder.synchro_stand_command())
     assert "was left to its holder" in robot.make_safe_by_note()
     assert robot.is_powered()
-    assert robot.status().lease_owner == "tablet"
+    assert robot.status().lease_owner
     assert not robot.note.exists()
+    other.close()
+
+
+def test_a_lease_that_somebody_has_and_does_not_use_is_asked_for_until_it_is_free(robot: Robot) -> None:
+    robot.leave_standing()
+    other = robot.session()
+    client = other.calls.client(LeaseClient)
+    other.adopt_lease(client.take().lease_proto)
+    said: list[str] = []
+
+    def tell(words: str) -> None:
+        said.append(words)
+        assert robot.is_powered()
+        if len(said) == 3:
+            other.close()  # gives it back
+        else:
+            other.retain_lease()
+
+    assert "sat down" in robot.make_safe_by_note(tell=tell)
+    assert len(said) == 3
+    assert said[0].startswith(f"{WAITING}THE ROBOT MAY HAVE POWER")
+    assert "has its lease and commands nothing" in said[0]
+    assert not robot.is_powered()
+    assert not robot.status().lease_owner
+    assert not robot.note.exists()
+
+
+def test_words_are_told_again_only_where_they_changed() -> None:
+    said: list[str] = []
+    tell = when_new(said.append)
+    for words in ("a", "a", "b", "b", "a"):
+        tell(words)
+    assert said == ["a", "b", "a"]
 
 
 def test_a_robot_that_nobody_has_any_more_sits_and_loses_power(robot: Robot) -> None:
@@ -203,9 +239,8 @@ def test_a_robot_without_power_is_safe_and_its_lease_free(robot: Robot) -> None:
 
 
 def test_a_note_of_another_start_of_the_robot_is_nobodys(robot: Robot) -> None:
-    note = robot.leave_standing()
+    note = robot.leave_standing()  # a lease that has been used
     HeldNote.write(robot.note, replace(note, epoch="another epoch")).let_go()
-    robot.inject("lease_stolen", owner="tablet")
     assert "was left to its holder" in robot.make_safe_by_note()
     assert robot.is_powered()
 
@@ -318,12 +353,32 @@ def test_a_lease_that_somebody_took_for_a_moment_is_taken_up_to_power_off(robot:
     assert not robot.status().lease_owner
 
 
+def test_the_note_names_a_lease_that_was_taken_up_again(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise who dies while the robot sits down would be taken for somebody who commands it."""
+    hal = robot.hal()
+    hal.connect()
+    hal.stand()
+    robot.inject("lease_expired")
+
+    def refuse(*_: object, **__: object) -> None:
+        hal._session.retain_lease()
+        raise MotionError("refused")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("spot_runtime.hal.spot.motions.Motions.power_off", refuse)
+        with pytest.raises(MotionError, match="refused"):
+            hal.power_off()
+    hal.close()
+    assert robot.status().lease_owner
+    assert "sat down" in robot.make_safe_by_note(tell=pytest.fail)
+
+
 def test_a_lease_that_somebody_keeps_is_theirs_and_they_are_named(robot: Robot) -> None:
     hal = robot.hal()
     hal.connect()
     hal.stand()
     robot.inject("lease_stolen", owner="tablet-7")
-    with pytest.raises(LeaseHeldError, match=r"held by tablet-7.*whoever has it is answerable"):
+    with pytest.raises(LeaseHeldError, match=r"held by tablet-7.*whoever commands the robot is answerable"):
         hal.power_off()
     hal.close()
     assert robot.is_powered()

@@ -36,7 +36,7 @@ service: {attendance_s: 600.0, deadman_s: 2.0}
 class Service:
     """A running ``spot-rl serve``, and its service manager."""
 
-    def __init__(self, folder: Path, address: FakeAddress) -> None:
+    def __init__(self, folder: Path, address: FakeAddress, *, is_lock_step: bool = True) -> None:
         self.folder, self.logs = folder, folder / "logs"
         self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.manager.bind(str(folder / "notify"))
@@ -51,6 +51,7 @@ class Service:
             "XDG_STATE_HOME": str(folder),
         }
         self._address = address
+        self._pace = ["--lock-step", address.admin] if is_lock_step else []
         self.said: list[str] = []
         threading.Thread(target=self._listen, daemon=True).start()
         self.start()
@@ -59,7 +60,7 @@ class Service:
         """Start it, and wait until it is ready."""
         address, folder = self._address, self.folder
         words = ["serve", "--robot", address.robot, "--policies", str(POLICIES), "--listen", self.socket]
-        words += ["--config", str(folder / "run.yaml"), "--log-dir", str(self.logs), "--lock-step", address.admin]
+        words += ["--config", str(folder / "run.yaml"), "--log-dir", str(self.logs), *self._pace]
         self.process = subprocess.Popen([*SPOT_RL, *words], env=self.environment, stderr=subprocess.PIPE)
         self.said.clear()
         self.hear("READY=1")
