@@ -1,11 +1,13 @@
 """``python -m fake_robot``: the same as ``spot-rl fake-robot``, also where the console script is not installed."""
 
 from spot_model.__main__ import leave_out_current_folder
+from spot_model.process.python_path import leave_out_relative_entries
 
 
 def main() -> None:
     """Run the command with the process's own arguments."""
     leave_out_current_folder()
+    leave_out_relative_entries()
     import sys
 
     import typer

@@ -16,6 +16,11 @@ def leave_out_current_folder() -> None:
 def main() -> None:
     """Run ``spot-rl`` with the process's own arguments."""
     try:
+        from spot_model.process.python_path import leave_out_relative_entries
+
+        command = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        for entry, full in leave_out_relative_entries(command).items():
+            sys.stderr.write(f"spot-rl: warning: PYTHONPATH: {entry!r} is left out; write it in full: {full!r}\n")
         from spot_model.process.inherited import set_right
 
         set_right()

@@ -52,7 +52,7 @@ def effect_class(name: str) -> type[Effect]:
         with users_code(f"effect {name!r}", "mend or uninstall the package that brings it"):
             return _checked(name, plugins[name].load())
     if ":" in name:
-        advice = "check the names of module and class, and that the module's folder is on PYTHONPATH"
+        advice = "check the names of module and class, and that the module's folder is on PYTHONPATH, in full"
         if name.startswith("__main__:"):
             advice = "a script's own class is not found by other programs: put it into a file of its own"
         with users_code(f"effect {name!r}", advice):

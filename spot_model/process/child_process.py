@@ -21,6 +21,8 @@ from typing import IO, Final
 
 from typing_extensions import Self
 
+from spot_model.process.python_path import VARIABLE, absolute_entries
+
 END_TIMEOUT_S = 5.0
 LAUNCH: Final = Path(__file__).absolute().parents[1] / "launch.py"
 HEARD: Final = subprocess.PIPE
@@ -99,8 +101,8 @@ def module_command(module: str, *arguments: str) -> list[str]:
 def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
     """An environment for a process that needs no password, and finds no module in the current folder."""
     kept = {name: value for name, value in environment.items() if not SECRET.search(name)}
-    if "PYTHONPATH" in kept:  # an empty entry stands for the current folder
-        kept["PYTHONPATH"] = os.pathsep.join(filter(None, kept["PYTHONPATH"].split(os.pathsep)))
+    if VARIABLE in kept:
+        kept[VARIABLE] = absolute_entries(kept[VARIABLE])
     return kept
 
 

@@ -7,6 +7,8 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Set as AbstractSet
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -35,14 +37,22 @@ DEAF = (sys.executable, "-I", "-c", BLOCKS)
 """Words before a command that is to start with every signal blocked, and those ignored that end a run."""
 
 
-def planted(folder: Path) -> Path:
+def planted(folder: Path, but: AbstractSet[str] = frozenset()) -> Path:
     """A folder with a module for each of Python's and of those that a run needs; one that is imported leaves a mark."""
     others = {"numpy", "grpc", "google", "bosdyn", "pydantic", "yaml", "mcap", "typer", "rich", "onnxruntime", "mujoco"}
     ours = {"spot_model", "spot_log", "spot_runtime", "spot_tools", "fake_robot", "spot_protos"}
     folder.mkdir()
-    for name in {*sys.stdlib_module_names, *others, *ours}:
+    for name in {*sys.stdlib_module_names, *others, *ours, "not_there"} - but:
         (folder / f"{name}.py").write_text(f"open({str(folder / 'mark')!r}, 'a').write({name!r} + ' ')\n")
     return folder
+
+
+@cache
+def loaded_first() -> frozenset[str]:
+    """What Python itself, and the console script, import before our first line."""
+    shows = "import re, sys, spot_model.__main__; print(*{name.partition('.')[0] for name in sys.modules})"
+    told = subprocess.run([sys.executable, "-c", shows], cwd="/", capture_output=True, text=True, check=True)
+    return frozenset({*told.stdout.split(), "nt", "_winapi"})  # these two pathlib tries to import
 
 
 def marks(folder: Path) -> str:
@@ -85,6 +95,61 @@ def test_the_command_line_neither(words: list[str], tmp_path: Path) -> None:
     assert (done.returncode, marks(folder)) == (0, ""), done.stderr
 
 
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (":/nowhere", ["run"]),
+        ("/nowhere:", ["serve"]),
+        (".", ["ctl"]),
+        ("../here:/nowhere", ["fake-robot"]),
+        (".::", ["--debug", "run"]),
+    ],
+)
+def test_nor_does_any_relative_entry_of_pythonpath_lead_there(value: str, words: list[str], tmp_path: Path) -> None:
+    folder = planted(tmp_path / "here", but=loaded_first())
+    environment = {**os.environ, "PYTHONPATH": value}
+    done = subprocess.run(
+        [SPOT_RL, *words, "--help"], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, marks(folder)) == (0, ""), done.stderr
+    is_named = value.startswith(".")
+    assert ("is left out; write it in full" in done.stderr) == is_named
+    assert str(folder) in done.stderr or not is_named
+
+
+def test_nor_where_a_module_is_started_with_an_environment_of_its_own(tmp_path: Path) -> None:
+    folder = planted(tmp_path / "here", but=loaded_first())
+    words = module_command("spot_log.write.logger_child", "--help")
+    environment = {**os.environ, "PYTHONPATH": f".{os.pathsep}"}
+    done = subprocess.run(words, cwd=folder, env=environment, input=b"", capture_output=True, check=False)
+    assert marks(folder) == "", done.stderr
+
+
+LOOKS = """
+import os, sys
+from spot_model.process.python_path import leave_out_relative_entries
+left = leave_out_relative_entries(sys.argv[1])
+print(left, os.environ["PYTHONPATH"], [p for p in sys.path if p.startswith(os.getcwd())], sys.path[-1] == os.getcwd())
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "value", "told"),
+    [
+        ("run", "{here}", "{{}} {here} ['{here}'] False"),
+        ("run", ":/a:{here}:.", "{{'.': '{here}'}} /a:{here} ['{here}'] False"),
+        ("run", ":/a::b:", "{{'b': '{here}/b'}} /a [] False"),
+        ("train", ":/a:b", "{{}} /a:b ['{here}/b'] False"),
+        ("train", ".:/a", "{{}} /a:. ['{here}'] True"),
+    ],
+)
+def test_what_is_left_of_pythonpath(command: str, value: str, told: str, tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONPATH": value.format(here=tmp_path)}
+    words = [sys.executable, "-c", LOOKS, command]
+    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == told.format(here=tmp_path)
+
+
 def test_a_process_of_ours_is_told_no_secret(monkeypatch: pytest.MonkeyPatch) -> None:
     secrets = ("BOSDYN_CLIENT_PASSWORD", "GITHUB_TOKEN", "AWS_SECRET_ACCESS_KEY", "PGPASSWD", "API_KEY", "CREDENTIAL_X")
     for name in secrets:
@@ -98,7 +163,7 @@ def test_a_process_of_ours_is_told_no_secret(monkeypatch: pytest.MonkeyPatch) ->
     process.end(60.0)
     assert "PATH" in environment
     assert "s3cr3t" not in environment
-    assert without_secrets({"PYTHONPATH": ":/a::/b:", "PYTHONINSPECT": "1"}) == {"PYTHONPATH": "/a:/b"}
+    assert without_secrets({"PYTHONPATH": ":/a:.:/b:c", "PYTHONINSPECT": "1"}) == {"PYTHONPATH": "/a:/b"}
 
 
 @pytest.mark.parametrize("words", [[SPOT_RL], module_command("spot_model")])

@@ -16,11 +16,14 @@ import pytest
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.process.signals import STOP_SIGNALS
 from spot_protos import fake_admin_pb2_grpc
-from tests.spot_model.test_inherited import DEAF, SPOT_RL, marks, planted
+from tests.spot_model.test_inherited import DEAF, SPOT_RL, loaded_first, marks, planted
 
 from . import test_serve
 from .conftest import POLICIES, wait_until
 from .test_serve import Service, at_rest, child_of, mode_of
+
+RELATIVE = f"{os.pathsep}/nowhere{os.pathsep}."
+"""Leads to the current folder, twice."""
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +52,10 @@ def signals_of(pid: int, kind: str) -> set[int]:
 def test_a_run_hears_every_signal(
     number: signal.Signals, code: int, fake: FakeAddress, admin: Any, tmp_path: Path
 ) -> None:
-    folder = planted(tmp_path / "here")
+    folder = planted(tmp_path / "here", but=loaded_first())
     words = [SPOT_RL, "run", "--robot", fake.robot, "--policy", str(POLICIES / "walk.onnx"), "--duration", "600"]
     words += ["--lock-step", fake.admin, "--log-dir", str(tmp_path / "logs")]
-    environment = {**os.environ, **fake.environment, "XDG_STATE_HOME": str(tmp_path)}
+    environment = {**os.environ, **fake.environment, "XDG_STATE_HOME": str(tmp_path), "PYTHONPATH": RELATIVE}
     with subprocess.Popen([*DEAF, *words], env=environment, cwd=folder, stderr=subprocess.DEVNULL) as run:
         wait_until(lambda: "joint_control" in mode_of(admin) or run.poll() is not None, "the robot walks")
         for name in ("logger_child", "rescue.guardian"):
@@ -68,8 +71,9 @@ def test_a_run_hears_every_signal(
 def test_a_service_and_its_control_process_hear_every_signal(
     fake: FakeAddress, admin: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(planted(tmp_path / "here"))
+    monkeypatch.chdir(planted(tmp_path / "here", but=loaded_first()))
     monkeypatch.setattr(test_serve, "SPOT_RL", [*DEAF, SPOT_RL])
+    monkeypatch.setitem(fake.environment, "PYTHONPATH", RELATIVE)
     service = Service(tmp_path, fake)
     try:
         assert service.ctl("arm", "walk").returncode == 0
