@@ -22,11 +22,13 @@ from spot_model.process.signals import answered, run_in_foreground
 
 if TYPE_CHECKING:
     from fake_robot.start.running import RunningFake
+    from fake_robot.start.sdk_environment import SdkEnvironment
     from fake_robot.start.server import FakeServer
 
 HOST_PLACEHOLDER = "HOST"
 HOST_VARIABLE = "SPOT_RL_FAKE_HOST"
 POLL_PERIOD_S = 0.1
+KILL_AFTER_S = 10.0
 
 app = typer.Typer(invoke_without_command=True, no_args_is_help=False, add_completion=False)
 
@@ -91,8 +93,10 @@ def fake_robot(
 def exec_program(context: typer.Context) -> None:
     """Run a program against its own fake robot: exec -- python your_program.py HOST.
 
-    Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST. Ctrl-C goes
-    to the program; the fake robot ends when the program has ended.
+    Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST. What lets the program
+    trust the robot is put in front of PYTHONPATH, also of one among the arguments (env PYTHONPATH=lib python ...).
+    Ctrl-C goes to the program; SIGTERM does, too, and 10 s later it is killed. The fake robot ends when the program
+    has ended.
     """
     if not context.args:
         raise BadInputError("exec needs a program: spot-rl fake-robot exec -- python your_program.py HOST")
@@ -101,14 +105,22 @@ def exec_program(context: typer.Context) -> None:
         options = FakeOptions(**{**vars(options), "port": 0})
     with _started(options) as fake:
         host = fake.endpoints.sdk_host
-        words = [host if word == HOST_PLACEHOLDER else word for word in context.args]
+        words = [_word(word, host, fake.environment) for word in context.args]
         environment = {**environment_as_inherited(os.environ), **fake.environment.variables(), HOST_VARIABLE: host}
         typer.echo(f"it serves; starting {words[0]} …", err=True)
         try:
-            code = run_in_foreground(words, environment).code
+            code = run_in_foreground(words, environment, kill_after_s=KILL_AFTER_S).code
         except OSError as error:
             raise BadInputError(f"the program {words[0]!r} cannot be run: {error.strerror}") from error
     raise typer.Exit(code)
+
+
+def _word(word: str, host: str, environment: SdkEnvironment) -> str:
+    """A word of a program's command line, as it is started."""
+    name, is_set, value = word.partition("=")
+    if is_set and name == "PYTHONPATH":
+        return f"{name}={environment.in_front_of(value)}"
+    return host if word == HOST_PLACEHOLDER else word
 
 
 @app.command("conformance")

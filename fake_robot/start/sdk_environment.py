@@ -86,11 +86,15 @@ class SdkEnvironment:
     username: str
     password: str
 
+    def in_front_of(self, python_path: str) -> str:
+        """A value of PYTHONPATH that leads to the trust, then where this one leads; an empty one leads nowhere."""
+        return os.pathsep.join(filter(None, [str(self.sdk_folder), python_path]))
+
     def variables(self, base: dict[str, str] | None = None) -> dict[str, str]:
         """The variables, with ``PYTHONPATH`` in front of the one in ``base`` (the process's own by default)."""
-        inherited = (os.environ if base is None else base).get("PYTHONPATH")
+        inherited = (os.environ if base is None else base).get("PYTHONPATH", "")
         return {
-            "PYTHONPATH": os.pathsep.join([str(self.sdk_folder), *([inherited] if inherited else [])]),
+            "PYTHONPATH": self.in_front_of(inherited),
             CA_VARIABLE: str(self.ca_path),
             "BOSDYN_CLIENT_USERNAME": self.username,
             "BOSDYN_CLIENT_PASSWORD": self.password,

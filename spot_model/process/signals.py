@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
@@ -59,10 +61,17 @@ class Ended(NamedTuple):
     """Whether somebody asked for the end while it ran."""
 
 
-def run_in_foreground(command: Sequence[str], environment: Mapping[str, str] | None = None) -> Ended:
+def run_in_foreground(
+    command: Sequence[str], environment: Mapping[str, str] | None = None, *, kill_after_s: float = math.inf
+) -> Ended:
     """Start a program and wait until it has ended, however long it takes: a run first brings its robot to rest.
 
     A terminal sends Ctrl-C to both processes, so it is not passed on; SIGTERM is. Only the main thread may call this.
+
+    Args:
+        command: Its words.
+        environment: Its own; this process's if None.
+        kill_after_s: It is killed so long after a SIGTERM that did not end it.
 
     Raises:
         OSError: The program cannot be started.
@@ -74,11 +83,18 @@ def run_in_foreground(command: Sequence[str], environment: Mapping[str, str] | N
         asked.append(number)
         if number == signal.SIGTERM:
             for process in started:
-                process.send(signal.SIGTERM)
+                end(process)
+
+    def end(process: ChildProcess) -> None:
+        process.send(signal.SIGTERM)
+        if kill_after_s < math.inf:
+            killer = threading.Timer(kill_after_s, process.kill)
+            killer.daemon = True
+            killer.start()
 
     with answered(pass_on, signal.SIGINT, signal.SIGTERM):
         started.append(ChildProcess.start(command, environment=environment, reads_terminal=True))
         if signal.SIGTERM in asked:
-            started[0].send(signal.SIGTERM)
+            end(started[0])
         code = started[0].wait() or 0
     return Ended(code if code >= 0 else 128 - code, bool(asked))

@@ -243,6 +243,41 @@ def test_a_signal_to_exec_ends_the_program_too(fake_spot_state_folder: Path) -> 
     assert process.returncode == 128 + signal.SIGTERM
 
 
+@pytest.mark.parametrize(("answer", "code"), [("lambda *_: sys.exit(7)", 7), ("signal.SIG_IGN", 137)])
+def test_a_program_that_answers_a_signal_by_itself_is_ended_too(
+    fake_spot_state_folder: Path, answer: str, code: int
+) -> None:
+    program = f"import signal, sys, time; signal.signal(signal.SIGTERM, {answer})"
+    program += "; print('up', flush=True); time.sleep(600)"
+    words = command("--state-dir", str(fake_spot_state_folder), "exec", "--", sys.executable, "-c", program)
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        process.send_signal(signal.SIGTERM)
+        process.communicate()
+    assert process.returncode == code
+
+
+TRUSTS = """
+import sys, bosdyn.client, bosdyn.client.util, beside
+robot = bosdyn.client.create_standard_sdk("x").create_robot(sys.argv[1])
+bosdyn.client.util.authenticate(robot)
+print(len(robot.list_services()) > 5)
+"""
+
+
+@pytest.mark.parametrize("is_word", [False, True])
+def test_exec_adds_to_the_programs_own_pythonpath(
+    fake_spot_state_folder: Path, tmp_path: Path, is_word: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "beside.py").write_text("")
+    monkeypatch.setenv("PYTHONPATH", "" if is_word else str(tmp_path))
+    words = ["env", f"PYTHONPATH={tmp_path}"] if is_word else []
+    words = command("--state-dir", str(fake_spot_state_folder), "exec", "--", *words, sys.executable, "-c", TRUSTS)
+    ran = subprocess.run([*words, "HOST"], capture_output=True, text=True, check=False)
+    assert ran.stdout == "True\n", ran.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
