@@ -15,6 +15,8 @@ def leave_out_current_folder() -> None:
 
 def main() -> None:
     """Run ``spot-rl`` with the process's own arguments."""
+    if os.environ.pop("PYTHONINSPECT", ""):  # with it, the exit would be a traceback and a prompt
+        os.execv(sys.executable, sys.orig_argv)  # noqa: S606 - the words that started this process
     try:
         from spot_model.process.python_path import leave_out_relative_entries
 

@@ -43,7 +43,7 @@ class StopReason(Enum):
     OPERATOR_STOP = StopRule(
         Reaction.HAND_BACK, 10, "the operator asked to stop", "when ready, 'spot-rl ctl arm' or 'spot-rl run'"
     )
-    OPERATOR_DAMP = StopRule(Reaction.DAMP, 11, "the operator asked twice to stop", "check the robot, then start again")
+    OPERATOR_DAMP = StopRule(Reaction.DAMP, 11, "damping was asked for", "check the robot, then start again")
     OPERATOR_ESTOP = StopRule(
         Reaction.ESTOP, 12, "the operator pressed the e-stop", "check the robot, then start again"
     )
@@ -66,7 +66,8 @@ class StopReason(Enum):
         Reaction.DAMP,
         20,
         "the newest state is too old",
-        "end other programs, or check the link (a slow one: safety.state_age_damp_s); a fake robot: use --lock-step",
+        "end other programs, or check the link (a slow one: safety.state_age_damp_s); in real time, give a fake robot "
+        "--lock-step",
     )
     STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no state arrives any more", "check the link to the robot")
     STATE_NOT_FINITE = StopRule(Reaction.DAMP, 22, "a state contains a non-finite value", "check the robot's sensors")
@@ -111,7 +112,9 @@ class StopReason(Enum):
     HAND_BACK_FAILED = StopRule(
         Reaction.DAMP, 49, "the vendor's stand did not take the robot back", "see the robot's own page"
     )
-    CLOCK_JUMPED = StopRule(Reaction.DAMP, 43, "the robot's clock jumped", "start again; a fake robot: use --lock-step")
+    CLOCK_JUMPED = StopRule(
+        Reaction.DAMP, 43, "the robot's clock jumped", "start again; in real time, give a fake robot --lock-step"
+    )
     LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease was lost", "see who took it")
     ESTOPPED = StopRule(Reaction.EXPIRE, 45, "an e-stop is pressed", "release the e-stop, then start again")
     MOTORS_OFF = StopRule(Reaction.EXPIRE, 46, "the motors have no power", "power on, then start again")
@@ -154,6 +157,9 @@ class StopReason(Enum):
         return self.value.exit_code
 
 
+TOLD_LATER: Final = frozenset({StopReason.TILT, StopReason.OPERATOR_ESTOP})
+"""What is told also where something else ended the run."""
+
 WANTED_ENDS: Final = frozenset({StopReason.OPERATOR_STOP.label, StopReason.COMPLETED.label})
 """Labels of the ends that are no incident, so that no flight record is written."""
 
@@ -191,8 +197,8 @@ class Ending:
     """What began it. A mild end that somebody wanted gives way to whatever comes later; the first fault stays."""
     reaction: Reaction
     """The strongest reaction that any stop has asked for since."""
-    fall: Stop | None = None
-    """That the body tilted too far after something else had begun the end."""
+    later: tuple[Stop, ...] = ()
+    """What came after it and is told all the same: that the body tilted too far, that the e-stop was pressed."""
 
 
 def ending_after(ending: Ending | None, stop: Stop) -> Ending:
@@ -204,7 +210,8 @@ def ending_after(ending: Ending | None, stop: Stop) -> Ending:
     is_stronger = reaction.level > ending.reaction.level
     if gives_way and (is_stronger or stop.reason.is_fault):
         return Ending(stop, reaction if is_stronger else ending.reaction)
-    is_fall = stop.reason is StopReason.TILT and ending.cause.reason is not StopReason.TILT and ending.fall is None
-    if not is_stronger and not is_fall:
+    told = {each.reason for each in (ending.cause, *ending.later)}
+    later = (stop,) if stop.reason in TOLD_LATER - told else ()
+    if not is_stronger and not later:
         return ending
-    return replace(ending, reaction=reaction if is_stronger else ending.reaction, fall=stop if is_fall else ending.fall)
+    return replace(ending, reaction=reaction if is_stronger else ending.reaction, later=ending.later + later)

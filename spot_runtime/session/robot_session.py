@@ -71,8 +71,8 @@ class ControlEnd(NamedTuple):
     may_stand: bool
     """Whether the vendor's controller may be asked to stand first, so that the robot sits down in good order: not when
     it stands already, must be quick, lies, is tipped, or is not believed."""
-    fall: Stop | None = None
-    """Whether the body tilted too far afterwards."""
+    later: tuple[Stop, ...] = ()
+    """What is told beside it: that the body tilted too far afterwards, that the e-stop was pressed."""
 
 
 def control_end(ending: Ending | None) -> ControlEnd:
@@ -80,7 +80,7 @@ def control_end(ending: Ending | None) -> ControlEnd:
     if ending is None:
         return ControlEnd(Stop(StopReason.COMPLETED), may_stand=True)
     is_mild = ending.reaction is Reaction.HAND_BACK and not ending.cause.reason.is_urgent
-    return ControlEnd(ending.cause, may_stand=is_mild, fall=ending.fall)
+    return ControlEnd(ending.cause, may_stand=is_mild, later=ending.later)
 
 
 def fall_of(hal: Hal, limits: SafetyLimits) -> Stop | None:
@@ -172,8 +172,8 @@ class RobotSession:
             self._signals.interrupts = False
             end = control(hal)
             self.outcome = self.outcome.after_stop(end.stop)
-            if end.fall is not None:
-                self.outcome = self.outcome.after_stop(end.fall)
+            for stop in end.later:
+                self.outcome = self.outcome.after_stop(stop)
             self.shut_down(may_stand=end.may_stand)
         except HalError as error:
             self.outcome = self.outcome.after_error(error)

@@ -34,7 +34,9 @@ class StopSignals:
     often come in pairs, and the second must not interrupt the answer to the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sender: str = "") -> None:
+        """Prepare; ``sender`` says in words who sends signals here, where that is not the operator."""
+        self._sender = sender
         self.interrupts = False
         self.only_estop = False
         self._count = 0
@@ -73,7 +75,7 @@ class StopSignals:
         self._count += 1
         reason = StopReason.OPERATOR_STOP if self._count == 1 else StopReason.OPERATOR_DAMP
         reason = StopReason.OPERATOR_ESTOP if number == signal.SIGQUIT else reason
-        stop = Stop(reason, signal.Signals(number).name)
+        stop = Stop(reason, signal.Signals(number).name + self._sender)
         if self.interrupts and (number == signal.SIGQUIT or not self.only_estop):
             self.interrupts = False
             raise OperatorInterrupt(stop)

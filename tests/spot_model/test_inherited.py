@@ -205,6 +205,7 @@ def test_closed_streams(closed: str, tmp_path: Path) -> None:
     [
         ({"PYTHONWARNINGS": "error", "PYTHONIOENCODING": "ascii", "LC_ALL": "C", "PYTHONOPTIMIZE": "1"}, 0),
         ({"PYTHONOPTIMIZE": "2"}, 2),
+        ({"PYTHONINSPECT": "1"}, 0),
     ],
 )
 def test_variables_of_python(variables: dict[str, str], code: int) -> None:

@@ -208,7 +208,7 @@ def test_a_robot_that_stays_upright_did_not_fall(end: StopReason) -> None:
 def test_a_body_that_tilted_too_far_after_something_else_decides_the_outcome(end: StopReason) -> None:
     """Upright again, as one that was set on its feet since: the sentence still has both."""
     fall = Stop(StopReason.TILT, "", {"tilt_rad": 1.2, "bound_rad": 0.785})
-    session, told = session_after(Troubled(), ControlEnd(Stop(end), may_stand=False, fall=fall))
+    session, told = session_after(Troubled(), ControlEnd(Stop(end), may_stand=False, later=(fall,)))
     outcome = session.outcome
     assert (outcome.label, outcome.exit_code, outcome.is_fault) == ("tilt", 26, True)
     assert outcome.sentence == f"{Stop(end).sentence()}; then {fall.sentence()}"

@@ -12,6 +12,8 @@ from spot_log.format.records import Severity
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import TAKE_HOLD_S, Mode, ModeInputs, next_mode
 from spot_runtime.control.set_point import FIRST_STIFFNESS
+from spot_runtime.session.robot_session import control_end
+from spot_runtime.session.summary import Outcome
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
 
 CONFIG = HandoverConfig()
@@ -134,14 +136,36 @@ def test_a_body_that_tilts_later_is_kept_beside_the_cause() -> None:
         Stop(StopReason.COMPLETED),
     )
     ending = ending_after(ending_after(None, stale), tilt)
-    assert ending == Ending(stale, DAMP, fall=tilt)
+    assert ending == Ending(stale, DAMP, later=(tilt,))
     assert ending_after(ending, later) is ending
     assert ending_after(ending_after(None, Stop(StopReason.STATE_LOST)), tilt).reaction is EXPIRE
     lost = ending_after(ending, Stop(StopReason.STATE_LOST))
-    assert lost == Ending(stale, EXPIRE, fall=tilt)
+    assert lost == Ending(stale, EXPIRE, later=(tilt,))
     # What gave way is no cause beside which anything is kept, and a tilt that is the cause is not told twice.
     assert ending_after(ending_after(None, done), tilt) == Ending(tilt, DAMP)
     assert ending_after(Ending(tilt, DAMP), later) == Ending(tilt, DAMP)
+
+
+def test_an_e_stop_is_told_whatever_came_before() -> None:
+    empty, tilt, pressed = (
+        Stop(reason) for reason in (StopReason.BATTERY_LOW, StopReason.TILT, StopReason.OPERATOR_ESTOP)
+    )
+    ending = ending_after(ending_after(None, empty), pressed)
+    assert ending == Ending(empty, ESTOP, later=(pressed,))
+    assert ending_after(ending, pressed) is ending
+    assert ending_after(ending, tilt) == Ending(empty, ESTOP, later=(pressed, tilt))
+    end = control_end(ending)
+    outcome = Outcome().after_stop(end.stop)
+    for stop in end.later:
+        outcome = outcome.after_stop(stop)
+    assert outcome.label == "battery_low"
+    assert "then the operator pressed the e-stop" in outcome.sentence
+
+
+def test_no_final_word_says_what_did_not_happen() -> None:
+    assert Stop(StopReason.OPERATOR_DAMP).sentence().startswith("damping was asked for;")
+    for reason in (StopReason.STATE_STALE, StopReason.CLOCK_JUMPED):
+        assert "in real time, give a fake robot --lock-step" in Stop(reason).sentence()
 
 
 def test_only_an_end_that_somebody_wanted_gives_way() -> None:

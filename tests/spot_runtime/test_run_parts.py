@@ -58,6 +58,14 @@ def test_the_first_signal_asks_for_a_stop_and_the_second_for_damping() -> None:
     assert (second.reason, second.detail) == (StopReason.OPERATOR_DAMP, "SIGINT")
 
 
+def test_a_stop_says_who_sent_its_signal_where_that_is_not_the_operator() -> None:
+    with StopSignals(" of the service") as signals:
+        os.kill(os.getpid(), signal.SIGTERM)
+        asked = signals.take()
+    assert asked is not None
+    assert asked.detail == "SIGTERM of the service"
+
+
 def test_a_signal_interrupts_a_call_that_waits_and_the_old_handlers_come_back() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with StopSignals() as signals:

@@ -81,7 +81,7 @@ class OperatedRun(Requests):
 
     def drive(self, make_hal: HalFactory) -> operator_pb2.Outcome:
         """Do it all. Returns how it ended, which is also told to the service."""
-        with StopSignals() as signals:
+        with StopSignals(" of the operator's service, or of the system") as signals:
             session = self._session = RobotSession(
                 signals, self.event, limits=self._spec.config.safety, on_shut_down=lambda: self.link.state("ending")
             )
