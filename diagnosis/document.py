@@ -79,14 +79,17 @@ class GapChange(Settings):
     after: float
     """Mean distance from the robot with it."""
     floor: float
-    """Distance between two runs of the robot; without repeats what formulas and noise leave."""
+    """The larger of ``repeats`` and 2 % of the signal's own spread, in closed loop; without repeats, models' scatter
+    stands in for them. In open loop, what formulas and noise leave."""
     share: float | None
     """(before - after) / (before - floor), measured on sequences that nothing was fitted to; null where ``before`` does
-    not exceed ``floor``."""
+    not exceed ``floor``. In closed loop a distance under 2 % of the signal's spread counts as that."""
     low: float | None = None
     """Lower end of its 90 % interval."""
     high: float | None = None
     """Upper end of that interval."""
+    repeats: float | None = None
+    """Distance between two runs of the robot; null where it did not repeat itself."""
 
 
 class QuantityChange(Settings):
@@ -141,7 +144,7 @@ class Difference(Settings):
     parameters: dict[str, Number]
     """Fitted parameters of the effect, by name."""
     by_type: dict[str, dict[str, Number]] = Field(default_factory=dict)
-    """Fitted parameters by joint type (``hx``, ``hy``, ``kn``), where types differ; empty where one number serves."""
+    """Fitted parameters by joint type (``hx``, ``hy``, ``kn``) or joint, where they differ; empty where one serves."""
     rivals: dict[str, float] = Field(default_factory=dict)
     """Probability of each effect in this place, adding up to ``probability`` with the other members."""
     gain_nats: float = 0.0
@@ -175,8 +178,10 @@ class CalibratedNumber(Settings):
     """Its unit; empty for a share."""
     spread: float = 0.0
     """Published standard deviation of this number between robots and their models."""
+    probability: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Probability that it is out of the ordinary."""
     stands_out: bool = False
-    """Whether it lies more than two of these from the nominal number, with its whole interval."""
+    """Whether that is more probable than not."""
 
 
 class Calibration(Settings):
@@ -188,6 +193,8 @@ class Calibration(Settings):
     """Numbers of single joints, of legs and of the floor, with the differences: what is compared with other dates."""
     consequences: Consequences | None = None
     """What they do together, without any difference; null where nothing could be measured."""
+    effects: dict[str, Consequences] = Field(default_factory=dict)
+    """What each kind of number does, by effect: the corrected model against the same without it."""
 
 
 class GapLeft(Settings):
@@ -200,67 +207,29 @@ class GapLeft(Settings):
     left: float
     """Distance of the corrected model from the robot."""
     floor: float
-    """Distance between two runs of the robot; without repeats what formulas and noise leave."""
+    """The larger of ``repeats`` and 2 % of the signal's own spread, in closed loop; without repeats, models' scatter
+    stands in for them. In open loop, what formulas and noise leave."""
     ratio: float | None
     """left / floor."""
-
-
-class Dependence(Settings):
-    """A quantity on which an unexplained residual depends, with the fitted curve."""
-
-    quantity: str
-    """Name of the quantity."""
-    importance: float
-    """Share of the residual that it predicts."""
-    at: tuple[float, ...]
-    """Values of the quantity at which the curve is given."""
-    residual: tuple[float, ...]
-    """Mean residual there, in the channel's unit."""
-
-
-class FormulaTerm(Settings):
-    """One term: ``value`` times ``code``, in the angle q, the speed v and the torque."""
-
-    code: str
-    """The term's formula."""
-    unit: str
-    """Unit of `value`."""
-    value: float
-    """Its factor."""
-    at_rad: float | None = None
-    """The angle around which the term acts, if it does."""
-    width_rad: float | None = None
-    """Width of that term."""
-
-
-class Formula(Settings):
-    """A torque that would explain the remaining residual: the sum of its terms."""
-
-    terms: tuple[FormulaTerm, ...]
-    """The terms."""
-    predicted_share: float
-    """Share of the remaining residual that it predicts, in runs that it was not fitted to."""
+    repeats: float | None = None
+    """Distance between two runs of the robot; null where it did not repeat itself."""
 
 
 class UnknownEffect(Settings):
-    """What no effect of the library explains."""
+    """What the corrected model leaves beyond what corrected models of faultless robots leave, where most is left."""
 
     joints: tuple[str, ...]
-    """Where the residual is."""
+    """Where it is left; empty where the channel is of no joint."""
     regime: str
-    """The part of the motion in which it is largest."""
-    depends_on: tuple[str, ...]
-    """The quantities that predict it best."""
-    channel: str = ""
+    """The part of the motion in which most is left; empty where the channel does not tell."""
+    channel: str
     """The channel in which it shows."""
-    unit: str = ""
-    """Unit of the residual."""
-    predictable_share: float = 0.0
-    """Share of the remaining residual that is predictable from signals, in runs that the fit never saw."""
-    curves: tuple[Dependence, ...] = ()
-    """The residual over each of these quantities."""
-    formula: Formula | None = None
-    """A short formula for it, where there is one; ``unknown_effect.py`` beside the verdict holds it as an effect."""
+    unit: str
+    """Unit of `left` and `usual`."""
+    left: float
+    """Root mean square that the corrected model leaves in that channel at those joints."""
+    usual: float
+    """What corrected models of faultless robots leave there at most, 95 in 100."""
 
 
 class Shrink(Settings):
@@ -314,7 +283,7 @@ class Verdict(Settings):
     warnings: tuple[str, ...] = ()
     """What has to be known before anything is done with the corrected model, a sentence each."""
     differences: tuple[Difference, ...]
-    """Effects that the logs show, those with most evidence first; whether they matter is said by their consequences."""
+    """Effects that the logs show, those that close most of a gap first."""
     calibration: Calibration = Calibration()
     """The robot's own numbers beside the nominal ones."""
     consequences: Consequences | None = None
@@ -352,6 +321,8 @@ class Verdict(Settings):
     """Date of the earlier diagnosis whose corrected model is the nominal one (`--history`); empty for other models."""
     robot: str = ""
     """The robot's serial number or name; empty where the logs do not tell."""
+    held: tuple[str, ...] = ()
+    """Fitted numbers that lie at the end of what is physically possible and are held there, a sentence each."""
     notes: tuple[str, ...] = ()
     """What limits the verdict, a sentence each."""
 

@@ -161,7 +161,6 @@ def run_session(
             nominal_name=inputs.nominal,
             limits_rad=robot.limits_rad,
             engine=engine,
-            is_calibrated=bool(inputs.since),
         )
     told = {"notes": tuple(dict.fromkeys((*notes, *result.verdict.notes))), "since": inputs.since}
     verdict = result.verdict.model_copy(update=told | {"robot": robot_of(runs)})

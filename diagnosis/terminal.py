@@ -24,8 +24,9 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
         ("logs", f"{len(v.logs)}; {used} of {len(v.channels)} channels can be used"),
         *([("difference", _difference(d)) for d in v.differences[:MOST]] or [("difference", "none is shown")]),
         ("otherwise", _otherwise(v)),
-        ("calibration", words.calibration_told(v.calibration.numbers)),
-        ("corrected", "; ".join(map(words.gap_told, words.all_gaps(v))) or "not measured"),
+        ("calibration", words.own_told(v)),
+        ("held", "; ".join(v.held)),
+        ("corrected", "; ".join(map(words.gap_in_units, words.all_gaps(v))) or "not measured"),
         ("remains", "; ".join(map(words.left_told, v.remainder))),
         ("invisible", ", ".join(map(words.plain, v.invisible))),
         ("to decide", "".join(splits[:1])),
@@ -40,21 +41,13 @@ def _difference(d: Difference) -> str:
     does = ""
     if d.consequences is not None:
         change = words.largest_change([d.consequences])
-        gaps = map(words.gap_told, d.consequences.gaps)
+        gaps = map(words.gap_in_units, d.consequences.gaps)
         does = words.change_told(change) if change is not None else next(gaps, "")
     return f"{words.found(d)}, P {d.probability:.2f}" + "".join(f"; {told}" for told in (values, does) if told)
 
 
 def _otherwise(v: Verdict) -> str:
-    told = f"an effect that the library lacks, P {_unknown(v)}; "
+    where = f" ({words.unknown_told(v.unknown)})" if v.unknown is not None else ""
+    told = f"an effect that the library lacks, P {v.probability_unknown:.2f}{where}; "
     told += f"nothing beside the robot's own calibration, P {v.probability_none:.2f}"
     return f"{told}; effects can act together, so probabilities do not add up to 1" if v.differences else told
-
-
-def _unknown(v: Verdict) -> str:
-    told = [f"{v.probability_unknown:.2f}"]
-    if v.unknown is not None:
-        depends = f"depends on {' and '.join(v.unknown.depends_on)}" if v.unknown.depends_on else ""
-        where = (words.joints_in_short(v.unknown.joints), v.unknown.regime, depends)
-        told += [", ".join(filter(None, where))]
-    return ": ".join(filter(None, told))

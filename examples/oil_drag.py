@@ -1,6 +1,6 @@
 """An effect of one's own: drag of gear oil that grows with the square of the speed.
 
-A diagnosis said *unknown effect*, at the hips, depending on velocity, and its curve was a parabola. So:
+A diagnosis said *unknown effect*, in set-point to load at the hips, largest in high speed. So:
 
     PYTHONPATH=examples spot-rl diagnose LOGS --nominal MODEL --out DIR --add-effect oil_drag:OilDrag
 """

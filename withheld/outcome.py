@@ -99,19 +99,6 @@ class Calibration(_Read):
     numbers: tuple[CalibratedNumber, ...] = ()
 
 
-class Formula(_Read):
-    """A formula for what is unknown."""
-
-    predicted_share: float
-    """Of the remaining residual, in runs that it was not fitted to."""
-
-
-class Unknown(_Read):
-    """What the library does not explain."""
-
-    formula: Formula | None = None
-
-
 class Shrink(_Read):
     """How far the verdict says that the gap goes away."""
 
@@ -130,7 +117,6 @@ class Verdict(_Read):
     calibration: Calibration = Calibration()
     probability_none: float
     probability_unknown: float
-    unknown: Unknown | None = None
     shrink: Shrink | None = None
 
     @property

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 import time
 from argparse import Namespace
 from collections.abc import Callable, Mapping
@@ -35,7 +36,7 @@ from torch import set_num_threads
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from calibrate_diagnosis import POLICIES, recorded
+from calibrate_diagnosis import recorded
 from many_robots import make_all, two_steps
 
 from diagnosis.channels import Channel
@@ -44,8 +45,10 @@ from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.simulation import rollouts_under, run_all
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.verdict.diagnose import diagnose
+from spot_model.policy.built_in import FOLDER
 from spot_model.policy.policy import load_policy
 from trainer.signals.recording import record
+from withheld.blind.execution import what_faults_do
 from withheld.cases import draw, kind_of
 from withheld.realities.source import CATALOGUES, source_of
 from withheld.scoring.scores import LARGE
@@ -68,12 +71,16 @@ def robot(seed: int, number: int, catalogue: str, out: Path, late_s: float) -> s
     if time.monotonic() > late_s:
         return f"{number}: left for another time"
     source = source_of(catalogue)
-    case = draw(seed, number, source, POLICIES)
+    case = draw(seed, number, source, FOLDER)
     if file.exists() or case.missing:
         return f"{number}: {'there' if file.exists() else 'left out, lacks ' + ', '.join(case.missing)}"
-    policy = load_policy(POLICIES / f"{case.policy}.onnx")
+    policy = load_policy(FOLDER / f"{case.policy}.onnx")
     try:
-        reality, runs, moved = recorded(case, source, policy)
+        reality, runs = recorded(case, source)
+        with tempfile.TemporaryDirectory() as work:
+            file_of = FOLDER / f"{case.policy}.onnx"
+            does = what_faults_do(source, case, reality, runs, policy, file_of, Path(work))
+        moved = [by for by, _ in does]
     except RealityDivergedError:
         return f"{number}: its simulation broke down"
     nominal, seconds = reality.nominal, {}

@@ -1,8 +1,8 @@
 """What something does to simulated runs: how near they come to the robot's, and what a person asks of them.
 
 Runs without it and with it start alike and are told the same. All simulated runs of a sequence are compared with all of
-the robot's, and these with each other for the floor, each pair up to the earlier end: for the true model the distance
-is the floor.
+the robot's, and these with each other, each pair up to the earlier end: for the true model the distance is that of the
+repeats. A gap counts from its floor: the distance of the repeats, or what nobody would call a gap if that is larger.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ from diagnosis.closed_loop.run_numbers import (
 )
 from diagnosis.closed_loop.shrink import (
     MIN_GAP,
+    QUANTILES,
     Cuts,
     SequenceDistances,
     interval,
     mean_distance,
     mean_floor,
+    mean_repeats,
     pair_distances,
     resamples,
     sequence_of,
@@ -42,8 +44,8 @@ from spot_log.read.run import Run
 from spot_model.robot.rotation import rotate_inverse_wxyz
 from trainer.signals.policy_ticks import MIN_TICKS, policy_ticks
 
-QUANTILES: Final = (np.arange(100) + 0.5) / 100
-"""Quantiles of a signal's digest; their mean difference is the Wasserstein distance."""
+PRACTICAL: Final = 0.02
+"""Share of a signal's own spread under which a distance is nothing to anybody, however well a robot repeats itself."""
 FALLS: Final = Quantity("fall_share", "share of runs that fall", "")
 FALL_TIME: Final = Quantity("time_to_fall", "mean time to a fall, within the commands", "s")
 LARGEST: Final = frozenset({"top_speed"})
@@ -84,10 +86,9 @@ def consequences(trials: Trials, before: str, after: str, rng: np.random.Generat
     real, first, second = _by_sequence(bench.runs), _by_sequence(trials.runs[before]), _by_sequence(trials.runs[after])
     gaps = []
     for gap, compared in _compared(real, {before: first, after: second}, after):
-        d0, d1, floor, s, low, high = shrinkage(compared, before, after, rng, doubt * mean_floor(compared))
-        gaps.append(
-            GapChange(gap=gap.name, unit=gap.unit, before=d0, after=d1, floor=floor, share=s, low=low, high=high)
-        )
+        d0, d1, floor, s, low, high = shrinkage(compared, before, after, rng, doubt * mean_repeats(compared))
+        repeats, share = _known_repeats(compared), {"share": s, "low": low, "high": high}
+        gaps.append(GapChange(gap=gap.name, unit=gap.unit, before=d0, after=d1, floor=floor, repeats=repeats, **share))
     length_s = {s.sequence: len(s.velocity_command) * s.tick_period_s for s in bench.scripts}
     return Consequences(loop="closed", gaps=tuple(gaps), changes=_changes(real, first, second, length_s, rng))
 
@@ -99,8 +100,18 @@ def remainder(trials: Trials, after: str) -> tuple[GapLeft, ...]:
     for gap, compared in _compared(real, {after: made}, after):
         left, floor = mean_distance(compared, after), mean_floor(compared)
         ratio = left / floor if floor > 0.0 else None
-        out.append(GapLeft(gap=gap.name, unit=gap.unit, left=left, floor=floor, ratio=ratio))
+        repeats = _known_repeats(compared)
+        out.append(GapLeft(gap=gap.name, unit=gap.unit, left=left, floor=floor, ratio=ratio, repeats=repeats))
     return tuple(out)
+
+
+def gap_ratios(trials: Trials, name: str) -> dict[GapName, float]:
+    """What a model leaves of each gap, in floors; without gaps that a log cannot show."""
+    return {left.gap: left.ratio for left in remainder(trials, name) if left.ratio is not None}
+
+
+def _known_repeats(compared: Sequence[SequenceDistances]) -> float | None:
+    return mean_repeats(compared) if len(compared[0].real) > 1 else None
 
 
 def worse_gaps(whole: Consequences) -> list[str]:
@@ -109,7 +120,7 @@ def worse_gaps(whole: Consequences) -> list[str]:
         f"the corrected model is farther from the robot than the nominal one in {g.gap}: {g.after:.2g} instead of "
         f"{g.before:.2g} {g.unit}"
         for g in whole.gaps
-        if g.after - g.before > MIN_GAP * g.floor
+        if g.after - max(g.before, g.floor) > MIN_GAP * g.floor
     ]
     for c in whole.changes:
         if c.quantity != FALLS.name or c.before is None or c.after is None or c.robot is None:
@@ -132,6 +143,9 @@ def _by_sequence(runs: Sequence[Run]) -> Runs:
 def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[SequenceDistances]]]:
     """Distances by gap, in its unit, and by sequence; without gaps whose signal a log lacks.
 
+    What is nothing to anybody is a share of the spread of the robot's signal, standard deviations over a run, averaged
+    over the components and the runs.
+
     ``stand_in`` is the model whose scatter is the floor of a robot that did not repeat itself.
     """
     by_gap: dict[Gap, list[SequenceDistances]] = {gap: [] for gap in GAPS}
@@ -144,9 +158,12 @@ def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tup
         if len(pairs) < 2:
             scatter = pair_distances(made[stand_in], made[stand_in], _apart)
             floor = scatter.sum(axis=(0, 1)) / max(1, len(scatter) * (len(scatter) - 1))
+        least = PRACTICAL * np.mean([_spread(own.to(i, n)) for i, n in enumerate(own.lengths)], axis=0)
         for k, gap in enumerate(GAPS):
             of_models = {name: distances[..., k] for name, distances in apart.items()}
-            by_gap[gap].append(SequenceDistances(sequence, pairs[..., k], of_models, floor=float(floor[k])))
+            by_gap[gap].append(
+                SequenceDistances(sequence, pairs[..., k], of_models, floor=float(floor[k]), least=float(least[k]))
+            )
     out = []
     for gap, found in by_gap.items():
         if all(np.isfinite(d).all() for c in found for d in (c.real, *c.models.values())):
@@ -166,6 +183,11 @@ def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts:
         return [np.asarray(np.sort(signal[first:last], axis=0)[rows]) for signal in signals[i]]
 
     return Cuts([len(t) for t in ticks_ns], digest)
+
+
+def _spread(quantiles: list[Array]) -> list[float]:
+    """Standard deviation of each gap's signal, mean over its components."""
+    return [float(np.mean(np.std(q, axis=0))) for q in quantiles]
 
 
 def _apart(first: list[Array], second: list[Array]) -> list[float]:

@@ -1,28 +1,44 @@
-"""The surroundings of a robot: how soft the ground is, and what the robot's own estimator makes of its velocity.
+"""The surroundings of a robot: its ground, and what the robot's own estimator makes of its velocity.
 
 They are no part of a robot's model, no log shows them directly, and a gait depends on them more than on most effects: a
 tenth of the ground's time constant moves the measure by as much as two real runs differ. So the corrected model gets,
 for each command sequence, the surroundings with the best score on the *other* sequences, and models with less of what
 was found share them, so that a gap is the robot's and not the floor's.
+
+The score is the geometric mean of the headline distance and that of the body's velocity as the policy sees it. One
+simulated run scatters about as much as the score varies near its best. So its logarithm is taken for a quadratic in the
+surroundings, fitted to runs that are spread over them, and its lowest place is the choice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.stats import qmc
 
-from diagnosis.closed_loop.shrink import Features, compare, simulated_features
+from diagnosis.channels import Array
+from diagnosis.closed_loop.shrink import (
+    QUANTILES,
+    Cuts,
+    compare,
+    features_by_sequence,
+    pair_distances,
+    sequence_of,
+    simulated_features,
+)
 from diagnosis.closed_loop.simulation import Rollouts, run_all
-from spot_model.effects.bodies import GroundCompliance
+from spot_log.read.run import Run
+from spot_model.effects.bodies import GroundCompliance, GroundFriction
 from spot_model.effects.leg_odometry import LegOdometry
 from spot_model.io.model_file import RobotModel
+from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.signals.policy_ticks import Script
+from trainer.signals.policy_ticks import MIN_TICKS, Script, policy_ticks
 from trainer.simulate.engine import Tell
 
 _OWN: Final = MjcfOptions().contact_solref
@@ -35,10 +51,12 @@ LEAST_DAMPING: Final = _OWN[1] + next(p.low for p in GroundCompliance.parameters
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The ground's contact and the estimator; the simulator's own by default."""
+    """The ground and the estimator; the simulator's own by default."""
 
     contact_time_constant_s: float = _OWN[0]
     contact_damping_ratio: float = _OWN[1]
+    friction_scale: float = 1.0
+    """Of the ground's sliding friction."""
     odometry_time_s: float = 0.0
     """Time in which standing legs pull the reported velocity; 0 for a true velocity. See :class:`LegOdometry`."""
 
@@ -53,8 +71,8 @@ class Surroundings:
             time_constant_s=max(self.contact_time_constant_s, HARDEST_S - own_s) - _OWN[0],
             damping_ratio=max(self.contact_damping_ratio, LEAST_DAMPING - own_ratio) - _OWN[1],
         )
-        odometry = LegOdometry(time_s=self.odometry_time_s)
-        added = tuple(effect for effect in (ground, odometry) if not effect.is_null)
+        friction, odometry = GroundFriction(scale=self.friction_scale), LegOdometry(time_s=self.odometry_time_s)
+        added = tuple(effect for effect in (ground, friction, odometry) if not effect.is_null)
         return replace(model, effects=(*added, *model.effects))
 
 
@@ -70,24 +88,28 @@ def _own_ground(model: RobotModel) -> tuple[float, float]:
 
 OWN: Final = Surroundings()
 """The simulator's."""
-STEP: Final = 1.3
-TIME_CONSTANTS_S: Final = tuple(OWN.contact_time_constant_s * STEP**k for k in (-2, 0, 2))
-"""From 12 ms to 34 ms, at which a foot sinks by a centimetre under Spot's weight; nothing is tried below
-:data:`HARDEST_S`."""
-FINER: Final = (STEP**-0.5, STEP**0.5)
-DAMPING_RATIOS: Final = (0.8, 1.25)
-ODOMETRY_S: Final = 0.05
-"""Tried first; which of the other times it is matters little."""
-OTHER_ODOMETRY_S: Final = (0.0, 0.12)
-NEIGHBOURS: Final = 1.01 * STEP**2
-"""Time constants that differ by no more are neighbours of the first choice."""
+LOW: Final = np.array([np.log(HARDEST_S), np.log(0.5), np.log(0.5), 0.0])
+HIGH: Final = np.array([np.log(0.034), np.log(2.0), np.log(1.4), 40.0])
+"""Among what is looked: logarithms of the time constant (at 34 ms a foot sinks by a centimetre under Spot's weight), of
+the damping ratio and of the friction's scale (coefficients of 0.4 to 1.1), and the rate 1/T of the odometry, 1/s."""
+SLOWEST_S: Final = 2.0
+"""An odometry of more time reports a velocity that is as good as true."""
+WIDE, NEAR = 32, 16
+"""Number of surroundings that are tried: all over the bounds, then within half of them around the best."""
+PLACES: Final = 4096
+LOWEST: Final = 40
+"""The lowest place is the mean of so many of so many places: near it a surface is flat."""
+RIDGE: Final = 1.0
+"""What a coefficient's square costs, in squares of a run's deviation: with three runs a coefficient, scatter counts."""
 BETTER: Final = 0.95
 """Other surroundings than the simulator's own must score less than this share of them."""
+MEASURES: Final = (0, 1)
+"""The headline distance, and that of the body's velocity."""
 SMALL: Final = 0.01
 """No score counts as less."""
 MAX_SEQUENCES: Final = 4
 """Number of command sequences that serve to choose; each choice takes one simulated run of each."""
-MAX_TICKS: Final = 200
+MAX_TICKS: Final = 300
 """Ticks of a run that count, from its start."""
 SURROUNDING_EFFECTS: Final = frozenset(
     {"ground_compliance", "ground_friction", "foot_radius", "contact_delay", "velocity_estimate", "imu_tilt"}
@@ -110,9 +132,8 @@ class ChosenSurroundings:
 class _Scores:
     """Scores of surroundings by sequence: one simulated run of each."""
 
-    def __init__(
-        self, model: RobotModel, scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy
-    ) -> None:
+    def __init__(self, model: RobotModel, scripts: Sequence[Script], runs: Sequence[Run], policy: Policy) -> None:
+        real = features_by_sequence(runs, policy)
         names = sorted(name for name in real if any(s.sequence == name for s in scripts))
         # Without repeats a sequence's distances have another unit.
         names = [name for name in names if len(real[name]) > 1] or names
@@ -121,75 +142,67 @@ class _Scores:
         self.names = names
         self._model, self._policy = model, policy
         self._real = {name: [f[:MAX_TICKS] for f in real[name]] for name in names}
+        self._seen = {
+            name: _seen([r for r in runs if sequence_of(r) == name and len(policy_ticks(r)) >= MIN_TICKS])
+            for name in names
+        }
         first = [next(s for s in scripts if s.sequence == name) for name in names]
         self._scripts = [replace(s, velocity_command=s.velocity_command[:MAX_TICKS]) for s in first]
-        self._costs: dict[Surroundings, NDArray[np.float64]] = {}
+        self._places, self._costs = np.empty((0, len(LOW))), np.empty((0, len(MEASURES), len(names)))
 
-    def add(self, some: Sequence[Surroundings], engine: Rollouts, rng: np.random.Generator, tell: Tell) -> None:
-        """Score those that are new, by one simulated run of each sequence."""
-        new = [s for s in dict.fromkeys(some) if s not in self._costs]
+    def add(self, places: Array, engine: Rollouts, rng: np.random.Generator, tell: Tell) -> None:
+        """Score surroundings, shape (n, 4), by one simulated run of each sequence."""
         jobs = []
-        for k, surroundings in enumerate(new):
-            model = surroundings.around(self._model)
+        for k, place in enumerate(places):
+            model = _surroundings_at(place).around(self._model)
             jobs += [(model, replace(script, sequence=f"{k}:{script.sequence}")) for script in self._scripts]
-        found = simulated_features(run_all(jobs, engine, rng, tell, only_ticks=True), self._policy)
-        costs = np.empty((len(new), len(self.names)))
-        for column, name in enumerate(self.names if new else ()):
-            parts = {str(k): found[f"{k}:{name}"] for k in range(len(new))}
+        runs = run_all(jobs, engine, rng, tell, only_ticks=True)
+        found = simulated_features(runs, self._policy)
+        costs = np.empty((len(places), len(MEASURES), len(self.names)))
+        for column, name in enumerate(self.names):
+            parts = {str(k): found[f"{k}:{name}"] for k in range(len(places))}
             for row, distances in compare(name, self._real[name], parts).models.items():
-                costs[int(row), column] = float(np.mean(distances))
-        self._costs.update(zip(new, costs, strict=True))
+                costs[int(row), 0, column] = np.mean(distances)
+            mine = _seen(runs[column :: len(self.names)])
+            costs[:, 1, column] = pair_distances(mine, self._seen[name], _apart).mean(axis=1)
+        costs = np.log(np.maximum(costs, SMALL))
+        self._places, self._costs = np.concatenate([self._places, places]), np.concatenate([self._costs, costs])
 
-    def best_without(self, *names: str) -> Surroundings:
-        """With the best geometric mean over all other sequences; over all where there are no others."""
-        total = self._totals(names)
-        best = min(total, key=lambda s: total[s])
-        return best if total[best] < BETTER * total[OWN] else OWN
+    def best_without(self, *names: str) -> Array:
+        """Where the geometric mean over all other sequences is lowest; over all where there are no others."""
+        surface = self._surface(MEASURES, [n for n in self.names if n not in names] or self.names)
+        where = _places()[np.argsort(surface(_places()))[:LOWEST]].mean(axis=0)
+        at_best, at_own = surface(np.stack([where, _OWN_PLACE]))
+        return np.asarray(where if at_best < at_own + np.log(BETTER) else _OWN_PLACE)
 
-    def combined(self, centre: Surroundings, names: Sequence[str]) -> Surroundings:
-        """The best time constant and the best odometry beside a centre, judged without some sequences, together."""
-        total = self._totals(names)
-
-        def best(changes: list[Surroundings]) -> Surroundings:
-            return min((s for s in changes if s in total), key=lambda s: total[s], default=centre)
-
-        estimator = best([centre, *_estimators(centre)])
-        return replace(best([centre, *_nearer(centre)]), odometry_time_s=estimator.odometry_time_s)
-
-    def _totals(self, names: Sequence[str]) -> dict[Surroundings, float]:
-        keep = [i for i, n in enumerate(self.names) if n not in names] or list(range(len(self.names)))
-        # Of logarithms, so that no sequence outweighs the others.
-        return {s: float(np.exp(np.mean(np.log(np.maximum(cost[keep], SMALL))))) for s, cost in self._costs.items()}
+    def _surface(self, measures: Sequence[int], names: Sequence[str]) -> Callable[[Array], Array]:
+        """A quadratic in the places, fitted to the mean logarithm of the scores of some sequences."""
+        y = self._costs[:, measures][:, :, [self.names.index(n) for n in names]].mean(axis=(1, 2))
+        # What is far from the best need not be told well.
+        weight = np.exp(-2.0 * (y - y.min()))
+        x = _quadratic(self._places)
+        ridge = RIDGE * np.diag([0.0, *np.ones(x.shape[1] - 1)])
+        coefficients = np.linalg.solve(x.T @ (weight[:, None] * x) + ridge, x.T @ (weight * y))
+        return lambda places: np.asarray(_quadratic(places) @ coefficients)
 
     def doubt(self) -> float:
         """What the choice adds to the error of a mean distance: a jackknife over the sequences that it is made on."""
         squares = []
-        for column, name in enumerate(self.names):
+        for name in self.names:
             others = [n for n in self.names if n != name]
             if len(others) < 2:
                 continue
-            chosen = self._costs[self.best_without(name)][column]
-            moved = [self._costs[self.best_without(name, other)][column] - chosen for other in others]
+            at = [self.best_without(name), *(self.best_without(name, other) for other in others)]
+            costs = np.exp(self._surface(MEASURES[:1], [name])(np.stack(at)))
+            moved = costs[1:] - costs[0]
             squares.append((len(others) - 1) / len(others) * float(np.sum(np.square(moved))))
         return float(np.sqrt(np.mean(squares))) if squares else 0.0
-
-    def centres(self) -> list[tuple[Surroundings, tuple[str, ...]]]:
-        """Where to look more closely: the best of all, with the sequences that it is chosen without, none.
-
-        Where sequences left out one at a time are neighbours no more, the best without each. More choices than that do
-        not find better ones: they only fit one run's scatter.
-        """
-        apart = {n: self.best_without(n) for n in self.names}
-        times = [s.contact_time_constant_s for s in apart.values()]
-        if max(times) <= NEIGHBOURS * min(times):
-            return [(self.best_without(), ())]
-        return [(s, (name,)) for name, s in apart.items()]
 
 
 def best_surroundings(
     model: RobotModel,
     scripts: Sequence[Script],
-    real: Mapping[str, Features],
+    runs: Sequence[Run],
     policy: Policy,
     engine: Rollouts,
     rng: np.random.Generator,
@@ -197,35 +210,62 @@ def best_surroundings(
 ) -> ChosenSurroundings:
     """Surroundings of a model for each sequence, chosen on the others; on itself where it is the only one.
 
-    First hard and soft ground, then around the best the ground and the estimator, and around both together the ground
-    finer and how it damps. ``real`` holds the real runs' features by sequence.
+    First all over the bounds, then around the best. ``runs`` are the real ones.
     """
-    scores = _Scores(model, scripts, real, policy)
+    scores = _Scores(model, scripts, runs, policy)
     if not scores.names:
         return ChosenSurroundings({})
-    soft = [replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S]
-    scores.add([OWN, *soft], engine, rng, lambda share: tell(share / 3))
-    around = scores.centres()
-    near = [s for centre, _ in around for s in (*_nearer(centre), *_estimators(centre))]
-    scores.add(near, engine, rng, lambda share: tell((1 + share) / 3))
-    centres = [scores.combined(centre, names) for centre, names in around]
-    scores.add([s for c in centres for s in (c, *_finer(c))], engine, rng, lambda share: tell((2 + share) / 3))
+    wide = 2.0 * qmc.Sobol(len(LOW), rng=np.random.default_rng(1)).random(WIDE) - 1.0
+    scores.add(np.concatenate([_OWN_PLACE[None], wide]), engine, rng, lambda share: tell(share * WIDE / (WIDE + NEAR)))
+    near = qmc.Sobol(len(LOW), rng=np.random.default_rng(2)).random(NEAR) - 0.5
+    places = np.clip(scores.best_without() + near, -1.0, 1.0)
+    scores.add(places, engine, rng, lambda share: tell((WIDE + share * NEAR) / (WIDE + NEAR)))
     every = sorted({s.sequence for s in scripts})
-    return ChosenSurroundings({s: scores.best_without(s) for s in every}, scores.best_without(), scores.doubt())
+    by_sequence = {s: _surroundings_at(scores.best_without(s)) for s in every}
+    return ChosenSurroundings(by_sequence, _surroundings_at(scores.best_without()), scores.doubt())
 
 
-def _nearer(centre: Surroundings) -> list[Surroundings]:
-    return _with_times(centre, (1.0 / STEP, STEP))
+def _seen(runs: Sequence[Run]) -> Cuts:
+    """Quantiles of the body's velocity as the policy sees it, of each run up to each tick, shape (Q, 3)."""
+    rows = [policy_ticks(run, MIN_TICKS)[:MAX_TICKS] for run in runs]
+    seen = [
+        observed(run.ticks.observation[own], "linear_vel_of_body_in_body_m_s")
+        for run, own in zip(runs, rows, strict=True)
+    ]
+
+    @cache
+    def digest(i: int, n: int) -> Array:
+        return np.sort(seen[i][:n].astype(np.float64), axis=0)[(QUANTILES * n).astype(np.intp)]
+
+    return Cuts([len(own) for own in rows], digest)
 
 
-def _estimators(centre: Surroundings) -> list[Surroundings]:
-    return [replace(centre, odometry_time_s=t) for t in OTHER_ODOMETRY_S if t != centre.odometry_time_s]
+def _apart(first: Array, second: Array) -> float:
+    return float(np.mean(np.abs(first - second)))
 
 
-def _finer(centre: Surroundings) -> list[Surroundings]:
-    return [*_with_times(centre, FINER), *(replace(centre, contact_damping_ratio=d) for d in DAMPING_RATIOS)]
+def _surroundings_at(place: Array) -> Surroundings:
+    """Those of a place, whose coordinates go from -1 at :data:`LOW` to 1 at :data:`HIGH`."""
+    if np.array_equal(place, _OWN_PLACE):
+        return OWN
+    time_s, ratio, friction, rate = LOW + 0.5 * (place + 1.0) * (HIGH - LOW)
+    odometry_s = 1.0 / rate if rate > 1.0 / SLOWEST_S else 0.0
+    return Surroundings(float(np.exp(time_s)), float(np.exp(ratio)), float(np.exp(friction)), float(odometry_s))
 
 
-def _with_times(centre: Surroundings, factors: Sequence[float]) -> list[Surroundings]:
-    times_s = {max(HARDEST_S, centre.contact_time_constant_s * f) for f in factors}
-    return [replace(centre, contact_time_constant_s=t) for t in sorted(times_s)]
+_OWN_VALUES: Final = np.array(
+    [*np.log([OWN.contact_time_constant_s, OWN.contact_damping_ratio, OWN.friction_scale]), 0.0]
+)
+_OWN_PLACE: Final = 2.0 * (_OWN_VALUES - LOW) / (HIGH - LOW) - 1.0
+
+
+def _quadratic(places: Array) -> Array:
+    """1, the coordinates and their products, shape (n, 15)."""
+    first, second = np.triu_indices(places.shape[1])
+    return np.concatenate([np.ones((len(places), 1)), places, places[:, first] * places[:, second]], axis=1)
+
+
+@cache
+def _places() -> Array:
+    """Places all over the bounds."""
+    return np.asarray(2.0 * qmc.Sobol(len(LOW), rng=np.random.default_rng(0)).random(PLACES) - 1.0)

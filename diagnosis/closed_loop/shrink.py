@@ -22,6 +22,8 @@ N_RESAMPLES: Final = 1000
 LEVEL: Final = 0.90
 MIN_GAP: Final = 0.05
 """A gap that exceeds its floor by less than this share of the floor has nothing to shrink."""
+QUANTILES: Final = (np.arange(100) + 0.5) / 100
+"""Quantiles of a signal's digest; their mean difference is the Wasserstein distance."""
 WHOLE: Final = 0.9
 """Of two runs, one of less than this share of the other one fell, or was cut: they are compared up to its end."""
 
@@ -42,6 +44,8 @@ class SequenceDistances:
     """What a distance of each of the measure's two parts was divided by, shape (2,)."""
     floor: float = 1.0
     """Where the robot did not repeat itself, what stands in for the distance between two of its runs."""
+    least: float = 0.0
+    """A distance, in the same unit, that is nothing to anybody: no mean over sequences counts as less."""
 
 
 class Cuts(NamedTuple):
@@ -148,13 +152,15 @@ def shrinkage(
     sizes = [(c.real.shape[0], c.models[before].shape[0]) for c in compared]
     draws = []
     for drawn in resamples(sizes, rng):
-        sums = np.zeros(3)
+        sums, least = np.zeros(3), 0.0
         for i, real, simulated in drawn:
             c, at = compared[i], np.ix_(simulated, real)
-            sums += c.models[before][at].mean(), c.models[after][at].mean(), _floor(c, real)
+            sums += c.models[before][at].mean(), c.models[after][at].mean(), _repeats(c, real)
+            least += c.least
+        sums = np.maximum(sums, least)
         if sums[0] - sums[2] > 1e-9:
             draws.append((sums[0] - sums[1]) / (sums[0] - sums[2]))
-    s = (d0 - d1) / (d0 - floor)
+    s = (d0 - max(d1, _least(compared))) / (d0 - floor)
     if not draws:
         return Shrinkage(d0, d1, floor, s, None, None)
     return Shrinkage(d0, d1, floor, s, *interval(s, draws, [min(size) for size in sizes], doubt / (d0 - floor)))
@@ -166,8 +172,17 @@ def mean_distance(compared: Sequence[SequenceDistances], model: str) -> float:
 
 
 def mean_floor(compared: Sequence[SequenceDistances]) -> float:
+    """Where a gap begins: at the mean distance of the robot's repeats, but not under what is nothing to anybody."""
+    return max(mean_repeats(compared), _least(compared))
+
+
+def mean_repeats(compared: Sequence[SequenceDistances]) -> float:
     """Mean distance of the robot's runs from each other, or what stands in for it."""
-    return float(np.mean([_floor(c) for c in compared]))
+    return float(np.mean([_repeats(c) for c in compared]))
+
+
+def _least(compared: Sequence[SequenceDistances]) -> float:
+    return float(np.mean([c.least for c in compared]))
 
 
 def resamples(
@@ -211,7 +226,7 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _floor(c: SequenceDistances, chosen: NDArray[np.intp] | None = None) -> float:
+def _repeats(c: SequenceDistances, chosen: NDArray[np.intp] | None = None) -> float:
     """Mean distance of two different real runs; without repeats what stands in for it."""
     n = len(c.real)
     if n < 2:

@@ -157,7 +157,7 @@ def run_trials(
         models[name] = {s: made[k if crossed else -1] for k, s in enumerate(names)}
         if name == stated:
             chosen = best_surroundings(
-                made[-1], bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
+                made[-1], bench.scripts, bench.runs, bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
             )
     # One object for one model in one place: runs of models that cannot be merged go by model.
     placed: dict[tuple[int, Surroundings], RobotModel] = {}

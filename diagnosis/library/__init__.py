@@ -74,6 +74,8 @@ class LibraryEffect(ABC):
     """Name of the spot_model effect, unless another is given."""
     title: ClassVar[str]
     """For a person; the name in words, unless it is given."""
+    family: ClassVar[str] = ""
+    """What it has in common with effects like it, for a person; empty where there are none."""
     effect: ClassVar[type[Effect]]
     """What puts it into a simulator."""
     channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)

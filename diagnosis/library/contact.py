@@ -27,6 +27,7 @@ class FootRadiusEntry(LibraryEffect):
     """Feet larger or smaller: contact points lie lower, and roll further."""
 
     title = "size of the feet"
+    family = "another ground"
     effect = FootRadius
     channels = (Channel.STANCE_KINEMATICS,)
     location = Location.LEG
@@ -47,6 +48,7 @@ class GroundFrictionEntry(LibraryEffect):
     """The ratio of shear to normal force at which a loaded foot slips."""
 
     title = "grip of the ground"
+    family = "another ground"
     effect = GroundFriction
     channels = (Channel.CONTACT_EVENTS,)
     location = Location.LEG
@@ -66,6 +68,7 @@ class GroundComplianceEntry(LibraryEffect):
     """Feet that the ground takes longer to stop, in proportion to the contact's time constant."""
 
     title = "soft ground"
+    family = "another ground"
     effect = GroundCompliance
     channels = (Channel.CONTACT_EVENTS, Channel.STANCE_KINEMATICS)
     location = Location.LEG
@@ -108,17 +111,20 @@ def _sunk(k: StanceSignals, legs: Flags) -> Array:
 
 TILT_STEP_RAD: Final = 0.01
 CONJUGATE: Final = np.array([1.0, -1.0, -1.0, -1.0])
+LARGEST_SHARE: Final = 0.9
+"""Of a reported velocity that is not there: beyond any bound, and still a number."""
 
 
 class VelocityEstimateEntry(LibraryEffect):
     """Reported velocity = scale · low-pass(v) + bias: all standing feet seem to move alike."""
 
     title = "estimated body velocity"
+    family = "an error of the state estimate"
     effect = VelocityEstimate
     channels = (Channel.STANCE_KINEMATICS, Channel.INERTIAL_UNIT)
     location = Location.ROBOT
     coefficients = (
-        Coefficient("scale", "1", -0.7, 1.0),
+        Coefficient("scale", "1", -0.7, 0.5),
         Coefficient("bias_x_m_s", "m/s", -1.0, 1.0),
         Coefficient("bias_y_m_s", "m/s", -1.0, 1.0),
         Coefficient("late", "1", 1.0, 1.0),
@@ -152,7 +158,7 @@ class VelocityEstimateEntry(LibraryEffect):
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Scale, bias and lag; columns are of the reported velocity, which is itself scaled."""
         share, x, y, _ = (float(c) for c in coefficients)
-        scale = 1.0 / (1.0 - min(share, 0.5))
+        scale = 1.0 / (1.0 - min(share, LARGEST_SHARE))
         return {"scale": scale, "bias_x_m_s": x * scale, "bias_y_m_s": y * scale, "lag_s": float(shape["lag_s"])}
 
     def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
@@ -166,6 +172,7 @@ class ImuTiltEntry(LibraryEffect):
     """A believed body frame that is rolled and pitched against the true one."""
 
     title = "tilted inertial unit"
+    family = "a sensor's error"
     effect = ImuTilt
     channels = (Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS, Channel.INERTIAL_UNIT)
     location = Location.ROBOT
@@ -230,6 +237,7 @@ class ContactDelayEntry(LibraryEffect):
     """Flags that change after the force does."""
 
     title = "late contact flags"
+    family = "an error of the state estimate"
     effect = ContactDelay
     channels = (Channel.CONTACT_EVENTS,)
     location = Location.LEG

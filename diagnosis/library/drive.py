@@ -43,6 +43,7 @@ class CoulombEntry(LibraryEffect):
     """−F·sign(q̇): the same at any torque and speed; after a reversal it may build up over a distance."""
 
     title = "dry friction"
+    family = "friction"
     effect = CoulombFriction
     coefficients = (Coefficient("level_nm", "N·m", 0.0, 5.0),)
     grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0, 0.004, 0.015)}
@@ -69,6 +70,7 @@ def _built_up(s: ActuatorSignals, distance_rad: float) -> Array:
 class ViscousEntry(LibraryEffect):
     """−D·q̇; at one set of gains the same as a larger kd."""
 
+    family = "friction"
     effect = ViscousFriction
     coefficients = (Coefficient("damping_nm_s_per_rad", "N·m·s/rad", 0.0, 5.0),)
     confused_with = ("coulomb_friction", "torque_bandwidth", "torque_speed_curve")
@@ -79,6 +81,7 @@ class StribeckEntry(LibraryEffect):
     """−F·exp(−(q̇/v)²)·sign(q̇): only near standstill; it, too, may build up over a distance."""
 
     title = "friction near standstill (Stribeck)"
+    family = "friction"
     effect = StribeckFriction
     coefficients = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
     grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0015, 0.005), "speed_rad_s": (0.2, 0.4, 0.8)}
@@ -101,6 +104,7 @@ class LoadFrictionEntry(LibraryEffect):
     """−k·|g|·sign(q̇), with g the load that is measured behind the gear: its efficiency."""
 
     title = "friction that grows with load"
+    family = "friction"
     effect = LoadFriction
     coefficients = (Coefficient("share", "1", 0.0, 0.9),)
     confused_with = ("coulomb_friction", "torque_gain", "backlash")
@@ -127,6 +131,7 @@ SUBSTEPS: Final = 2
 class TorqueGainEntry(LibraryEffect):
     """(g − 1)·τ: the motor gives a constant share."""
 
+    family = "a wrong torque scale"
     effect = TorqueGain
     coefficients = (Coefficient("gain", "1", -0.9, 2.0),)
     confused_with = ("load_sensor_gain", "thermal_derating", "load_friction", "torque_limit", "position_torque_limit")
@@ -137,6 +142,7 @@ class ArmatureEntry(LibraryEffect):
     """−I·q̈: torque that accelerates the rotor; the load is measured behind it."""
 
     title = "reflected rotor inertia"
+    family = "inertia"
     effect = Armature
     coefficients = (Coefficient("inertia_kg_m2", "kg·m²", 0.0, 0.5),)
     confused_with = ("torque_bandwidth", "power_limit")
@@ -147,6 +153,7 @@ class BandwidthEntry(LibraryEffect):
     """A first-order lag of the torque."""
 
     title = "slow torque loop"
+    family = "a lag or delay"
     effect = TorqueBandwidth
     coefficients = (ALL_OF_IT,)
     grid: ClassVar[Grid] = {"time_constant_s": (0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}
@@ -164,6 +171,7 @@ class DelayEntry(LibraryEffect):
     """The torque that was asked for a while ago; a delay that all joints share is in part the load's lag."""
 
     title = "delay of the torque"
+    family = "a lag or delay"
     effect = TorqueDelay
     coefficients = (ALL_OF_IT,)
     grid: ClassVar[Grid] = {"delay_s": (0.001, 0.002, 0.004, 0.008, 0.016)}
@@ -181,6 +189,7 @@ class ThermalEntry(LibraryEffect):
     """−k·θ·τ with the rise θ heated by τ²; heating and cooling as the simulator's defaults, so k alone is fitted."""
 
     title = "loss of torque with heat"
+    family = "a wrong torque scale"
     effect = ThermalDerating
     coefficients = (Coefficient("loss_per_k", "1/K", 0.0, 0.1),)
     confused_with = ("torque_gain", "bus_sag")
@@ -206,6 +215,7 @@ class BacklashEntry(LibraryEffect):
     """Torque missing while the motor crosses a gap after each reversal; knocks, and a load that rattles."""
 
     title = "play in the gear"
+    family = "play in the gear"
     effect = Backlash
     channels = (Channel.SET_POINT_TO_LOAD, Channel.SENSOR_NOISE)
     coefficients = (

@@ -21,6 +21,16 @@ from spot_model.effects.commands import CommandDelay
 
 IN_CHANNELS: Final = (TorqueEffect, ModelEffect, CommandDelay)
 """Kinds that channels compute by themselves, but for soft ground."""
+OF_CHANNEL_ONLY: Final[Mapping[str, tuple[str, ...]]] = {
+    "velocity_filter": ("square_s2", "body_share"),
+    "ground_compliance": ("front_depth_m_per_n", "hind_depth_m_per_n"),
+}
+"""Coefficients by effect that no simulated effect has a parameter for: they stay out of a model.
+
+They free a formula from what it cannot know, and are fitted to be left aside: what order a filter is of, and how much
+of its lag reaches the body's channels; how far a foot sinks in, which in a simulator follows from the contact's time
+constant.
+"""
 
 
 def less_held(

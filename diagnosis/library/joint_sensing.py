@@ -40,6 +40,7 @@ class EncoderOffsetEntry(LibraryEffect):
     """
 
     title = "joint encoder's zero"
+    family = "a sensor's error"
     effect = EncoderOffset
     channels = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS)
     singly = True
@@ -62,6 +63,7 @@ class JointComplianceEntry(LibraryEffect):
     """
 
     title = "gear that gives way"
+    family = "play in the gear"
     effect = JointCompliance
     channels = (Channel.JOINT_RATES, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS)
     coefficients = (Coefficient("compliance_rad_per_nm", "rad/(N·m)", 0.0, 0.02),)
@@ -96,6 +98,7 @@ class LoadSensorEntry(LibraryEffect):
     """Reported load = gain · load + bias: what the drive gives is right, what is measured is not."""
 
     title = "torque sensor's scale and zero"
+    family = "a sensor's error"
     effect = LoadSensorGain
     of_load_cell = True
     channels = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
@@ -104,7 +107,7 @@ class LoadSensorEntry(LibraryEffect):
     split_by = STAND
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The true load and one; in A the torque that is asked for stands for the load."""
+        """The load that is expected, and one."""
         if view.name == Channel.SET_POINT_TO_LOAD:
             a: ActuatorSignals = view.signals
             # What was measured less what explains nothing of it: the load that the model predicts.
@@ -114,7 +117,10 @@ class LoadSensorEntry(LibraryEffect):
         load, chosen, step = s.inputs.load_nm, tuple(np.flatnonzero(joints)), 0.01
         right = {"load_gain": load * (1.0 - step * joints), "load_bias": load - step * joints}
         parts = [s.correction(view.name, (key, chosen), load_nm=true) / step for key, true in right.items()]
-        return np.stack(parts, axis=2)
+        # Of the load that the motion asks for: a gain would shrink the noise of a measured one, and seem to explain it.
+        rows = view.row_joint
+        mine = joints[rows] if (rows >= 0).all() else np.full(len(rows), np.mean(joints))
+        return np.stack([parts[0] - np.nan_to_num(view.response) * mine, parts[1]], axis=2)
 
 
 class LoadFilterEntry(LibraryEffect):
@@ -124,6 +130,7 @@ class LoadFilterEntry(LibraryEffect):
     """
 
     title = "lag of the torque sensor"
+    family = "a lag or delay"
     effect = LoadFilter
     of_load_cell = True
     channels = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
@@ -153,6 +160,7 @@ class VelocityFilterEntry(LibraryEffect):
     """
 
     title = "lag of the joint velocity"
+    family = "a lag or delay"
     effect = VelocityFilter
     channels = (
         Channel.JOINT_RATES,
@@ -216,12 +224,14 @@ class SensorNoiseEntry(LibraryEffect):
     """White noise beyond what is usual; coefficients are variances in units of the usual ones."""
 
     title = "noise of the joint sensors"
+    family = "a sensor's error"
     effect = SensorNoise
     channels = (Channel.SENSOR_NOISE,)
-    coefficients = (
-        Coefficient("position", "usual variances", 0.0, 1e5),
-        Coefficient("velocity", "usual variances", 0.0, 1e5),
-        Coefficient("load", "usual variances", 0.0, 1e5),
+    coefficients = tuple(
+        Coefficient(name, "usual variances", 0.0, (p.high / usual) ** 2)
+        for name, p, usual in zip(
+            ("position", "velocity", "load"), SensorNoise.parameters(), USUAL.tolist(), strict=True
+        )
     )
     # Ten times the usual noise.
     largest: ClassVar[Mapping[str, float]] = {"position": 100.0, "velocity": 100.0, "load": 100.0}
@@ -233,8 +243,8 @@ class SensorNoiseEntry(LibraryEffect):
         return constant_columns(view, *(np.kron(group, joints) for group in np.eye(4)[:3]))
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Standard deviations of the noise that is added."""
-        position, velocity, load = (float(v) for v in np.sqrt(np.maximum(coefficients, 0.0)) * USUAL)
+        """Standard deviations of the noise that is added, negative where it is less."""
+        position, velocity, load = (float(v) for v in np.sign(coefficients) * np.sqrt(np.abs(coefficients)) * USUAL)
         return {"position_rad": position, "velocity_rad_s": velocity, "load_nm": load}
 
     def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:

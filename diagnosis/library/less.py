@@ -1,32 +1,67 @@
-"""A model with less of an effect than it has."""
+"""Numbers that effects of one kind have in all, and a model with less of them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from diagnosis.channels import Array
 from spot_model.effects.base import Effect, Parameter
+from spot_model.effects.joint_sensors import SensorNoise
 from spot_model.io.model_file import RobotModel
-from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
+from spot_model.robot.facts import N_JOINTS
+from spot_model.robot.joints import describe_joints
+
+Turned = Callable[[Any], Array]
+
+
+class AtBound(NamedTuple):
+    """A number that physics holds short of what was fitted."""
+
+    effect: str
+    parameter: str
+    where: str
+    """A joint, a leg or "body"."""
+    bound: float
+    """What effects of the kind have there in all."""
+
+
+def sums(effect: type[Effect], p: Parameter) -> tuple[Turned, Turned]:
+    """Into numbers that add up where effects stand one after another, 0 for none, and back.
+
+    Factors multiply, so that their logarithms add up; independent noise has variances that do.
+    """
+    if p.null == 1.0:
+        return lambda v: np.log(np.maximum(v, 1e-9)), np.exp
+    if issubclass(effect, SensorNoise):
+        return lambda v: np.sign(v) * np.square(v), lambda v: np.sign(v) * np.sqrt(np.abs(v))
+    return np.asarray, np.asarray
+
+
+def in_all(model: RobotModel, effect: type[Effect], p: Parameter) -> Array:
+    """The sum over a model's effects of a kind, as :func:`sums` has it; shape (12,)."""
+    into, _ = sums(effect, p)
+    return sum((into(by_joint(e, p)) for e in model.effects if isinstance(e, effect)), start=np.zeros(N_JOINTS))
 
 
 def with_less(model: RobotModel, effect: type[Effect], p: Parameter, less: Array) -> RobotModel:
-    """The model's own effects of a kind lowered by joint, as far as they go; ``less`` is at most 0, shape (12,)."""
+    """The model's own effects of a kind lowered by joint, as far as they go; ``less`` as :func:`sums` has it."""
+    into, back = sums(effect, p)
     effects: list[Effect] = []
     for e in model.effects:
         if not isinstance(e, effect) or not less[e.mask].any():
             effects.append(e)
             continue
-        before = by_joint(e, p)
-        after = np.where(e.mask, np.maximum(before + less, p.low), p.null)
+        before = into(by_joint(e, p))
+        after = np.where(e.mask, np.clip(before + less, into(p.low), into(p.high)), 0.0)
+        values = np.where(less == 0.0, by_joint(e, p), np.clip(back(after), p.low, p.high))
         less = np.where(e.mask, less - (after - before), less)
-        for value in np.unique(after[e.mask]):
-            joints = tuple(name for name, v, on in zip(JOINT_NAMES, after, e.mask, strict=True) if on and v == value)
-            values: dict[str, Any] = {p.name: float(value)}
-            effects.append(replace(e, joints=joints, **values))
+        for value in np.unique(values[e.mask]):
+            own: dict[str, Any] = {p.name: float(value)}
+            effects.append(replace(e, joints=describe_joints(e.mask & (values == value)), **own))
     return replace(model, effects=tuple(effects))
 
 

@@ -26,6 +26,7 @@ DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 
 
 class _LimitEntry(LibraryEffect):
+    family = "a torque limit"
     coefficients = (ALL_OF_IT,)
 
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
@@ -129,6 +130,7 @@ class PowerLimitEntry(LibraryEffect):
     """If all joints together ask for more than a bound, every driving torque is scaled down alike."""
 
     title = "limit of the total power"
+    family = "a torque limit"
     effect = PowerLimit
     location = Location.ROBOT
     coefficients = (ALL_OF_IT,)
@@ -167,6 +169,7 @@ class BusSagEntry(LibraryEffect):
     """
 
     title = "sagging bus voltage"
+    family = "a torque limit"
     effect = BusSag
     location = Location.ROBOT
     coefficients = (ALL_OF_IT,)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 from typing import ClassVar, Final
 
 import numpy as np
@@ -33,10 +32,12 @@ from spot_model.effects.commands import (
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import DEFAULT_POSITION_RAD
 
-N_WAITS: Final = 8_000
+PAST_FASTEST: Final = 1.0 + float(np.log(1.0 - FAST_QUANTILE))
+"""Mean of an exponential wait beyond its fast quantile, over its mean."""
 
 
 class _LinkEntry(LibraryEffect):
+    family = "an error of the link"
     channels = (Channel.TIME_STAMPS,)
     location = Location.ROBOT
     split_by = WIRED_LINK
@@ -46,6 +47,7 @@ class CommandDelayEntry(_LinkEntry):
     """All commands later by the same time."""
 
     title = "delay of commands"
+    family = "a lag or delay"
     effect = CommandDelay
     coefficients = (Coefficient("delay_s", "s", -0.2, 0.2),)
     confused_with = ("torque_bandwidth", "command_jitter")
@@ -66,7 +68,7 @@ class CommandDelayEntry(_LinkEntry):
 
 
 class CommandJitterEntry(_LinkEntry):
-    """Exponentially distributed waits on top; a command that the next one overtakes is never in effect."""
+    """Exponentially distributed waits on top; commands are counted as they would come alone, whoever holds them up."""
 
     title = "jitter of commands"
     effect = CommandJitter
@@ -76,20 +78,9 @@ class CommandJitterEntry(_LinkEntry):
     confused_with = ("command_delay", "command_drop")
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """What waits do to commands that come one after the other."""
-        command_period_s: float = view.signals
-        return constant_columns(view, np.array(waits(float(shape["mean_s"]), command_period_s)))
-
-
-@cache
-def waits(mean_s: float, period_s: float) -> tuple[float, float, float]:
-    """Mean delay and spread of commands in effect, s, and the share that is overtaken, with exponential waits."""
-    sent = period_s * np.arange(N_WAITS)
-    arrival = np.maximum.accumulate(sent + np.random.default_rng(0).exponential(mean_s, N_WAITS))
-    overtaken = arrival[1:] <= arrival[:-1]
-    delay = (arrival - sent)[:-1][~overtaken]
-    spread = float(np.mean(delay - np.quantile(delay, FAST_QUANTILE)))
-    return float(np.mean(delay)), spread, float(np.mean(overtaken))
+        """Later on average, and past the fastest; a late command holds others up, but none is lost."""
+        mean_s = float(shape["mean_s"])
+        return constant_columns(view, np.array([mean_s, mean_s * PAST_FASTEST, 0.0]))
 
 
 class CommandDropEntry(_LinkEntry):
@@ -98,6 +89,8 @@ class CommandDropEntry(_LinkEntry):
     title = "lost commands"
     effect = CommandDrop
     coefficients = (Coefficient("probability", "1", 0.0, 0.9),)
+    # A link that loses more is no link.
+    largest: ClassVar[Mapping[str, float]] = {"probability": 0.3}
     confused_with = ("command_jitter",)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
@@ -106,6 +99,7 @@ class CommandDropEntry(_LinkEntry):
 
 
 class _ProgramEntry(LibraryEffect):
+    family = "an error of the program"
     channels = (Channel.POLICY_REPLAY,)
     split_by = STAND
 

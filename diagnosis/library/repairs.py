@@ -11,14 +11,11 @@ from copy import copy
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library import LibraryEffect, Location
-from diagnosis.library.less import by_joint
+from diagnosis.library.less import in_all
 from spot_model.effects.base import Parameter
 from spot_model.io.model_file import RobotModel
-from spot_model.robot.facts import N_JOINTS
 
 
 def with_repairs(library: Mapping[str, LibraryEffect], model: RobotModel) -> dict[str, LibraryEffect]:
@@ -30,7 +27,7 @@ def _with_repair(entry: LibraryEffect, model: RobotModel) -> LibraryEffect:
     p = size_of(entry)
     if p is None or entry.coefficients[0].low != 0.0:
         return entry
-    held = sum((by_joint(e, p) for e in model.effects if isinstance(e, entry.effect)), start=np.zeros(N_JOINTS))
+    held = in_all(model, entry.effect, p)
     given = ERROR_SCALES.get(entry.name)
     if held.max() <= (0.0 if given is None else CLEARLY_ORDINARY * given.scales.get(p.name, 0.0)):
         return entry

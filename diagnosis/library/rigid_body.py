@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
@@ -11,11 +12,14 @@ from scipy.signal import bilinear, lfilter, lfilter_zi
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
 from diagnosis.channels.body_model import GRAVITY_M_S2, full_rate_inputs
 from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library import WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
+from diagnosis.library.less import AtBound
 from spot_model.effects.base import Effect
 from spot_model.effects.bodies import BodyInertia, ComOffset, LegMass, PayloadMass
-from spot_model.robot.facts import JOINT_NAMES
+from spot_model.io.model_file import RobotModel
+from spot_model.robot.facts import BODY, JOINT_NAMES
 from spot_model.robot.rotation import rotate_inverse_wxyz
 from trainer.signals.smoothing import smooth
 
@@ -23,6 +27,13 @@ KNOTS_M: Final = (0.1, 0.2, 0.3)
 """Places of a point mass on a link whose columns give those of all others."""
 PLACE_M: Final = ((-0.5, -0.2, -0.3), (0.5, 0.2, 0.5))
 """Lowest and highest place of a payload."""
+PLACE: Final = ("x_m", "y_m", "z_m")
+PAYLOAD_KG: Final = CLEARLY_ORDINARY * ERROR_SCALES["payload_mass"].scales["mass_kg"]
+"""What weighs more is no error of the body's own mass."""
+LEAST_KG: Final = 1e-9
+DIGITS: Final = 12
+LEAST_M: Final = 10.0**-DIGITS
+"""Rounding."""
 SWINGS: Final = ("frequency_hz", "damping", "bounces")
 """Numbers of a mass that swings, which no simulated payload has."""
 
@@ -50,6 +61,7 @@ class LegMassEntry(LibraryEffect):
     """
 
     title = "mass of leg links"
+    family = "mass of the legs"
     effect = LegMass
     channels = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
     coefficients = (Coefficient("scale", "1", -0.6, 4.0),)
@@ -81,6 +93,7 @@ class PayloadEntry(_BodyEntry):
     """A mass on the body, with its place."""
 
     title = "payload"
+    family = "mass of the body"
     effect = PayloadMass
     coefficients = (
         Coefficient("mass_kg", "kg", -5.0, 20.0),
@@ -88,8 +101,8 @@ class PayloadEntry(_BodyEntry):
         Coefficient("moment_y_kg_m", "kg·m", -3.0, 3.0),
         Coefficient("moment_z_kg_m", "kg·m", -5.0, 5.0),
     )
-    contains = ("com_offset",)
-    confused_with = ("com_offset", "load_sensor_gain", "leg_mass")
+    contains: ClassVar[tuple[str, ...]] = ("com_offset",)
+    confused_with: ClassVar[tuple[str, ...]] = ("com_offset", "load_sensor_gain", "leg_mass")
     split_by = STAND
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
@@ -101,18 +114,93 @@ class PayloadEntry(_BodyEntry):
         return np.stack([mass, *moments], axis=2)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Mass and place; a place only where there is mass enough to have one."""
-        mass = float(coefficients[0])
-        if abs(mass) < 0.2:
-            return {"mass_kg": mass}
-        x, y, z = (float(v) for v in np.clip(coefficients[1:4] / mass, *PLACE_M))
-        return {"mass_kg": mass, "x_m": x, "y_m": y, "z_m": z}
+        """Mass, and the place that its first moments give; where hardly anything is added, a place far outside."""
+        mass_kg = float(np.copysign(max(abs(coefficients[0]), LEAST_KG), coefficients[0]))
+        return {"mass_kg": mass_kg, **dict(zip(PLACE, (coefficients[1:] / mass_kg).tolist(), strict=True))}
+
+    def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
+        """Mass, and first moments of its place."""
+        mass_kg = values["mass_kg"]
+        return np.array([mass_kg, *(mass_kg * values[axis] for axis in PLACE)]), super().inverse(values)[1]
+
+    def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
+        """The mass and its first moments, whether or not a payload can be where they put it."""
+        coefficients, _ = self.inverse(values)
+        return with_mass(model, float(coefficients[0]), coefficients[1:])[0]
+
+
+def body_of(effects: Sequence[Effect]) -> tuple[float, Array]:
+    """Mass of the body with all that effects put on it, kg, and its centre of mass, body frame, m, shape (3,)."""
+    mass_kg, com_m = BODY.mass_kg, np.array(BODY.com_m)
+    for e in effects:
+        if isinstance(e, PayloadMass):
+            mass_kg += e.mass_kg
+            com_m = com_m + (_place_m(e) - com_m) * e.mass_kg / mass_kg
+        elif isinstance(e, ComOffset):
+            com_m = com_m + _place_m(e)
+    return mass_kg, com_m
+
+
+def _place_m(e: Effect) -> Array:
+    return np.array([float(getattr(e, axis)) for axis in PLACE])
+
+
+def with_mass(model: RobotModel, mass_kg: float, moment_kg_m: Array) -> tuple[RobotModel, list[AtBound]]:
+    """The model with more mass of the body, or less, and more of its first moments about the body's origin, shape (3,).
+
+    What weighs more than a body is usually off by, at a place where a payload can be, is a payload. All else is the
+    body's own mass, spread as it is, and a centre of mass that lies elsewhere: where nothing was strapped on, a point
+    far out would add inertia that nobody saw. Also says which numbers are at a bound.
+    """
+    before_kg, com_m = body_of(model.effects)
+    wanted = before_kg * com_m + moment_kg_m
+    effects, at_bounds = list(model.effects), list[AtBound]()
+    more_kg = _bounded(effects, PayloadMass, "mass_kg", mass_kg, at_bounds)
+    place_m = np.round(moment_kg_m / more_kg, DIGITS) if more_kg > PAYLOAD_KG else np.full(3, np.inf)
+    if np.all((place_m >= PLACE_M[0]) & (place_m <= PLACE_M[1])):
+        effects.append(_placed(PayloadMass(mass_kg=more_kg), place_m))
+    else:
+        # The body's own mass that was added before becomes more, or less.
+        for i in reversed(range(len(effects))):
+            e = effects[i]
+            if isinstance(e, PayloadMass) and max(abs(e.mass_kg), abs(more_kg)) <= PAYLOAD_KG:
+                effects[i] = replace(e, mass_kg=e.mass_kg + more_kg)
+                break
+        else:
+            effects += [_placed(PayloadMass(mass_kg=more_kg), com_m)] if more_kg else []
+    after_kg, com_m = body_of(effects)
+    shift_m = [
+        _bounded(effects, ComOffset, axis, float(by), at_bounds)
+        for axis, by in zip(PLACE, wanted / after_kg - com_m, strict=True)
+    ]
+    last = next((i for i in reversed(range(len(effects))) if isinstance(effects[i], (PayloadMass, ComOffset))), -1)
+    if last >= 0 and isinstance(held := effects[last], ComOffset):
+        effects[last] = _placed(held, _place_m(held) + shift_m)
+    elif max(map(abs, shift_m)) > LEAST_M:
+        effects.append(_placed(ComOffset(), np.array(shift_m)))
+    return replace(model, effects=tuple(effects)), at_bounds
+
+
+def _placed(e: PayloadMass | ComOffset, place_m: Array) -> Effect:
+    return replace(e, **dict(zip(PLACE, place_m.tolist(), strict=True)))
+
+
+def _bounded(effects: list[Effect], own: type[Effect], name: str, more: float, at_bounds: list[AtBound]) -> float:
+    """How much more of a number the body can have beside what effects give it."""
+    p = next(p for p in own.parameters() if p.name == name)
+    held = sum(float(getattr(e, name)) for e in effects if isinstance(e, own))
+    total = float(np.clip(held + more, p.low, p.high))
+    if total == held + more:
+        return more
+    at_bounds.append(AtBound(own.name, name, "body", total))
+    return total - held
 
 
 class ComEntry(_BodyEntry):
     """The body's centre of mass elsewhere."""
 
     title = "centre of mass of the body"
+    family = "mass of the body"
     effect = ComOffset
     coefficients = (
         Coefficient("x_m", "m", -0.2, 0.2),
@@ -132,6 +220,7 @@ class InertiaEntry(_BodyEntry):
     """The body's inertia scaled."""
 
     title = "rotational inertia of the body"
+    family = "inertia"
     effect = BodyInertia
     coefficients = (Coefficient("scale", "1", -0.7, 2.0),)
     confused_with = ("com_offset", "payload_mass")
@@ -142,7 +231,7 @@ class InertiaEntry(_BodyEntry):
         return derivative(view, BodyInertia(scale=1.1), 0.1)[:, :, None]
 
 
-class SwingingMassEntry(_BodyEntry):
+class SwingingMassEntry(PayloadEntry):
     """A mass on a spring, or a pendulum: a payload whose share of the body's acceleration passes a resonance.
 
     The body feels m·(a + g) of a mass that is fixed. One that swings at ω with damping ζ passes a on by
@@ -154,6 +243,7 @@ class SwingingMassEntry(_BodyEntry):
 
     name = "swinging_mass"
     title = "mass that swings on the body (simulated as if fixed)"
+    family = "mass of the body"
     effect = PayloadMass
     coefficients = (Coefficient("mass_kg", "kg", 0.0, 20.0), *PayloadEntry.coefficients[1:])
     least: ClassVar[Mapping[str, float]] = {"mass_kg": 0.3}
@@ -182,7 +272,7 @@ class SwingingMassEntry(_BodyEntry):
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Mass, place and how it swings."""
-        return {**PayloadEntry().values(coefficients, {}), **{name: float(shape[name]) for name in SWINGS}}
+        return {**super().values(coefficients, {}), **{name: float(shape[name]) for name in SWINGS}}
 
     def make(self, values: Mapping[str, float], joints: tuple[str, ...]) -> Effect:
         """The same mass, fixed."""

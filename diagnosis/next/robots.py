@@ -104,7 +104,7 @@ def with_ordinary_errors(
 ) -> RobotModel:
     """The model with ordinary errors drawn from a share of their published ranges, some left out by name."""
     for name, given in ERROR_SCALES.items():
-        if not given.acts_in_closed_loop or name in without:
+        if name in without:
             continue
         effect = LIBRARY[name]
         scale = np.array([given.scales.get(c.name, 0.0) for c in effect.coefficients])

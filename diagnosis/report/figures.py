@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from diagnosis.document import CalibratedNumber, Consequences, Dependence, GapCell, Stretch
+from diagnosis.document import CalibratedNumber, Consequences, GapCell, Stretch
 from diagnosis.report.words import number
-from spot_log.page.chart import Series, Shade, chart
+from spot_log.page.chart import Shade
 from spot_log.page.rows import Bar, Cell, bands, bars, heat_map, scale_bar
 from spot_log.page.svg import HALF, disc, heat, line, on_heat, rect, svg, text
 from spot_log.read.run import Run
@@ -40,19 +40,6 @@ REGIMES: Final = (
     *("velocity reversal", "stance", "swing", "low total power", "high total power"),
     *("first third of time", "last third of time"),
 )
-QUANTITY_UNITS: Final = {
-    "position": "rad",
-    "acceleration": "rad/s²",
-    "total power": "W",
-    **dict.fromkeys(("velocity", "turn rate", "roll rate", "pitch rate"), "rad/s"),
-    **dict.fromkeys(("body speed", "vertical velocity"), "m/s"),
-    "torque": "N·m",
-    "total torque": "N·m",
-    "torque rate": "N·m/s",
-    "torque history": "(N·m)²·s",
-    **dict.fromkeys(("time since start", "time since set-point"), "s"),
-}
-"""Units of the quantities on which an unexplained residual may depend."""
 
 
 def gap_bars(consequences: Consequences) -> str:
@@ -69,16 +56,16 @@ def gap_bars(consequences: Consequences) -> str:
     return bars(groups, "Three gaps, before and after", left=110)
 
 
-def by_joint(gaps: Mapping[str, float], shares: Mapping[str, float], named: frozenset[str]) -> str:
+def by_joint(cells: Mapping[str, GapCell], shares: Mapping[str, float], named: frozenset[str]) -> str:
     """The gap of each joint of a robot that has no picture; an arrow marks one that the verdict names."""
-    top = max(gaps.values(), default=1.0) or 1.0
+    top = max((c.gap for c in cells.values()), default=1.0) or 1.0
     groups = [
         (
             f"{name} ◂" if name in named else name,
-            "",
-            [Bar(value / top, heat(shares.get(name, 0.0)), number(value), f"{name}: {number(value)}")],
+            cell.unit,
+            [Bar(cell.gap / top, heat(shares.get(name, 0.0)), number(cell.gap), told(cell))],
         )
-        for name, value in gaps.items()
+        for name, cell in cells.items()
     ]
     return bars(groups, "Gap by joint")
 
@@ -117,20 +104,6 @@ def strips(runs: Sequence[Run], stretches: Sequence[Stretch]) -> str:
         rows.append((name, drawn))
     longest_s = max(run.duration_s for run in runs[:MAX_LOGS]) or 1.0
     return bands(rows, (0.0, longest_s), "Logs over time", width=HALF, left=170)
-
-
-def dependences(curves: Sequence[Dependence], unit: str) -> list[str]:
-    """What is left over one quantity each, on one scale."""
-    values = [v for c in curves for v in c.residual] + [0.0]
-    pad = 0.06 * max(max(values) - min(values), 1e-9)
-    drawn = []
-    for c in (c for c in curves if len(c.at) > 1):
-        name = f"{c.quantity}, {QUANTITY_UNITS.get(c.quantity.split(' of ')[0], '')}".rstrip(", ")
-        points = Series("var(--unknown)", c.at, c.residual, width=2.5, has_points=True, name=f"unexplained, {unit}:")
-        scale = (min(values) - pad, max(values) + pad)
-        title = f"unexplained, {unit}"
-        drawn.append(chart([points], title, x_title=name, width=WIDTH, height=156, y_range=scale))
-    return drawn
 
 
 def gap_maps(cells: Sequence[GapCell], joints: Sequence[str]) -> list[str]:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from diagnosis.library import LibraryEffect
-from diagnosis.report.effect_file import FILE, effect_source
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_model.io.model_file import save_model
@@ -31,7 +30,7 @@ def check_free(out: Path) -> None:
         OutputExistsError: It does.
         OSError: It is no folder, or may not be written to.
     """
-    check_new(*(out / name for name in (*NAMES.values(), FILE)))
+    check_new(*(out / name for name in NAMES.values()))
 
 
 def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]) -> dict[str, Path]:
@@ -46,8 +45,6 @@ def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]
     texts = {NAMES["report"]: page(result), NAMES["verdict"]: v.to_json()}
     if result.posterior is not None:
         texts[NAMES["posterior"]] = result.posterior.model_dump_json(by_alias=True, indent=1) + "\n"
-    if v.unknown is not None and (source := effect_source(v.unknown)) is not None:
-        texts[FILE] = source
     with whole_folder(out) as part:
         for name, text in texts.items():
             (part / name).write_text(text, encoding="utf-8")

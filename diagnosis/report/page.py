@@ -9,7 +9,6 @@ import numpy as np
 from diagnosis.channels import CHANNEL_TITLES
 from diagnosis.document import CalibratedNumber, Consequences, Difference, GapCell, Verdict
 from diagnosis.report import figures, words
-from diagnosis.report.effect_file import formula_text
 from diagnosis.report.figures import picture
 from diagnosis.report.traces import trace_figures
 from diagnosis.verdict.diagnose import Diagnosis
@@ -36,13 +35,17 @@ TERMS: Final = (
     ("nominal model", "your simulator, before any correction; in a history the corrected model of the date before"),
     ("corrected model", "the simulator with differences and calibration, in corrected_model.yaml"),
     ("gap", "distance between robot and simulator: in torque, in joint motion and in body motion"),
-    ("floor", "the same distance between two runs of the robot; without repeats, what formulas and noise leave"),
+    (
+        "floor",
+        "the distance between two runs of the robot, or 2 % of the signal's spread if more; else what formulas leave",
+    ),
     ("closed loop", "a simulated run in which the policy controls the simulated robot"),
     ("open loop", "logged signals are predicted from each other"),
     ("not shown", "the 90 % interval of the change includes 0"),
     ("channel", "one relation between signals of a log, such as set-point to load"),
     ("held out", "not used for fitting, so that it tests the fit"),
-    ("stands out", "the whole interval lies more than two published standard deviations from the nominal number"),
+    ("out of the ordinary", "farther from the nominal number than robots usually are"),
+    ("stands out", "more probably out of the ordinary than not"),
 )
 
 
@@ -67,7 +70,8 @@ def page(result: Diagnosis) -> str:
             boxed("Gap map", figures.note(cells), beside(*figures.gap_maps(cells, result.board.robot.joint_names)))
         )
     body += [_limits(v), beside(_channels(v), _timeline(result))]
-    body += [boxed("Notes", "", listed(v.notes)), boxed("Terms", "", folded("What the words mean", facts(TERMS)))]
+    notes = listed((*map(words.sentence, v.held), *v.notes))
+    body += [boxed("Notes", "", notes), boxed("Terms", "", folded("What the words mean", facts(TERMS)))]
     return framed("Diagnosis", body, STYLE)
 
 
@@ -109,8 +113,7 @@ def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str
     if tuple(result.board.robot.joint_names) == JOINT_NAMES:
         drawn = picture(shares, {j: figures.told(c) for j, c in by_joint.items()}, named, figures.scale(cells))
     else:
-        gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
-        drawn = figures.by_joint(gaps, shares, named)
+        drawn = figures.by_joint(by_joint, shares, named)
     return boxed("Where", f"Gap of the {cells[0].signal} over the whole motion.{ringed}", drawn)
 
 
@@ -119,10 +122,30 @@ def _together(v: Verdict) -> str:
     c = words.whole(v)
     if c is None:
         return ""
-    key = legend(zip(figures.COLOURS, ("nominal model", "corrected model", words.floor_of(v, c)), strict=True))
-    told = listed(words.sentence(words.gap_told(g)) for g in c.gaps)
-    title, about = "What the corrected model does", words.measured_on(v, c)
+    key = legend(zip(figures.COLOURS, ("nominal model", "corrected model", _floor_of(v, c)), strict=True))
+    told = listed(words.sentence(words.gap_in_units(g)) for g in c.gaps)
+    title, about = "What the corrected model does", _measured_on(v, c)
     return boxed(title, f"{about} Each gap has its own scale.", f"{key}{figures.gap_bars(c)}{told}" if c.gaps else "")
+
+
+def _measured_on(v: Verdict, c: Consequences) -> str:
+    """How consequences were measured."""
+    if c.loop == "open":
+        return "Logged signals are predicted from each other, in folds that nothing was fitted to."
+    if v.shrink is not None and not v.shrink.held_out:
+        return (
+            "The policy runs on both models. The commands are those of the logs to which the corrected one was fitted."
+        )
+    return "The policy runs on both models, on command sequences that nothing was fitted to."
+
+
+def _floor_of(v: Verdict, c: Consequences) -> str:
+    """What a floor is."""
+    if c.loop == "open":
+        return "what formulas and noise leave"
+    if v.shrink is None:
+        return "floor"
+    return "two runs of the robot" if v.shrink.floor_of == "robot" else "two simulated runs"
 
 
 def _changes_of_all(v: Verdict) -> str:
@@ -131,7 +154,7 @@ def _changes_of_all(v: Verdict) -> str:
     if c is None:
         return ""
     same = "What the policy does on both models and on the robot, with the same commands."
-    about = same if c.gaps else words.measured_on(v, c)
+    about = same if c.gaps else _measured_on(v, c)
     head = ("quantity", "nominal model", "corrected model", "robot", "change from nominal to corrected")
     return boxed("How the walk changes", about, table(head, _changes(c)))
 
@@ -163,7 +186,7 @@ def _difference(d: Difference) -> str:
         for n, p in numbers.items()
     ]
     title = (
-        f"<h3>{esc(d.title or words.plain(d.name))} <code>{esc(d.name)}</code> at "
+        f"<h3>{esc(words.called(d))} <code>{esc(d.name)}</code> at "
         f"{esc(words.joints_in_short(d.joints))}, P {d.probability:.2f}</h3>"
     )
     c = d.consequences
@@ -212,9 +235,17 @@ def _calibration(v: Verdict) -> str:
         shown += folded(f"{len(numbers) - first} more", _numbers(numbers[first:]))
     c = v.calibration.consequences
     if c is not None and shown and v.differences:
-        told = "; ".join(map(words.gap_told, c.gaps))
+        told = "; ".join(map(words.gap_in_units, c.gaps))
         shown += f"<p>Without any difference, these numbers alone: {esc(told)}.</p>" if told else ""
+    kinds = listed(f"{words.plain(effect)}: {_does(c)}" for effect, c in v.calibration.effects.items() if c.gaps)
+    shown += f"<h3>What each kind of number does</h3>{kinds}" if kinds else ""
     return boxed("Calibration", about, shown)
+
+
+def _does(c: Consequences) -> str:
+    """What becomes of the gaps, and the change of the walk that a person notices most."""
+    change = words.largest_change([c])
+    return "; ".join([*map(words.gap_in_units, c.gaps), *([words.change_told(change)] if change is not None else [])])
 
 
 def _numbers(numbers: list[CalibratedNumber]) -> str:
@@ -224,12 +255,14 @@ def _numbers(numbers: list[CalibratedNumber]) -> str:
             words.place(n.where),
             f"{n.nominal:.4g} {n.unit}".rstrip(),
             f"{n.value:.4g} ({n.low:.4g} to {n.high:.4g})",
+            f"{n.probability:.2f}",
             Html(figures.interval(n)),
         )
         for n in numbers
     ]
     css = ["out" if n.stands_out else "" for n in numbers]
-    return table(("number", "where", "nominal", "robot (90 % interval)", ""), rows, row_classes=css)
+    head = ("number", "where", "nominal", "robot (90 % interval)", "P(out of the ordinary)", "")
+    return table(head, rows, row_classes=css)
 
 
 def _remains(v: Verdict) -> str:
@@ -248,22 +281,13 @@ def _remains(v: Verdict) -> str:
 
 def _unknown(v: Verdict) -> str:
     u = v.unknown
-    if u is None or not u.joints:
+    if u is None:
         return ""
-    depends = f" predictable from {' and '.join(u.depends_on)}" if u.depends_on else " predictable"
-    about = (
-        f"<h3>What no effect explains</h3><p>At {esc(words.joints_in_short(u.joints))}, largest in "
-        f"{esc(u.regime or 'all regimes')}; {esc(words.percent(u.predictable_share) + ' of the rest is' + depends)}. "
-        f"Probability of an effect that the library lacks: {v.probability_unknown:.2f}.</p>"
+    return (
+        f"<h3>What no effect explains</h3><p>{esc(words.sentence(words.unknown_told(u)))} Left and usual are root mean "
+        f"squares. Probability of an effect that the library lacks: {v.probability_unknown:.2f}.</p>"
+        "<p>Write it as an effect, and diagnose again with <code>--add-effect module:Class</code>.</p>"
     )
-    said = "<p>Write it as an effect, and diagnose again with <code>--add-effect module:Class</code>.</p>"
-    if u.formula is not None:
-        said = (
-            f"<p><b>{esc(formula_text(u.formula))}</b> (q angle in rad, v speed in rad/s, τ torque) predicts "
-            f"{words.percent(u.formula.predicted_share)} of it, in runs that it was not fitted to. Diagnose again with "
-            "<code>--add-effect unknown_effect:UnknownTorque</code>.</p>"
-        )
-    return about + said + beside(*figures.dependences(u.curves, u.unit))
 
 
 def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from diagnosis.channels import CHANNEL_TITLES
 from diagnosis.decision_constants import RUNS_APART
 from diagnosis.document import (
     CalibratedNumber,
@@ -22,6 +23,7 @@ from diagnosis.document import (
     GapName,
     Number,
     QuantityChange,
+    UnknownEffect,
     Verdict,
 )
 from diagnosis.library.registry import LIBRARY
@@ -33,6 +35,12 @@ NOTICED: Final = {"m/s": 0.1, "rad": 0.1}
 """Changes that a person notices, by unit; of others :data:`NOTICED_SHARE`."""
 NOTICED_SHARE: Final = 0.05
 LIKELY: Final = 0.5
+LARGEST_GROUP: Final = 3
+"""Effects that are named as alternatives; of more it is said what they have in common."""
+MUCH: Final = 1.0 / 3.0
+"""Share of a gap whose closing is told first, whatever closes it."""
+MOST_KINDS: Final = 2
+"""Kinds of the robot's own numbers that the first sentence names."""
 UNIT: Final = re.compile(r"(_(per|cycles|nm2?|kg|m2?|s2?|rad|ohm|w|v|k))+$")
 """At the end of a parameter's name."""
 
@@ -96,6 +104,11 @@ def gap_told(g: GapChange) -> str:
     return f"a change of the {g.gap} gap is not shown"
 
 
+def gap_in_units(g: GapChange) -> str:
+    """The distances before and after, then what becomes of the gap."""
+    return f"from {number(g.before)} to {number(g.after)} {g.unit}: {gap_told(g)}"
+
+
 def change_told(c: QuantityChange) -> str:
     """What becomes of a quantity; empty where it is not known on both sides."""
     if c.before is None or c.after is None:
@@ -131,16 +144,29 @@ def _noticed(c: QuantityChange) -> float:
 
 
 def left_told(g: GapLeft) -> str:
-    """What is left of a gap, in its floor where there is one."""
+    """What is left of a gap, and how many times its floor that is."""
     times = "" if g.ratio is None else f", {g.ratio:.1f} times its floor"
     return f"{g.gap} {number(g.left)} {g.unit}{times}"
 
 
 def found(d: Difference) -> str:
-    """A difference and where it is; one that takes away from the nominal model is *less* of the effect."""
-    title = " or ".join(plain(n) for n in d.group) if len(d.group) > 1 else d.title or plain(d.name)
-    title = f"less {title}" if is_less(d) else title
-    return title + (f" at {joints_in_short(d.joints)}" if d.joints and len(d.joints) < len(JOINT_NAMES) else "")
+    """A difference and where it is."""
+    return called(d) + (f" at {joints_in_short(d.joints)}" if d.joints and len(d.joints) < len(JOINT_NAMES) else "")
+
+
+def called(d: Difference) -> str:
+    """The effects of a difference, or what a large group of them has in common.
+
+    One that takes away from the nominal model is *less* of the effect.
+    """
+    less = "less " if is_less(d) else ""
+    if len(d.group) <= LARGEST_GROUP:
+        return less + (" or ".join(map(plain, d.group)) if len(d.group) > 1 else d.title or plain(d.name))
+    families = [LIBRARY[n].family if n in LIBRARY else "" for n in d.group]
+    shared = LIBRARY[d.name].family if d.name in LIBRARY else ""
+    if shared and families.count(shared) > len(families) / 2:
+        return f"something like {less}{shared}"
+    return f"one of {len(d.group)} effects, {less}{d.title or plain(d.name)} among them"
 
 
 def is_less(d: Difference) -> bool:
@@ -161,18 +187,66 @@ def place(where: str) -> str:
 
 
 def calibration_told(numbers: Sequence[CalibratedNumber]) -> str:
-    """The numbers that stand out, in a phrase: torque gains first, since they are what a person asks for."""
+    """The numbers that stand out, in a phrase."""
     out = [n for n in numbers if n.stands_out]
-    gains = [n for n in out if (n.effect, n.parameter) == ("torque_gain", "gain")]
+    return _numbers_told(out) if out else f"no number of the robot's own {'stands out' if numbers else 'is known'}"
+
+
+def _numbers_told(numbers: Sequence[CalibratedNumber]) -> str:
+    """The torque gains among some numbers, since they are what a person asks for, else the first number."""
+    gains = [n for n in numbers if (n.effect, n.parameter) == ("torque_gain", "gain")]
     if gains:
         first, *rest = sorted(gains, key=lambda n: n.value)
         told = f"{place(first.where)} give {percent(first.value)} of the torque asked"
         return ", ".join([told, *(f"{place(n.where)} {percent(n.value)}" for n in rest)])
-    if not out:
-        return f"no number of the robot's own {'stands out' if numbers else 'is known'}"
-    n = out[0]
+    n = numbers[0]
     unit = "" if n.unit in ("", "1") else f" {n.unit}"
     return f"{n.title} of {place(n.where)} is {n.value:.3g}{unit}, nominal {n.nominal:.3g}"
+
+
+def closing_kinds(v: Verdict) -> dict[str, GapChange]:
+    """Kinds of the robot's own numbers that close much of a gap, by effect, with that gap; what closes most first."""
+    named = {d.name for d in v.differences}
+    best = {
+        effect: max(filter(closes, c.gaps), key=lambda g: g.share or 0.0, default=None)
+        for effect, c in v.calibration.effects.items()
+        if effect not in named
+    }
+    found = {effect: g for effect, g in best.items() if g is not None and (g.share or 0.0) >= MUCH}
+    return dict(sorted(found.items(), key=lambda item: -(item[1].share or 0.0))[:MOST_KINDS])
+
+
+def kinds_told(v: Verdict) -> list[str]:
+    """What each of these kinds is on this robot, and what it closes."""
+    return [
+        f"{_kind_told(v, effect)}, which closes {percent(g.share or 0.0)} of the {g.gap} gap"
+        for effect, g in closing_kinds(v).items()
+    ]
+
+
+def _kind_told(v: Verdict, effect: str) -> str:
+    """Numbers of one kind that stand out, else the one that is farthest off."""
+    own = [n for n in v.calibration.numbers if n.effect == effect]
+    shown = [n for n in own if n.stands_out] or own[:1]
+    return _numbers_told(shown) if shown else plain(effect)
+
+
+def own_told(v: Verdict) -> str:
+    """The robot's calibration: what closes much of a gap, and what else stands out."""
+    kinds = closing_kinds(v)
+    others = [n for n in v.calibration.numbers if n.stands_out and n.effect not in kinds]
+    rest = [] if kinds and not others else [calibration_told(others or v.calibration.numbers)]
+    return "; ".join([*kinds_told(v), *rest])
+
+
+def unknown_told(u: UnknownEffect) -> str:
+    """What is left that no effect explains: where, how much, and beside what is usual."""
+    where = f" at {joints_in_short(u.joints)}" if u.joints else ""
+    where += f", largest in {u.regime}" if u.regime else ""
+    left, usual = number(u.left, u.unit), number(u.usual, u.unit)
+    times = f": {u.left / u.usual:.1f} times as much" if u.usual > 0.0 else ""
+    most = f"corrected models of faultless robots leave at most {usual} there (95 in 100){times}"
+    return f"{CHANNEL_TITLES.get(u.channel, u.channel)}{where}: {left} is left; {most}"
 
 
 def whole(v: Verdict) -> Consequences | None:
@@ -209,18 +283,19 @@ def _answer(v: Verdict) -> str:
         return "these logs cannot tell"
     if v.status == "no_gap":
         return _no_gap(v)
+    own = "".join(f"; calibration: {told}" for told in ["; ".join(kinds_told(v))] if told)
     if v.status == "unknown_effect" or (v.status == "calibration" and v.probability_unknown > LIKELY):
-        return f"something {_acts(v)} that no effect of the library explains (P {v.probability_unknown:.2f})"
+        return f"something {_acts(v)} that no effect of the library explains (P {v.probability_unknown:.2f}){own}"
     if is_unchanged(v):
         far = [f"; the {gap} gap of that model is above its floor" for gap in _above_floors(v)]
-        return "".join(["no change is shown", *far[:1]])
+        return "".join(["no change is shown", *far[:1], own])
     if not v.differences:
-        return f"calibration: {calibration_told(v.calibration.numbers)}{_closed(v)}"
+        return f"calibration: {own_told(v)}{_closed(v)}"
     names = " and ".join(found(d) for d in v.differences[:2])
     names += f" and {len(v.differences) - 2} more" if len(v.differences) > 2 else ""
     change = largest_change([d.consequences for d in v.differences[:2] if d.consequences is not None])
     does = f": {change_told(change)}" if change is not None else ""
-    return f"{names}{does}{_closed(v)}{_rest(v)}"
+    return f"{names}{does}{own}{_closed(v)}{_rest(v)}"
 
 
 def is_unchanged(v: Verdict) -> bool:
@@ -278,7 +353,7 @@ def _rest(v: Verdict) -> str:
     if v.probability_unknown > LIKELY:
         return f"; something else {_acts(v)} (P {v.probability_unknown:.2f})"
     far = is_far(v)
-    return f"; {far[0].gap} is left at {far[0].ratio:.1f} times its floor" if far else ""
+    return f"; what is left: {left_told(far[0])}" if far else ""
 
 
 def next_step(v: Verdict) -> str:
@@ -295,10 +370,9 @@ def next_step(v: Verdict) -> str:
     if splits:
         split, group = splits[0]
         what = split.text.split(":")[0].rstrip(".")
-        return f"{what[:1].lower()}{what[1:]} and record it, to tell {_listed([plain(n) for n in group])} apart"
+        which = _listed([plain(n) for n in group]) if len(group) <= LARGEST_GROUP else f"these {len(group)} effects"
+        return f"{what[:1].lower()}{what[1:]} and record it, to tell {which} apart"
     if v.probability_unknown > LIKELY or v.status == "unknown_effect":
-        if v.unknown is not None and v.unknown.formula is not None:
-            return "diagnose again with unknown_effect.py, whose formula predicts it"
         return f"look at the robot{_where(v)}"
     if is_good(v):
         return "train on the corrected model" + (", and look further" if is_far(v) else "")
@@ -314,26 +388,6 @@ def probabilities(v: Verdict) -> str:
     return f"{told} Effects can act together, so these numbers do not add up to 1." if named else told
 
 
-def measured_on(v: Verdict, c: Consequences) -> str:
-    """How consequences were measured."""
-    if c.loop == "open":
-        return "Logged signals are predicted from each other, in folds that nothing was fitted to."
-    if v.shrink is not None and not v.shrink.held_out:
-        return (
-            "The policy runs on both models. The commands are those of the logs to which the corrected one was fitted."
-        )
-    return "The policy runs on both models, on command sequences that nothing was fitted to."
-
-
 def sentence(told: str) -> str:
     """With a capital and a full stop."""
     return f"{told[:1].upper()}{told[1:].rstrip('.')}."
-
-
-def floor_of(v: Verdict, c: Consequences) -> str:
-    """What a floor is."""
-    if c.loop == "open":
-        return "what formulas and noise leave"
-    if v.shrink is None:
-        return "floor"
-    return "two runs of the robot" if v.shrink.floor_of == "robot" else "two simulated runs"

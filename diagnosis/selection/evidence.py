@@ -31,6 +31,8 @@ CACHE_BYTES: Final = 600_000_000
 FOLD_BLOCK_S: Final = 2.0
 EXACT: Final = {Channel.POLICY_REPLAY: 0.02}
 """Channels whose formulas are no physics: a program's arithmetic is right or wrong."""
+NOISY_COLUMNS: Final = frozenset({Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH})
+"""Channels whose columns are made of measured loads and accelerations, as the response is."""
 LEAST: Final = 0.05
 """Least square of a tolerance: noise is not known better."""
 
@@ -99,6 +101,9 @@ class Evidence:
     """By block."""
     relative_square: Array
     """By block: mean square that a formula leaves of what it explains."""
+    least: Array
+    """By block: the least mean square that counts. Where noise is in the columns, too, a scale that shrinks both sides
+    of an equation would seem to explain it."""
     stretch: int
     """States in :data:`FOLD_BLOCK_S`: pieces that time is cut into where there are few runs."""
     ordinary: Ordinary = field(init=False)
@@ -119,33 +124,35 @@ class Evidence:
         ]
         # The same numbers, kept once.
         self.ordinary = replace(made, x=tuple(both[:, :-1] for both in self._beside))
-        self.base = [self.products_of(number, both, both) for number, both in enumerate(self._beside)]
+        self.base = [
+            np.array([self.products_of(number, both, both, fold) for fold in range(self.n_folds)])
+            for number, both in enumerate(self._beside)
+        ]
 
-    def rescale(self, factors: Array) -> None:
-        """Change the usual sizes of the ordinary errors, by column, shape (Q,); before anything else is scored."""
-        for number, at in enumerate(self.ordinary.numbers):
-            both = np.concatenate([factors[at], [1.0]])
-            self._beside[number] *= both
-            self.base[number] *= both[:, None] * both
-        self.ordinary = replace(
-            self.ordinary, x=tuple(b[:, :-1] for b in self._beside), scale=self.ordinary.scale * factors
-        )
-        self.kept.clear()
+    def shapes(self, effect: LibraryEffect) -> tuple[Shape, ...]:
+        """Coarse shapes of an effect that these logs let one try; none where it shows nowhere."""
+        key = ("shapes", effect.name)
+        if key not in self.kept:
+            everywhere = np.ones(self.robot.n_joints, dtype=np.bool_)
+            try:
+                self.kept[key] = tuple(effect.shapes(self.views, everywhere))
+            except (KeyError, ValueError):
+                self.kept[key] = ()
+        found: tuple[Shape, ...] = self.kept[key]
+        return found
 
-    def products_of(self, number: int, left: Array, right: Array) -> Array:
-        """Products of two sets of a block's columns by fold, over its number of samples; shape (F, a, b)."""
+    def products_of(self, number: int, left: Array, right: Array, fold: int | None = None) -> Array:
+        """Products of two sets of a block's columns over all folds or in one, by its number of samples; (a, b)."""
         block = self.blocks[number]
-        out = np.zeros((self.n_folds, left.shape[1], right.shape[1]))
-        if out.size == 0:
-            return out
-        weighted = left * (block.weight**2)[:, None]
-        for fold, rows in enumerate(block.rows_of_fold):
-            out[fold] = weighted.take(rows, axis=0).T @ right.take(rows, axis=0)
-        return out / len(block.y)
+        weight = block.weight**2
+        if fold is not None:
+            rows = block.rows_of_fold[fold]
+            left, right, weight = left[rows], right[rows], weight[rows]
+        return np.asarray((left * weight[:, None]).T @ right, dtype=np.float64) / len(block.y)
 
-    def products(self, number: int, x: Array) -> Array:
-        """Products of a block's columns with [ordinary errors, y], shape (F, a, q + 1)."""
-        return self.products_of(number, x, self._beside[number])
+    def products(self, number: int, x: Array, fold: int | None = None) -> Array:
+        """Products of a block's columns with [ordinary errors, y], shape (a, q + 1)."""
+        return self.products_of(number, x, self._beside[number], fold)
 
     @property
     def by_channel(self) -> dict[Channel, list[int]]:
@@ -239,6 +246,7 @@ def lay_out(
         dof=np.minimum(DEGREES_OF_FREEDOM, [b.n_independent for b in blocks]),
         tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
         relative_square=np.array([EXACT.get(b.channel, FORMULA_ERROR) ** 2 for b in blocks]),
+        least=np.array([float(b.channel in NOISY_COLUMNS) for b in blocks]),
         stretch=stretch,
     )
     board.prepare(library, scales)

@@ -41,6 +41,10 @@ class OrdinaryPart:
     yy: Array
     """Shape (B,)."""
 
+    def __sub__(self, other: OrdinaryPart) -> OrdinaryPart:
+        pairs = self.pairs - other.pairs
+        return OrdinaryPart(pairs, pairs.T, self.with_y - other.with_y, self.yy - other.yy)
+
 
 class OrdinarySums:
     """What is the same whatever is tried.
@@ -76,20 +80,15 @@ class OrdinarySums:
         yy = np.stack([b[:, -1, -1] for b in base], axis=1)
         self.total = self._part(pairs.sum(axis=0), with_y.sum(axis=0), yy.sum(axis=0))
         self.folds = [self._part(*own) for own in zip(pairs, with_y, yy, strict=True)]
-        everything = (self.total.pairs.data, self.total.with_y, self.total.yy)
-        self.others = [
-            self._part(*(whole - one for whole, one in zip(everything, own, strict=True)))
-            for own in zip(pairs, with_y, yy, strict=True)
-        ]
 
     def _part(self, pairs: Array, with_y: Array, yy: Array) -> OrdinaryPart:
         sparse = csr_array((pairs, self._columns, self._starts), shape=(self.n_blocks, self.size**2))
         return OrdinaryPart(sparse, sparse.T, with_y, yy)
 
-    def system(self, part: OrdinaryPart, weights: Array, precision: Array | float = 1.0) -> Factor:
-        """The ordinary errors' own weighted problem, with their priors' precision, shape (Q,), factored."""
+    def system(self, part: OrdinaryPart, weights: Array) -> Factor:
+        """The ordinary errors' own weighted problem, in published spreads, factored."""
         system = (part.transposed @ weights).reshape(self.size, self.size)
-        system.flat[:: self.size + 1] += precision
+        system.flat[:: self.size + 1] += 1.0
         factored: Factor = cho_factor(system, overwrite_a=True, check_finite=False)
         return factored
 
@@ -97,14 +96,13 @@ class OrdinarySums:
         """Weighted products of ordinary errors and columns, (q_all, k) to (Q, k)."""
         return np.asarray(self.gather @ (weights[self.block_of_row][:, None] * by_row))
 
-    def squares(self, part: OrdinaryPart, tried: ColumnProducts, pulls: Array, beta: Array) -> tuple[Array, Array]:
-        """By block: sum of squares that is left, and that all columns explain."""
+    def left(self, part: OrdinaryPart, tried: ColumnProducts, pulls: Array, beta: Array) -> Array:
+        """By block, the sum of squares that is left."""
         by_ordinary = part.pairs @ (np.outer(pulls, pulls) * self._twice).ravel()
         both = self.by_block @ (pulls[self.rows] * (tried.by_row @ beta))
         by_tried = np.einsum("bij,i,j->b", tried.own, beta, beta)
-        explained = by_ordinary + 2.0 * both + by_tried
-        left = explained - 2.0 * (part.with_y @ pulls + tried.with_y @ beta) + part.yy
-        return np.maximum(left, 0.0), np.maximum(explained, 0.0)
+        crossed = part.with_y @ pulls + tried.with_y @ beta
+        return np.maximum(by_ordinary + 2.0 * both + by_tried - 2.0 * crossed + part.yy, 0.0)
 
 
 @dataclass(frozen=True)
@@ -118,21 +116,15 @@ class ColumnProducts:
     own: Array
     """Shape (B, k, k)."""
 
+    @staticmethod
+    def of(base: Sequence[Array], both: Sequence[Array]) -> ColumnProducts:
+        """From the blocks' products of the columns with [ordinary errors, y], (k, q + 1), and with each other."""
+        return ColumnProducts(
+            np.concatenate([b[:, :-1].T for b in base]), np.stack([b[:, -1] for b in base]), np.stack(both)
+        )
+
     def __sub__(self, other: ColumnProducts) -> ColumnProducts:
         return ColumnProducts(self.by_row - other.by_row, self.with_y - other.with_y, self.own - other.own)
-
-
-def products_by_fold(base: Sequence[Array], both: Sequence[Array]) -> tuple[ColumnProducts, list[ColumnProducts]]:
-    """Over all folds, and over each.
-
-    Args:
-        base: By block, products of the columns with [ordinary errors, y], shape (F, k, q + 1).
-        both: By block, with each other, shape (F, k, k).
-    """
-    by_row = np.concatenate([np.swapaxes(b[:, :, :-1], 1, 2) for b in base], axis=1)
-    with_y, own = np.stack([b[:, :, -1] for b in base], axis=1), np.stack(both, axis=1)
-    total = ColumnProducts(by_row.sum(axis=0), with_y.sum(axis=0), own.sum(axis=0))
-    return total, [ColumnProducts(*one) for one in zip(by_row, with_y, own, strict=True)]
 
 
 def solved(
@@ -142,19 +134,24 @@ def solved(
     weights: Array,
     low: Array,
     high: Array,
-    precision: Array | float = 1.0,
-) -> tuple[Array, Array]:
-    """Ordinary errors (Q,) and coefficients (k,) of one weighted problem."""
+    held: Array,
+) -> tuple[Array, Array, Array]:
+    """One weighted problem; ``held`` is the precision of the coefficients' priors, shape (k,).
+
+    Returns:
+        Ordinary errors (Q,), coefficients (k,), and the information about these that the former leave (k, k).
+    """
     k = len(low)
-    factor = sums.system(part, weights, precision)
+    factor = sums.system(part, weights)
     right = weights @ part.with_y
     if k == 0:
-        return np.asarray(cho_solve(factor, right, check_finite=False)), np.zeros(0)
+        return np.asarray(cho_solve(factor, right, check_finite=False)), np.zeros(0), np.zeros((0, 0))
     mixed = sums.mixed(tried.by_row, weights)
     found = cho_solve(factor, np.concatenate([mixed, right[:, None]], axis=1), check_finite=False)
-    reduced = np.tensordot(weights, tried.own, 1) - mixed.T @ found[:, :k]
-    beta = solve_bounded(reduced, weights @ tried.with_y - mixed.T @ found[:, k], low, high)
-    return np.asarray(found[:, k] - found[:, :k] @ beta), beta
+    information = np.tensordot(weights, tried.own, 1) - mixed.T @ found[:, :k]
+    target = weights @ tried.with_y - mixed.T @ found[:, k]
+    beta = solve_bounded(information + np.diag(held), target, low, high)
+    return np.asarray(found[:, k] - found[:, :k] @ beta), beta, information
 
 
 def solve_bounded(gram: Array, right: Array, low: Array, high: Array) -> Array:

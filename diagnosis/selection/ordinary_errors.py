@@ -59,7 +59,7 @@ class ErrorKind:
 
 @dataclass(frozen=True)
 class Ordinary:
-    """The columns, Q in all, scaled so that a unit of each is its usual size."""
+    """The columns, Q in all, scaled so that a unit of each is its published spread."""
 
     x: tuple[Array, ...]
     """By block, shape (m, q)."""
@@ -70,9 +70,7 @@ class Ordinary:
     kinds: tuple[ErrorKind, ...]
     """Where each effect's errors stand among the Q."""
     scale: Array
-    """Coefficient that one of each of the Q is, in the effect's own units. Shape (Q,)."""
-    published: Array
-    """The same as published, before this robot's own scale was learned. Shape (Q,)."""
+    """Published spread of each of the Q, in the effect's own units. Shape (Q,)."""
 
     @property
     def size(self) -> int:
@@ -128,7 +126,6 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[s
         tuple(np.array(n, dtype=np.intp) for n in numbers),
         tuple(names),
         tuple(kinds),
-        np.array(sizes),
         np.array(sizes),
     )
 

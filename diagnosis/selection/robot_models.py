@@ -8,71 +8,64 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.channels import Array, Shape
-from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import LibraryEffect, Location, Robot, acts_last
-from diagnosis.library.less import with_less
-from diagnosis.library.repairs import size_of
+from diagnosis.channels import Array, Flags, Shape
+from diagnosis.library import LibraryEffect, Location, Robot, acts_last, less
+from diagnosis.library.held import groups_of
+from diagnosis.library.less import AtBound
+from diagnosis.library.rigid_body import PayloadEntry, with_mass
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.scoring import Scored, by_term
 from spot_model.effects.base import Effect, ModelEffect, TorqueEffect
-from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel
-from spot_model.robot.facts import JOINT_NAMES, N_JOINTS
+from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import describe_joints
 
 ALIKE: Mapping[str, tuple[str, ...]] = {
     "torque_gain": ("gain",),
     "torque_offset": ("offset_nm",),
+    "load_sensor_gain": ("gain", "bias_nm"),
     "coulomb_friction": ("level_nm",),
     "viscous_friction": ("damping_nm_s_per_rad",),
     "load_friction": ("share",),
+    "stribeck_friction": ("level_nm",),
     "armature": ("inertia_kg_m2",),
+    "load_filter": ("time_constant_s",),
+    "torque_bandwidth": ("time_constant_s",),
     "velocity_filter": ("time_constant_s",),
+    "joint_compliance": ("compliance_rad_per_nm",),
     "encoder_offset": ("offset_rad",),
     "leg_mass": ("scale",),
     "body_inertia": ("scale",),
+    "foot_radius": ("change_m",),
     "velocity_estimate": ("scale", "bias_x_m_s", "bias_y_m_s", "lag_s"),
     "imu_tilt": ("roll_rad", "pitch_rad"),
-    "command_jitter": ("mean_s",),
+    "contact_delay": ("delay_s",),
+    "ground_friction": ("scale",),
     "ground_compliance": ("time_constant_s", "damping_ratio"),
+    "command_jitter": ("mean_s",),
+    "command_drop": ("probability",),
+    "sensor_noise": ("position_rad", "velocity_rad_s", "load_nm"),
 }
 """Ordinary errors of which two after another are one, to the second order, and the parameters that make it up."""
-SMALLEST = 0.02
-"""Errors under this share of their published range are left out of a model: they change nothing."""
 
 
 def with_errors(model: RobotModel, board: Evidence, pulls: Array, effects: Container[str] | None = None) -> RobotModel:
-    """The model with ordinary errors that change how the robot moves, within the bounds of each parameter.
+    """The model with ordinary errors, within the bounds of each parameter.
 
-    ``pulls`` are in usual sizes, shape (Q,); ``effects`` names those that are added, None for all.
+    ``pulls`` are in published spreads, shape (Q,); ``effects`` names those that are added, None for all.
     """
     size = pulls * board.ordinary.scale
     for kind in board.ordinary.kinds:
-        name = kind.effect.name
-        if ERROR_SCALES[name].acts_in_closed_loop and (effects is None or name in effects):
+        if effects is None or kind.effect.name in effects:
             model = with_kind(model, board.robot, kind, kind.coefficients(size))
     return model
-
-
-def size_of_errors(board: Evidence, pulls: Array) -> float:
-    """How large a robot's ordinary errors (in usual sizes, shape (Q,)) are, in published standard deviations.
-
-    The geometric mean over kinds that act in closed loops, so that a fault which one kind takes up hardly counts.
-    """
-    size = np.abs(pulls) * board.ordinary.scale / board.ordinary.published
-    names = np.array(board.ordinary.names)
-    acting = [kind.effect.name for kind in board.ordinary.kinds if ERROR_SCALES[kind.effect.name].acts_in_closed_loop]
-    by_kind = [float(np.sqrt(np.mean(size[names == name] ** 2))) for name in acting]
-    return float(np.exp(np.mean(np.log(np.maximum(by_kind, SMALLEST))))) if by_kind else 1.0
 
 
 def model_of(nominal: RobotModel, board: Evidence, scored: Scored, fold: int | None = None) -> RobotModel:
     """The nominal model with this robot's ordinary errors and the effects, as fitted without a fold or to everything.
 
-    Raises:
-        BadInputError: A value is out of its effect's bounds.
+    A number beyond its parameter's bound is put at the bound; :func:`held_of` tells which.
     """
     pulls, coefficients = scored.pulls, scored.coefficients
     if fold is not None:
@@ -81,72 +74,109 @@ def model_of(nominal: RobotModel, board: Evidence, scored: Scored, fold: int | N
     others = {kind.effect.name for kind in board.ordinary.kinds} - named
     model = with_errors(nominal, board, pulls, others)
     for term, own in sorted(zip(scored.terms, coefficients, strict=True), key=lambda pair: acts_last(pair[0].effect)):
-        model = term.effect.add_to(
-            model, term.effect.values(own, term.shape), board.robot.words_for(term.effect, term.place)
-        )
+        values, _ = within(term.effect, term.effect.values(own, term.shape))
+        model = term.effect.add_to(model, values, board.robot.words_for(term.effect, term.place))
     # Errors of what is a difference here are counted from it: a joint may have less of it than the others.
     return with_errors(model, board, pulls, named)
 
 
+def within(entry: LibraryEffect, values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """Values within their parameters' bounds, and the bounds of those that were beyond."""
+    known = {p.name: p for p in entry.effect.parameters()}
+    least = {c.name: c.low for c in entry.coefficients if c.name in known and c.low < known[c.name].low - 1e-12}
+    least |= dict(entry.taken_away)
+    out, held = dict(values), dict[str, float]()
+    for name, value in values.items():
+        if name not in known:
+            continue
+        low, high = least.get(name, known[name].low), known[name].high
+        out[name] = float(np.clip(value, low, high))
+        if out[name] != value:
+            held[name] = out[name]
+    return out, held
+
+
+def held_of(board: Evidence, scored: Scored) -> list[AtBound]:
+    """Numbers of the differences that lie at a bound: what was fitted is beyond what is physically possible."""
+    found = []
+    for term, own in zip(scored.terms, scored.coefficients, strict=True):
+        values = term.effect.values(own, term.shape)
+        known, held = {p.name: p for p in term.effect.effect.parameters()}, within(term.effect, values)[1]
+        at_end = {n: v for n, v in values.items() if n in known and known[n].null != v in (known[n].low, known[n].high)}
+        where = ", ".join(board.robot.named(board.robot.joints_of(term.effect, term.place)))
+        found += [AtBound(term.effect.name, name, where, bound) for name, bound in {**at_end, **held}.items()]
+    return found
+
+
 def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array) -> RobotModel:
-    """The model with errors of one kind; coefficients by unit, shape (U, C)."""
-    effect = kind.effect
-    if robot.joint_names == JOINT_NAMES and effect.location is Location.JOINT and len(effect.coefficients) == 1:
-        model = _with_less(model, effect, coefficients[:, 0])
-    scales = np.array([ERROR_SCALES[effect.name].scales.get(c.name, np.inf) for c in effect.coefficients])
-    values = {}
-    for unit, own in enumerate(coefficients):
-        if np.any(np.abs(own) > SMALLEST * scales):
-            values[unit] = _within(effect, effect.values(*_parts(effect, own, kind.at)))
-    if effect.location is Location.JOINT and not issubclass(effect.effect, ModelEffect) and values:
-        return _side_by_side(model, robot, effect, values)
-    for unit, own_values in values.items():
-        joints = robot.named(robot.units(effect.location)[unit] > 0.5)
-        model = effect.add_to(model, own_values, ("all",) if len(joints) == robot.n_joints else joints)
-    return model
+    """The model with errors of one kind; coefficients by unit, shape (U, C).
 
-
-def _with_less(model: RobotModel, effect: LibraryEffect, change: Array) -> RobotModel:
-    """The model's own effects of a kind lowered where the change is below what an effect added to them can have.
-
-    The effect has one coefficient and is local to joints; change by joint, shape (12,).
+    What effects of the kind have in all stays within the bounds of each parameter.
     """
-    p = size_of(effect)
-    return (
-        model if p is None else with_less(model, effect.effect, p, np.minimum(change - effect.coefficients[0].low, 0))
-    )
+    return _put_into(model, robot, kind, coefficients)[0]
 
 
-def _parts(effect: LibraryEffect, own: Array, at: Shape) -> tuple[Array, Shape]:
-    """Coefficients within their bounds; where the size is in the shape, the shape times the coefficient."""
-    low = np.array([c.low for c in effect.coefficients])
-    high = np.array([c.high for c in effect.coefficients])
-    fixed = low == high
-    shape = dict(at)
-    if fixed.any():
-        shape = {k: v * max(0.0, float(own[fixed][0])) for k, v in at.items()}
-    return np.clip(own, low, high), shape
+def held_at_bounds(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array) -> list[AtBound]:
+    """The numbers that :func:`with_kind` leaves at a parameter's bound, short of what was fitted."""
+    return _put_into(model, robot, kind, coefficients)[1]
 
 
-def _within(effect: LibraryEffect, values: Mapping[str, float]) -> dict[str, float]:
-    bounds = {p.name: (p.low, p.high) for p in effect.effect.parameters()}
-    # A delay in place of the model's own may be shorter.
-    bounds |= {c.name: (c.low, c.high) for c in effect.coefficients if effect.effect is CommandDelay}
-    return {k: float(np.clip(v, *bounds[k])) for k, v in values.items()}
+def _put_into(
+    model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array
+) -> tuple[RobotModel, list[AtBound]]:
+    entry, effect = kind.effect, kind.effect.effect
+    if isinstance(entry, PayloadEntry):
+        return with_mass(model, float(coefficients[0, 0]), coefficients[0, 1:])
+    asked, units = [_asked(entry, kind.at, own) for own in coefficients], robot.units(entry.location) > 0.5
+    sizes = [p for p in effect.parameters() if p.name in asked[0] and (p.name not in kind.at or _is_sized(entry))]
+    acts, at_bounds, columns = np.zeros(robot.n_joints, dtype=np.bool_), list[AtBound](), dict[str, Any]()
+    for p in sizes:
+        into, back = less.sums(effect, p)
+        more = into(np.array([own[p.name] for own in asked])) @ units
+        before = less.in_all(model, effect, p)
+        after = np.where(more == 0.0, before, np.clip(before + more, into(p.low), into(p.high)))
+        for joints in units[[(after != before + more)[joints].any() for joints in units]]:
+            bound = p.low if (before + more)[joints][0] < after[joints][0] else p.high
+            at_bounds.append(AtBound(entry.name, p.name, _where(robot, entry, joints), bound))
+        change = after - before
+        added = np.clip(change, into(p.low), into(p.high))
+        model = less.with_less(model, effect, p, change - added)
+        acts |= added != 0.0
+        columns[p.name] = np.clip(back(added), p.low, p.high)
+    if not acts.any():
+        return model, at_bounds
+    shape = {name: value for name, value in asked[0].items() if name not in columns}
+    numbers = {k: _plain(v[None], acts) for k, v in columns.items()}
+    made: Effect = effect(joints=describe_joints(acts), **numbers, **shape)
+    if entry.location is Location.JOINT and not isinstance(made, ModelEffect):
+        # One effect with a number for each joint: a step costs no more than one effect's.
+        return model.with_effects(made), at_bounds
+    for own in _apart(made):
+        model = entry.add_to(model, own.values, own.joints)
+    return model, at_bounds
 
 
-def _side_by_side(
-    model: RobotModel, robot: Robot, effect: LibraryEffect, values: dict[int, dict[str, float]]
-) -> RobotModel:
-    """One effect with a number for each joint: a step costs no more than one effect's."""
-    some = next(iter(values.values()))
-    made: Effect = effect.effect()
-    nulls = {p.name: p.null for p in made.parameters()}
-    columns: dict[str, Any] = {k: np.full((1, robot.n_joints), nulls[k]) for k in some}
-    for unit, own in values.items():
-        for k, v in own.items():
-            columns[k][0, unit] = v
-    return model.with_effects(replace(made, **columns))
+def _is_sized(entry: LibraryEffect) -> bool:
+    """Whether an effect's size is in its shape."""
+    return not all(c.is_free for c in entry.coefficients)
+
+
+def _asked(entry: LibraryEffect, at: Shape, own: Array) -> dict[str, float]:
+    """Parameters from the coefficients of one unit, beyond their bounds, too; a size in the shape goes with its own."""
+    share = next((float(x) for c, x in zip(entry.coefficients, own, strict=True) if not c.is_free), 1.0)
+    shape = {name: share * value for name, value in at.items()}
+    if type(entry).values is not LibraryEffect.values:
+        return dict(entry.values(own, shape))
+    nulls = {p.name: p.null for p in entry.effect.parameters()}
+    free = {c.name: float(x) for c, x in zip(entry.coefficients, own, strict=True) if c.is_free and c.name in nulls}
+    return {k: v for k, v in shape.items() if k in nulls} | {name: nulls[name] + x for name, x in free.items()}
+
+
+def _where(robot: Robot, entry: LibraryEffect, joints: Flags) -> str:
+    if entry.location is Location.ROBOT:
+        return "body"
+    name = robot.named(joints)[0]
+    return name if entry.location is Location.JOINT else name.rsplit("_", 1)[0]
 
 
 def merged(model: RobotModel) -> RobotModel:
@@ -162,55 +192,58 @@ def merged(model: RobotModel) -> RobotModel:
             effects.append(effect)
         else:
             effects[at] = _one_of_two(effects[at], effect)
-    return replace(model, effects=tuple(effects))
+    # Effects on the model's fields do not all take a number for each joint.
+    return replace(model, effects=tuple(own for e in effects for own in ([e], _apart(e))[isinstance(e, ModelEffect)]))
 
 
 def _mergeable(before: Sequence[Effect], effect: Effect) -> int | None:
     """Number of the effect with which one goes together; None for none."""
     for at in reversed(range(len(before))):
-        if type(before[at]) is type(effect) and _is_alike(before[at]) and _is_alike(effect):
+        if _are_alike(before[at], effect):
             return at
         if isinstance(effect, TorqueEffect) and isinstance(before[at], TorqueEffect) and before[at].name not in ALIKE:
             return None
     return None
 
 
-def _is_alike(effect: Effect) -> bool:
-    """Whether it has no numbers but those that add up, or multiply."""
-    names = ALIKE.get(effect.name, ())
-    return bool(names) and all(
-        p.name in names or np.all(np.asarray(getattr(effect, p.name)) == p.null) for p in effect.parameters()
-    )
+def _are_alike(one: Effect, other: Effect) -> bool:
+    """Whether they differ in no numbers but those that add up, or multiply."""
+    names = ALIKE.get(one.name, ())
+    rest = [p.name for p in one.parameters() if p.name not in names]
+    return bool(names) and type(one) is type(other) and all(_is_same(one.values[n], other.values[n]) for n in rest)
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    return np.size(one) == np.size(other) == 1 and bool(np.all(one == other))
 
 
 def _one_of_two(first: Effect, second: Effect) -> Effect:
-    columns: dict[str, Any] = {}
+    mask, columns = first.mask | second.mask, dict[str, Any]()
     for p in first.parameters():
-        one, two = (
-            np.where(e.mask, np.broadcast_to(getattr(e, p.name), (1, N_JOINTS)), p.null) for e in (first, second)
-        )
-        columns[p.name] = np.clip(one * two if p.null == 1.0 else one + two, p.low, p.high)
-    return replace(
-        first, joints=describe_joints(first.mask | second.mask), **{k: _plain(v) for k, v in columns.items()}
-    )
+        if p.name in ALIKE[first.name]:
+            into, back = less.sums(type(first), p)
+            total = into(less.by_joint(first, p)) + into(less.by_joint(second, p))
+            columns[p.name] = _plain(np.clip(back(total), p.low, p.high)[None], mask)
+    return replace(first, joints=describe_joints(mask), **columns)
 
 
-def _plain(values: Array) -> Any:
-    """One number where all are the same."""
-    return float(values[0, 0]) if np.all(values == values[0, 0]) else values
+def _plain(values: Array, acts: Flags) -> Any:
+    """One number where those of all joints that an effect acts on are the same; shape (1, J)."""
+    own = values[0, acts]
+    return float(own[0]) if np.all(own == own[0]) else values
 
 
 def by_joint(model: RobotModel, joint_names: tuple[str, ...]) -> RobotModel:
-    """The same model with plain numbers alone, one effect a joint where numbers differ: what goes into a file."""
+    """The same model with plain numbers alone, one effect for joints of the same numbers: what goes into a file."""
+    return replace(model, effects=tuple(own for effect in model.effects for own in _apart(effect, joint_names)))
+
+
+def _apart(effect: Effect, joint_names: tuple[str, ...] = JOINT_NAMES) -> list[Effect]:
+    if all(np.ndim(v) == 0 for v in effect.values.values()):
+        return [effect]
     effects: list[Effect] = []
-    for effect in model.effects:
-        if all(np.ndim(v) == 0 for v in effect.values.values()):
-            effects.append(effect)
-            continue
-        nulls = {p.name: p.null for p in effect.parameters()}
-        for j, name in enumerate(joint_names):
-            row = {k: np.broadcast_to(v, (1, len(joint_names)))[0] for k, v in effect.values.items()}
-            own: dict[str, Any] = {k: float(v[j]) for k, v in row.items()}
-            if any(v != nulls[k] for k, v in own.items()):
-                effects.append(replace(effect, joints=(name,), **own))
-    return replace(model, effects=tuple(effects))
+    for joints, values in groups_of(effect):
+        named = tuple(name for name, there in zip(joint_names, joints, strict=True) if there)
+        plain: dict[str, Any] = dict(values)
+        effects.append(replace(effect, joints=named, **plain))
+    return [e for e in effects if not e.is_null]

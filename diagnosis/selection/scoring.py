@@ -1,25 +1,36 @@
-"""Fit several effects at given places and shapes beside the ordinary errors, and score them on folds never seen.
+"""One posterior over numbers: some of them free in their realistic range, all others within their ordinary errors.
 
-A model's value is −½ Σ D log(m + t²) − ½ |γ|²: over the blocks, with m the mean square of the residual in folds that
-the fit never saw (units of the noise), t the tolerance, D the number of independent ways in which a formula that is not
-quite the truth can be off; and γ the ordinary errors in units of their usual sizes. More data make m exact, but do not
-make a formula truer, so D does not grow with them.
+A set of terms, each an effect of one shape at some units, has the value
+
+    Σ −½ D log(m + t²)  −  ½ |γ|²  −  ½ |β/R|²  −  ½ log det(1 + R H R)  −  prices
+
+over the blocks, with m the mean square of the residual in units of the noise, t the tolerance and D the number of
+independent ways in which a formula that is not quite the truth can be off; γ the ordinary errors in published spreads,
+β the terms' coefficients and R their realistic range; H the information about β that the ordinary errors leave. It is
+the logarithm of a marginal likelihood, so values of any two sets compare. The price of a term is what its effect adds
+on robots without a fault (:mod:`diagnosis.selection.faultless`), so that odds are even at 0. More data make m exact,
+but do not make a formula truer, so D does not grow with them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve
+from scipy.special import gammaln
 
 from diagnosis.channels import Array, Shape
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Evidence, key_of
-from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, products_by_fold, solve_bounded, solved
+from diagnosis.selection.faultless import FAULTLESS
+from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solve_bounded, solved
+from diagnosis.selection.priors import realistic_range
 
+BELOW_NOISE: Final = 0.1
+"""What a mean square counts below the least that counts: next to nothing, but the better of two fits stays better."""
 ROUNDS: Final = 4
 """Rounds of weights and fit: weights follow the residuals."""
 
@@ -33,61 +44,44 @@ class Placed:
     place: Array
     """Shape (U,), 0 or 1."""
 
-    @property
-    def n_parameters(self) -> int:
-        """Free numbers."""
-        return sum(c.low < c.high for c in self.effect.coefficients) + (self.effect.n_free or len(self.shape))
-
 
 @dataclass(frozen=True)
 class Scored:
-    """A set of effects, fitted."""
+    """A set of effects, fitted beside the ordinary errors."""
 
     terms: tuple[Placed, ...]
     coefficients: tuple[Array, ...]
-    """By term; fitted to all folds."""
-    spread: Array
-    """By fold and parameter: coefficients fitted without the fold, shape (F, K), terms end to end."""
-    score: float
-    """Value against none of the effects, in nats."""
-    by_block: Array
-    """Value of each block, without what the ordinary errors cost. Shape (B,)."""
-    held_out: Array
-    """Mean square of each block's residual in folds that the fit never saw, units of the noise. Shape (B,)."""
+    """By term."""
     pulls: Array
-    """Ordinary errors in units of their usual sizes. Shape (Q,)."""
-    fold_pulls: Array
-    """Ordinary errors in these units, fitted without each fold. Shape (F, Q)."""
+    """Ordinary errors in published spreads. Shape (Q,)."""
+    weights: Array
+    """What each block counts. Shape (B,)."""
+    left: Array
+    """Mean square of each block's residual, units of the noise. Shape (B,)."""
     explained: Array
-    """Mean square of what terms and ordinary errors explain in each block, units of the noise. Shape (B,)."""
-
-
-def without(scored: Scored, which: int) -> Scored:
-    """The same fit with one effect taken out, its ordinary errors as they are beside the effect; scores stay."""
-    sizes = [len(c) for c in scored.coefficients]
-    at = sum(sizes[:which])
-    return replace(
-        scored,
-        terms=scored.terms[:which] + scored.terms[which + 1 :],
-        coefficients=scored.coefficients[:which] + scored.coefficients[which + 1 :],
-        spread=np.delete(scored.spread, slice(at, at + sizes[which]), axis=1),
-    )
+    """Mean square that terms and ordinary errors take off each block. Shape (B,)."""
+    value: float = 0.0
+    """Logarithm of the marginal likelihood, against none of the effects."""
+    by_block: Array = field(default_factory=lambda: np.zeros(0))
+    """Each block's part of it. Shape (B,)."""
+    spread: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Coefficients fitted without each fold, terms end to end, shape (F, K); filled by :func:`crossed`."""
+    fold_pulls: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Ordinary errors fitted without each fold, shape (F, Q); likewise."""
 
 
 def without_effect(board: Evidence, scored: Scored, name: str) -> Scored:
-    """The fit less one effect, and less what its joint types or legs have of it by ordinary errors.
-
-    All other ordinary errors stay as they are beside it, so that models with it and without it differ by it alone.
-    """
-    for which in reversed([i for i, term in enumerate(scored.terms) if term.effect.name == name]):
-        scored = without(scored, which)
-    shared = np.zeros(len(scored.pulls), dtype=np.bool_)
-    for kind in board.ordinary.kinds:
-        if kind.effect.name == name:
-            for k in range(len(kind.chosen)):
-                shared[kind.columns(k)] = kind.alike
+    """The fit less all that it has of one effect, as difference and as ordinary errors; all else stays as it is."""
+    kept = [i for i, term in enumerate(scored.terms) if term.effect.name != name]
+    owner = np.repeat([t.effect.name for t in scored.terms], [len(c) for c in scored.coefficients])
+    mine = np.array(board.ordinary.names) == name
     return replace(
-        scored, pulls=np.where(shared, 0.0, scored.pulls), fold_pulls=np.where(shared, 0.0, scored.fold_pulls)
+        scored,
+        terms=tuple(scored.terms[i] for i in kept),
+        coefficients=tuple(scored.coefficients[i] for i in kept),
+        spread=scored.spread[:, owner != name],
+        pulls=np.where(mine, 0.0, scored.pulls),
+        fold_pulls=np.where(mine, 0.0, scored.fold_pulls),
     )
 
 
@@ -97,20 +91,40 @@ def bounds(effects: Sequence[LibraryEffect]) -> tuple[Array, Array]:
     return np.array([c.low for c in cs], dtype=np.float64), np.array([c.high for c in cs], dtype=np.float64)
 
 
-class Crosses(NamedTuple):
+def ranges(effects: Sequence[LibraryEffect]) -> Array:
+    """Realistic range of all coefficients, end to end; infinite for those without freedom."""
+    return np.concatenate([np.zeros(0), *(realistic_range(e) for e in effects)])
+
+
+def by_term(terms: Sequence[Placed], beta: Array) -> tuple[Array, ...]:
+    """Coefficients that stand end to end, by term."""
+    return tuple(np.split(beta, np.cumsum([len(t.effect.coefficients) for t in terms]))[:-1])
+
+
+def prices(board: Evidence, effect: LibraryEffect, places: Array) -> Array:
+    """Nats at which the odds of an effect are even at each place, (L, U) to (L,).
+
+    What is learned from faultless robots is the largest over all natural places and all shapes. A place that is no
+    natural one counts each way in which as many units differ from the nearest.
+    """
+    natural = board.robot.places(effect)
+    n_units = natural.shape[1]
+    apart = np.abs(natural - places[:, None]).sum(axis=2).min(axis=1)
+    ways = gammaln(n_units + 1) - gammaln(apart + 1) - gammaln(n_units - apart + 1)
+    return np.asarray(FAULTLESS.price(effect.name) + ways)
+
+
+class Products(NamedTuple):
     """Products of one block's columns of a candidate, uP of them: with [ordinary errors, y] and with themselves."""
 
     base: Array
-    """By fold, shape (F, uP, q + 1)."""
+    """Shape (uP, q + 1)."""
     own: Array
-    """By fold, shape (F, uP, uP)."""
-    whole_base: Array
-    """Over all folds."""
-    whole_own: Array
+    """Shape (uP, uP)."""
 
 
 class Scorer:
-    """Scores candidates on a board, beside terms that are already in."""
+    """Values of candidates on a board, beside terms that are already in."""
 
     def __init__(self, board: Evidence, terms: Sequence[Placed] = ()) -> None:
         """Choose what is already in."""
@@ -118,81 +132,74 @@ class Scorer:
         self.terms = tuple(terms)
         self.low, self.high = bounds([t.effect for t in terms])
         self.own = term_columns(board, terms)
-        self._is_touched = [bool(x.any()) for x in self.own]
-        """By block, whether any term shows there."""
-        self.own_base = [board.products(n, x) for n, x in enumerate(self.own)]
-        self.own_own = [board.products_of(n, x, x) for n, x in enumerate(self.own)]
-        self._own_cross: dict[tuple[object, ...], list[tuple[Array, Array]]] = {}
-        self._tried, by_fold = products_by_fold(self.own_base, self.own_own)
-        self.now, self.weights = _fitted(board, self.terms, self._tried, by_fold)
+        self._own_cross: dict[tuple[object, ...], list[Array]] = {}
+        self._base = [board.products(n, x) for n, x in enumerate(self.own)]
+        self._square = [board.products_of(n, x, x) for n, x in enumerate(self.own)]
+        self._tried = ColumnProducts.of(self._base, self._square)
+        self.now = fitted(board, self.terms, self._tried)
+        self.weights = self.now.weights
         self._by_weights: tuple[bytes, tuple[Any, ...]] = (b"", ())
 
     def scored(self, effect: LibraryEffect, shape: Shape, place: Array) -> Scored:
         """The terms and one candidate, fitted."""
-        return self.with_weights(effect, shape, place)[0]
-
-    def with_weights(self, effect: LibraryEffect, shape: Shape, place: Array) -> tuple[Scored, Array]:
-        """The same, and the blocks' weights that belong to it."""
         columns = self.board.columns(effect, shape)
         cross, own = self.crosses(effect, shape), self._crosses_with_own(effect, shape)
         size, k = len(effect.coefficients), len(self.low)
         base, both = [], []
         for number in range(len(self.board.blocks)):
             units, part = columns.units[number], cross[number]
-            n_folds, _, width = self.own_base[number].shape
-            ours, square = np.zeros((n_folds, k + size, width)), np.zeros((n_folds, k + size, k + size))
-            ours[:, :k], square[:, :k, :k] = self.own_base[number], self.own_own[number]
+            ours = np.zeros((k + size, self._base[number].shape[1]))
+            square = np.zeros((k + size, k + size))
+            ours[:k], square[:k, :k] = self._base[number], self._square[number]
             if part is not None:
                 spread = _spread(place[units], size)
-                ours[:, k:] = spread.T @ part.base
-                mixed = own[number][0] @ spread
-                square[:, :k, k:], square[:, k:, :k] = mixed, np.swapaxes(mixed, 1, 2)
-                square[:, k:, k:] = spread.T @ part.own @ spread
+                ours[k:] = spread.T @ part.base
+                mixed = own[number] @ spread
+                square[:k, k:], square[k:, :k] = mixed, mixed.T
+                square[k:, k:] = spread.T @ part.own @ spread
             base.append(ours)
             both.append(square)
-        return _fitted(self.board, (*self.terms, Placed(effect, shape, place)), *products_by_fold(base, both))
+        return fitted(self.board, (*self.terms, Placed(effect, shape, place)), ColumnProducts.of(base, both))
 
-    def residuals(self, cap: float = np.inf) -> list[Array]:
-        """What the terms and the ordinary errors leave in each block, those held to so many usual sizes."""
-        pulls = np.clip(self.now.pulls, -cap, cap)
-        ordinary = self.board.ordinary
-        beta = np.concatenate([np.zeros(0), *self.now.coefficients])
+    def residuals(self) -> list[Array]:
+        """What the terms and the ordinary errors leave in each block."""
+        ordinary, beta = self.board.ordinary, np.concatenate([np.zeros(0), *self.now.coefficients])
         return [
-            b.y - x @ beta - z @ pulls[numbers]
+            b.y - x @ beta - z @ self.now.pulls[numbers]
             for b, x, z, numbers in zip(self.board.blocks, self.own, ordinary.x, ordinary.numbers, strict=True)
         ]
 
-    def crosses(self, effect: LibraryEffect, shape: Shape) -> list[Crosses | None]:
+    def crosses(self, effect: LibraryEffect, shape: Shape) -> list[Products | None]:
         """By block the products of a candidate's columns; kept on the board."""
         key = ("cross", *key_of(effect, shape))
         if key not in self.board.kept:
-            found: list[Crosses | None] = []
-            for number, flat in enumerate(self.board.columns(effect, shape).flat()):
-                base, own = self.board.products(number, flat), self.board.products_of(number, flat, flat)
-                found.append(Crosses(base, own, base.sum(axis=0), own.sum(axis=0)) if flat.shape[1] else None)
-            self.board.kept[key] = found
-        kept: list[Crosses | None] = self.board.kept[key]
+            self.board.kept[key] = [
+                Products(self.board.products(n, x), self.board.products_of(n, x, x)) if x.shape[1] else None
+                for n, x in enumerate(self.board.columns(effect, shape).flat())
+            ]
+        kept: list[Products | None] = self.board.kept[key]
         return kept
 
-    def _crosses_with_own(self, effect: LibraryEffect, shape: Shape) -> list[tuple[Array, Array]]:
-        """By block the products of the terms' columns and the candidate's: by fold (F, K, uP), and over all folds."""
+    def _crosses_with_own(self, effect: LibraryEffect, shape: Shape) -> list[Array]:
+        """By block the products of the terms' columns and the candidate's, shape (K, uP)."""
         key = key_of(effect, shape)
         if key not in self._own_cross:
-            found = []
-            for number, flat in enumerate(self.board.columns(effect, shape).flat()):
-                product = np.zeros((self.board.n_folds, len(self.low), flat.shape[1]))
-                if self._is_touched[number]:
-                    product = self.board.products_of(number, self.own[number], flat)
-                found.append((product, product.sum(axis=0)))
-            self._own_cross[key] = found
+            self._own_cross[key] = [
+                self.board.products_of(n, self.own[n], x)
+                for n, x in enumerate(self.board.columns(effect, shape).flat())
+            ]
         return self._own_cross[key]
 
-    def gains(self, effect: LibraryEffect, shape: Shape, places: Array, weights: Array) -> Array:
-        """What the candidate takes off the weighted squares at each place (L, U) beside the terms; shape (L,), nats."""
+    def information(self, effect: LibraryEffect, shape: Shape, weights: Array) -> tuple[Array, Array]:
+        """What is known of the terms' coefficients and the candidate's at each of its units, beside ordinary errors.
+
+        Returns:
+            XᵀWX − XᵀWZ(ZᵀWZ + 1)⁻¹ZᵀWX, and the same of X and y; shape (K + UP,) twice and once.
+        """
         board, columns = self.board, self.board.columns(effect, shape)
         cross, with_own = self.crosses(effect, shape), self._crosses_with_own(effect, shape)
         size, k = len(effect.coefficients), len(self.low)
-        width = k + places.shape[1] * size
+        width = k + len(board.robot.units(effect.location)) * size
         gram, mixed = np.zeros((width, width)), np.zeros((width, board.ordinary.size))
         right = np.zeros(width)
         factor, right_ordinary, own_gram, own_mixed, own_right = self._weighted(weights)
@@ -202,26 +209,36 @@ class Scorer:
                 continue
             at = board.ordinary.numbers[number]
             columns_at = k + (columns.units[number][:, None] * size + np.arange(size)).ravel()
-            base = weights[number] * part.whole_base
+            base = weights[number] * part.base
             right[columns_at] += base[:, -1]
             mixed[columns_at[:, None], at] += base[:, :-1]
-            gram[columns_at[:, None], columns_at] += weights[number] * part.whole_own
+            gram[columns_at[:, None], columns_at] += weights[number] * part.own
             if k:
-                both = weights[number] * with_own[number][1]
+                both = weights[number] * with_own[number]
                 gram[np.arange(k)[:, None], columns_at] += both
                 gram[columns_at[:, None], np.arange(k)] += both.T
-        solved = cho_solve(factor, np.concatenate([mixed.T, right_ordinary[:, None]], axis=1))
-        gram = gram - mixed @ solved[:, :-1]
-        right = right - mixed @ solved[:, -1]
-        spread = np.zeros((len(places), width, k + size))
+        solved_for = cho_solve(factor, np.concatenate([mixed.T, right_ordinary[:, None]], axis=1))
+        return gram - mixed @ solved_for[:, :-1], right - mixed @ solved_for[:, -1]
+
+    def gains(self, effect: LibraryEffect, shape: Shape, places: Array, weights: Array) -> Array:
+        """What the candidate adds at each place (L, U) beside the terms, under given weights; shape (L,).
+
+        Without what the choice among places costs.
+        """
+        gram, right = self.information(effect, shape, weights)
+        size, k = len(effect.coefficients), len(self.low)
+        spread = np.zeros((len(places), len(right), k + size))
         spread[:, :k, :k] = np.eye(k)
         for p in range(size):
             spread[:, k + p :: size, k + p] = places
         turned = np.swapaxes(spread, 1, 2)
         small, small_right = turned @ gram @ spread, np.asarray(turned @ right)
         low, high = bounds([effect])
-        beta = solve_bounded(small, small_right, np.concatenate([self.low, low]), np.concatenate([self.high, high]))
-        return np.asarray(np.einsum("li,li->l", small_right, beta) - 0.5 * np.einsum("li,lij,lj->l", beta, small, beta))
+        wide = ranges([*(t.effect for t in self.terms), effect])
+        held = small + np.diag(wide**-2)
+        beta = solve_bounded(held, small_right, np.concatenate([self.low, low]), np.concatenate([self.high, high]))
+        fit = np.einsum("li,li->l", small_right, beta) - 0.5 * np.einsum("li,lij,lj->l", beta, held, beta)
+        return np.asarray(fit - _occam(small, wide))
 
     def _weighted(self, weights: Array) -> tuple[Any, ...]:
         """The ordinary errors' system under some weights, and the terms' part; the last one is kept."""
@@ -239,58 +256,90 @@ class Scorer:
         return self._by_weights[1]
 
 
-def _fitted(
-    board: Evidence, terms: tuple[Placed, ...], tried: ColumnProducts, by_fold: list[ColumnProducts]
-) -> tuple[Scored, Array]:
-    """Terms and ordinary errors, fitted and scored, and the blocks' weights that belong to them."""
-    sums, (low, high) = sums_of(board), bounds([t.effect for t in terms])
+def _occam(information: Array, wide: Array) -> Array:
+    """½ log det(1 + R H R) over the coefficients that have freedom; (..., k, k) to (...)."""
+    free = np.isfinite(wide)
+    r = wide[free]
+    inside = np.eye(len(r)) + r[:, None] * information[..., free, :][..., :, free] * r
+    return np.asarray(0.5 * np.linalg.slogdet(inside)[1])
+
+
+def fitted(board: Evidence, terms: tuple[Placed, ...], tried: ColumnProducts) -> Scored:
+    """Terms and ordinary errors, fitted under weights that stand still, and their value."""
+    sums, effects = sums_of(board), [t.effect for t in terms]
+    (low, high), wide = bounds(effects), ranges(effects)
     weights = board.dof / (sums.total.yy + board.tolerance_square)
     for _ in range(ROUNDS):
-        pulls, beta = solved(sums, sums.total, tried, weights, low, high)
+        pulls, beta, information = solved(sums, sums.total, tried, weights, low, high, held=wide**-2)
+        left = sums.left(sums.total, tried, pulls, beta)
         # Ordinary errors too are formulas: what they explain is as uncertain as what an effect explains.
-        weights = weights_of(board, *sums.squares(sums.total, tried, pulls, beta))
-    found = fitted_under(board, terms, tried, by_fold, weights)
-    tolerance = board.tolerance_square + board.relative_square * found.explained
-    by_block = -0.5 * board.dof * np.log(found.held_out + tolerance)
-    cost = 0.5 * float(found.pulls @ found.pulls)
+        explained = np.maximum(sums.total.yy - left, 0.0)
+        counted = np.maximum(left, board.least + BELOW_NOISE * (left - board.least))
+        may = counted + board.tolerance_square + board.relative_square * explained
+        weights = board.dof / may
+    by_block = -0.5 * board.dof * np.log(may)
+    size = 0.5 * float(pulls @ pulls) + 0.5 * float(np.sum((beta / wide) ** 2))
+    paid = sum(float(prices(board, t.effect, t.place[None])[0]) for t in terms)
+    value = float(by_block.sum()) - size - float(_occam(information, wide)) - paid
     if terms:
         null = null_of(board)
-        by_block = by_block - null.by_block
-        cost -= 0.5 * float(null.pulls @ null.pulls)
-    return replace(found, score=float(by_block.sum()) - cost, by_block=by_block), weights
+        value, by_block = value - null.value, by_block - null.by_block
+    return Scored(terms, by_term(terms, beta), pulls, weights, left, explained, value, by_block)
 
 
-def weights_of(board: Evidence, left: Array, explained: Array) -> Array:
-    """What a block counts, from the mean squares that are left and explained in it; each shape (B,)."""
-    return np.asarray(board.dof / (left + board.tolerance_square + board.relative_square * explained))
+def crossed(board: Evidence, scored: Scored) -> Scored:
+    """The same fit with what it is without each fold, under its weights."""
+    tried, by_fold = _products_by_fold(board, scored.terms)
+    sums, effects = sums_of(board), [t.effect for t in scored.terms]
+    (low, high), wide = bounds(effects), ranges(effects)
+    found = [
+        solved(sums, sums.total - own, tried - mine, scored.weights, low, high, held=wide**-2)
+        for own, mine in zip(sums.folds, by_fold, strict=True)
+    ]
+    return replace(
+        scored, fold_pulls=np.array([pulls for pulls, _, _ in found]), spread=np.array([beta for _, beta, _ in found])
+    )
 
 
-def fitted_under(
-    board: Evidence,
-    terms: tuple[Placed, ...],
-    tried: ColumnProducts,
-    by_fold: Sequence[ColumnProducts],
-    weights: Array,
-    precision: Array | float = 1.0,
-) -> Scored:
-    """Terms and ordinary errors under given weights, fitted to all folds and without each; not scored.
+def _products_by_fold(board: Evidence, terms: Sequence[Placed]) -> tuple[ColumnProducts, list[ColumnProducts]]:
+    columns = term_columns(board, terms)
+    parts = [
+        ColumnProducts.of(
+            [board.products(n, x, fold) for n, x in enumerate(columns)],
+            [board.products_of(n, x, x, fold) for n, x in enumerate(columns)],
+        )
+        for fold in range(board.n_folds)
+    ]
+    return ColumnProducts.of([board.products(n, x) for n, x in enumerate(columns)],
+                             [board.products_of(n, x, x) for n, x in enumerate(columns)]), parts  # fmt: skip
 
-    ``tried`` and ``by_fold`` are products of their columns, ``precision`` that of the ordinary errors' priors (Q,).
+
+def posterior_covariance(board: Evidence, scored: Scored) -> Array:
+    """Covariance of what was fitted: ordinary errors in published spreads, then the terms' coefficients.
+
+    Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end; a coefficient
+    at one of its bounds counts as known.
     """
-    sums, (low, high) = sums_of(board), bounds([t.effect for t in terms])
-    pulls, beta = solved(sums, sums.total, tried, weights, low, high, precision)
-    held_out = np.zeros(len(board.blocks))
-    spread, fold_pulls = np.zeros((board.n_folds, len(low))), np.zeros((board.n_folds, sums.size))
-    for fold, own in enumerate(by_fold):
-        fold_pulls[fold], spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high, precision)
-        held_out += sums.squares(sums.folds[fold], own, fold_pulls[fold], spread[fold])[0]
-    explained = sums.squares(sums.total, tried, pulls, beta)[1]
-    return Scored(terms, by_term(terms, beta), spread, 0.0, np.zeros(0), held_out, pulls, fold_pulls, explained)
-
-
-def by_term(terms: Sequence[Placed], beta: Array) -> tuple[Array, ...]:
-    """Coefficients that stand end to end, by term."""
-    return tuple(np.split(beta, np.cumsum([len(t.effect.coefficients) for t in terms]))[:-1])
+    sums, weights = sums_of(board), scored.weights
+    q = sums.size
+    own = cho_solve(sums.system(sums.total, weights), np.eye(q), check_finite=False)
+    if not scored.terms:
+        return np.asarray(own)
+    effects = [t.effect for t in scored.terms]
+    tried, _ = _products_by_fold(board, scored.terms)
+    beta = np.concatenate(scored.coefficients)
+    low, high = bounds(effects)
+    free = np.flatnonzero((beta > low) & (beta < high))
+    mixed = sums.mixed(tried.by_row, weights)[:, free]
+    moved = own @ mixed
+    reduced = np.tensordot(weights, tried.own, 1)[np.ix_(free, free)] - mixed.T @ moved
+    inner = np.linalg.pinv(reduced + np.diag(ranges(effects)[free] ** -2), hermitian=True)
+    out = np.zeros((q + len(beta), q + len(beta)))
+    out[:q, :q] = own + moved @ inner @ moved.T
+    out[:q, q + free] = -moved @ inner
+    out[q + free, :q] = out[:q, q + free].T
+    out[np.ix_(q + free, q + free)] = inner
+    return out
 
 
 def sums_of(board: Evidence) -> OrdinarySums:
@@ -324,29 +373,24 @@ def _spread(place: Array, size: int) -> Array:
     return np.asarray((place[:, None, None] * np.eye(size)).reshape(-1, size))
 
 
-def likeness(scorer: Scorer) -> Array:
-    """By pair of the scorer's terms, the share of what the first explains that the second could explain.
+def likeness(scorer: Scorer, names: Sequence[str]) -> Array:
+    """By pair of effects of the scorer's terms, the share of what the first explains that the second could explain.
 
-    Both beside the ordinary errors: with G = XᵀWX − XᵀWZ(ZᵀWZ + 1)⁻¹ZᵀWX of the terms' columns X, the ordinary errors Z
-    and the weights W, and coefficients β, it is |P_j x_i β_i|² / |x_i β_i|² in the metric of G.
+    Both beside the ordinary errors: with G the information about the terms' coefficients β, it is
+    |P_j x_i β_i|² / |x_i β_i|² in the metric of G.
 
     Returns:
         Shape (T, T), 1 on the diagonal.
     """
-    board, weights, sums = scorer.board, scorer.weights, sums_of(scorer.board)
-    sizes = [len(c) for c in scorer.now.coefficients]
-    gram, mixed = np.zeros((sum(sizes),) * 2), np.zeros((sum(sizes), sums.size))
-    for number, (base, own) in enumerate(zip(scorer.own_base, scorer.own_own, strict=True)):
-        gram += weights[number] * own.sum(axis=0)
-        mixed[:, board.ordinary.numbers[number]] += weights[number] * base.sum(axis=0)[:, :-1]
-    gram -= mixed @ cho_solve(sums.system(sums.total, weights), mixed.T)
-    ends = np.cumsum(sizes)
-    parts = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
-    out = np.eye(len(sizes))
-    for i, (mine, beta) in enumerate(zip(parts, scorer.now.coefficients, strict=True)):
-        energy = float(beta @ gram[mine, mine] @ beta)
+    factor, _, gram, mixed, _ = scorer._weighted(scorer.weights)
+    gram, beta = gram - mixed @ cho_solve(factor, mixed.T), np.concatenate(scorer.now.coefficients)
+    owner = np.repeat([t.effect.name for t in scorer.terms], [len(c) for c in scorer.now.coefficients])
+    parts = [np.flatnonzero(owner == name) for name in names]
+    out = np.eye(len(parts))
+    for i, mine in enumerate(parts):
+        energy = float(beta[mine] @ gram[np.ix_(mine, mine)] @ beta[mine])
         for j, other in enumerate(parts):
             if i != j and energy > 0.0:
-                along = gram[other, mine] @ beta
-                out[i, j] = float(along @ np.linalg.pinv(gram[other, other], hermitian=True) @ along) / energy
+                along = gram[np.ix_(other, mine)] @ beta[mine]
+                out[i, j] = float(along @ np.linalg.pinv(gram[np.ix_(other, other)], hermitian=True) @ along) / energy
     return np.clip(out, 0.0, 1.0)

@@ -1,4 +1,8 @@
-"""Forward selection with refit, then drop and swap; and the rivals of each effect that was chosen."""
+"""The set of effects with the largest marginal likelihood: forward, with exchange; and rivals of each that was chosen.
+
+Every number is tried alone with its wide prior, beside what was chosen already, at all of its places and shapes. So a
+fault at one joint is found at that joint, though the ordinary errors of a whole leg could take it up together.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +12,23 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels import Array, Shape
-from diagnosis.decision_constants import LEAST_NATS_TO_TRY, MAX_EFFECTS
+from diagnosis.channels import Array, Flags, Shape
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of
+from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, prices
 
+MAX_TERMS: Final = 6
 NEAR_SHARE: Final = 0.1
-LEAST_NATS: Final = 1.5
 WORTH_SHARE: Final = 0.25
 """An effect whose first try adds less than this share of what the best so far adds is not refined."""
+HOPELESS: Final = 5.0
+"""Where the best coarse shape lacks so many nats of its price, no finer one is tried."""
 ROUNDS: Final = 5
 WEIGHT_ROUNDS: Final = 2
 SHAPES_AGAIN: Final = 8
 """Number of coarse shapes that are tried again with sharper weights."""
-PER_PARAMETER: Final = 2.0
-"""Nats that each further free number must bring."""
-PER_UNIT: Final = 1.0
-"""Nats that a set of joints costs for each unit by which it differs from the nearest natural set."""
 
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Rival:
-    """An effect in place of a chosen one, at its own best place and shape."""
-
-    scored: Scored
-    value: float
-    """Score less the price of its parameters, nats."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +37,11 @@ class Selection:
 
     best: Scored
     """Ordinary errors alone where nothing passed."""
-    gains: tuple[float, ...]
-    """What each chosen effect adds to the score of the others, nats."""
-    rivals: tuple[tuple[Rival, ...], ...]
-    """By chosen effect: all effects in its place, best first, itself among them."""
-    first: tuple[Rival, ...]
+    gains: Mapping[str, float]
+    """By chosen effect, what it adds to the value of the others, nats."""
+    rivals: Mapping[str, tuple[Scored, ...]]
+    """By chosen effect: sets with each effect in its place, best first, itself among them."""
+    first: tuple[Scored, ...]
     """All effects alone, best first, whether or not they pass."""
 
 
@@ -57,51 +49,52 @@ def search(board: Evidence, library: Mapping[str, LibraryEffect], say: Say) -> S
     """Choose effects of a library; progress goes to ``say``."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     first = ranked(board, (), usable)
-    # What shows nothing alone, whatever the price of its numbers, is not looked for beside others.
-    promising = {e.name: e for r in first if r.scored.score > LEAST_NATS for e in [r.scored.terms[-1].effect]}
-    best: Scored | None = None
-    value, candidates = 0.0, first
-    while candidates and candidates[0].value - value > LEAST_NATS_TO_TRY:
-        best, value = candidates[0].scored, candidates[0].value
-        say(f"+ {best.terms[-1].effect.name}: {value:.0f} nats")
+    best, candidates = null_of(board), first
+    while candidates and candidates[0].value > max(best.value, 0.0) and len(best.terms) < MAX_TERMS:
+        best = candidates[0]
+        say(f"+ {best.terms[-1].effect.name}: {best.value:.0f} nats")
         if len(best.terms) > 1:
-            best, value = _swapped(board, best, value, promising)
-        if len(best.terms) == MAX_EFFECTS:
-            break
-        candidates = ranked(board, best.terms, beside(promising, best.terms))
-    if best is None:
-        return Selection(null_of(board), (), (), first)
-    best = _pruned(board, best)
-    return selection_of(board, best, first, library)
+            best = _pruned(board, _exchanged(board, best, usable))
+        candidates = ranked(board, best.terms, beside(usable, best.terms))
+    return selection_of(board, best, first, usable)
 
 
 def selection_of(
-    board: Evidence, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]
+    board: Evidence, best: Scored, first: Sequence[Scored], library: Mapping[str, LibraryEffect]
 ) -> Selection:
     """What each of the fitted effects adds to the others, and its rivals from the library; ``first`` are all alone."""
-    usable = {n: e for n, e in library.items() if e.show(board.views)}
-    near = _near(first, board) | {t.effect.name for t in best.terms}
-    rivals, gains = [], []
-    for i in range(len(best.terms)):
-        others = best.terms[:i] + best.terms[i + 1 :]
-        around = beside({n: e for n, e in usable.items() if n in near}, others)
-        rivals.append(ranked(board, others, around) if others else tuple(first))
-        gains.append(_worth(best, board) - _value(board, others))
-    return Selection(best, tuple(gains), tuple(rivals), tuple(first))
+    near = _near(first, board) | set(effects_of(best.terms))
+    rivals, gains = {}, {}
+    for name in effects_of(best.terms):
+        others = [t for t in best.terms if t.effect.name != name]
+        around = beside({n: e for n, e in library.items() if n in near and e.show(board.views)}, others)
+        rivals[name] = ranked(board, others, around) if others else tuple(first)
+        gains[name] = best.value - value_of(board, others)
+    return Selection(best, gains, rivals, tuple(first))
+
+
+def effects_of(terms: Sequence[Placed]) -> tuple[str, ...]:
+    """Names of the terms' effects, each once: one that acts with different numbers at different joints has several."""
+    return tuple(dict.fromkeys(t.effect.name for t in terms))
+
+
+def value_of(board: Evidence, terms: Sequence[Placed]) -> float:
+    """Value of a set of effects; 0 for none."""
+    return Scorer(board, terms).now.value if terms else 0.0
 
 
 def beside(library: Mapping[str, LibraryEffect], terms: Sequence[Placed]) -> dict[str, LibraryEffect]:
-    """Effects that can be there beside the terms: neither one of them, nor contained in one, nor containing one."""
-    names = {t.effect.name for t in terms}
-    taken = names.union(*(t.effect.contains for t in terms))
+    """Effects that can be there beside the terms: neither contained in one of them, nor containing one."""
+    names = set(effects_of(terms))
+    taken = set().union(*(t.effect.contains for t in terms))
     return {n: e for n, e in library.items() if n not in taken and not names & set(e.contains)}
 
 
-def ranked(board: Evidence, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
+def ranked(board: Evidence, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Scored, ...]:
     """Every effect beside the terms at its best place and shape, best first."""
     scorer = Scorer(board, terms)
-    found: list[Rival] = []
-    top = there = _worth(scorer.now, board) if terms else 0.0
+    found: list[Scored] = []
+    top = there = scorer.now.value if terms else 0.0
     for effect in library.values():
         rival = best_of(scorer, effect, there + WORTH_SHARE * (top - there))
         if rival is not None:
@@ -110,35 +103,32 @@ def ranked(board: Evidence, terms: Sequence[Placed], library: Mapping[str, Libra
     return tuple(sorted(found, key=lambda r: -r.value))
 
 
-def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Rival | None:
+def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Scored | None:
     """The effect at its best place and shape beside the scorer's terms, or None where it shows nowhere.
 
     Under the value ``worth`` the best coarse shape and natural place are good enough.
     """
     board = scorer.board
-    everywhere = np.ones(board.robot.n_joints, dtype=np.bool_)
-    places = board.robot.places(effect)
-    try:
-        shapes = list(effect.shapes(board.views, everywhere))
-    except (KeyError, ValueError):
-        return None
-    if not shapes:
-        return None
-    best: Rival | None = None
+    shapes, places = list(board.shapes(effect)), board.robot.places(effect)
+    # Where it acts already, it has its number.
+    taken = [t.place > 0.0 for t in scorer.terms if t.effect.name == effect.name]
+    free = ~np.any([np.zeros(places.shape[1], dtype=np.bool_), *taken], axis=0)
+    places = places[~(places * ~free).any(axis=1)]
+    best: Scored | None = None
     weights = scorer.weights
-    for _ in range(WEIGHT_ROUNDS):
+    for _ in range(WEIGHT_ROUNDS if shapes and len(places) else 0):
         # Weights follow what is left, so what explains much is judged sharply only in a second round.
         shape, place, shapes = _best_by_weights(scorer, effect, shapes, places, weights)
         if best is not None:
-            place = _grown(scorer, effect, shape, place, weights)
-        scored, weights = scorer.with_weights(effect, shape, place)
-        rival = Rival(scored, _worth(scored, board))
-        if best is not None and rival.value <= best.value:
+            place = _grown(scorer, effect, shape, place, weights, free)
+        scored = scorer.scored(effect, shape, place)
+        weights = scored.weights
+        if best is not None and scored.value <= best.value:
             break
-        best = rival
-        if rival.value < worth:
+        best = scored
+        if best.value < worth:
             break
-    if best is not None and not effect.is_there(best.scored.coefficients[-1], best.scored.terms[-1].shape):
+    if best is not None and not effect.is_there(best.coefficients[-1], best.terms[-1].shape):
         return None
     return best
 
@@ -169,26 +159,26 @@ def _best_by_weights(
     for shape in shapes:
         attempt(shape, places)
     again = sorted(shapes, key=lambda s: -tried[tuple(sorted(s.items()))])[:SHAPES_AGAIN]
-    for _ in range(ROUNDS):
+    is_near = best[0] > float(prices(scorer.board, effect, best[1][None])[0]) - HOPELESS
+    for _ in range(ROUNDS if is_near else 0):
         moved = [attempt(shape, best[1][None]) for shape in effect.refined(best[2])]
         if not any(moved):
             break
     return best[2], best[1], again
 
 
-def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, weights: Array) -> Array:
-    """Add or drop one unit at a time while that pays for itself."""
-    natural = scorer.board.robot.places(effect)
+def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, weights: Array, free: Flags) -> Array:
+    """Add or drop one unit at a time, of those that are free, while that pays for itself."""
 
     def values_of(options: Array) -> Array:
-        return scorer.gains(effect, shape, options, weights) - PER_UNIT * _distances(options, natural)
+        return scorer.gains(effect, shape, options, weights) - prices(scorer.board, effect, options)
 
     if len(place) == 1 or effect.singly:
         return place
     value = float(values_of(place[None])[0])
     for _ in range(len(place)):
         options = np.abs(place[None] - np.eye(len(place)))
-        options = options[options.any(axis=1)]
+        options = options[options.any(axis=1) & ~(options * ~free).any(axis=1)]
         values = values_of(options)
         at = int(np.argmax(values))
         if values[at] <= value + 1e-6:
@@ -197,58 +187,34 @@ def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, we
     return place
 
 
-def _near(first: Sequence[Rival], board: Evidence) -> set[str]:
+def _near(first: Sequence[Scored], board: Evidence) -> set[str]:
     """Effects that alone explain at least a tenth of what the best explains, or the best in some channel."""
-    top = max(first[0].value, 1.0)
-    names = {r.scored.terms[-1].effect.name for r in first if r.value > NEAR_SHARE * top}
+    top = max(first[0].value, 1.0) if first else 1.0
+    names = {r.terms[-1].effect.name for r in first if r.value > NEAR_SHARE * top}
     for numbers in board.by_channel.values():
         if first:
-            names.add(max(first, key=lambda r: float(r.scored.by_block[numbers].sum())).scored.terms[-1].effect.name)
+            names.add(max(first, key=lambda r: float(r.by_block[numbers].sum())).terms[-1].effect.name)
     return names
 
 
-def _distances(places: Array, natural: Array) -> Array:
-    """Units by which each place differs from the nearest natural set; (L, U) to (L,)."""
-    return np.asarray(np.abs(natural - places[:, None]).sum(axis=2).min(axis=1))
-
-
-def price(terms: Sequence[Placed], board: Evidence) -> float:
-    """Nats that a set of effects costs: its free numbers, and joints that are no natural set."""
-    return sum(
-        PER_PARAMETER * t.n_parameters + PER_UNIT * float(_distances(t.place[None], board.robot.places(t.effect))[0])
-        for t in terms
-    )
-
-
-def _worth(scored: Scored, board: Evidence) -> float:
-    return scored.score - price(scored.terms, board)
-
-
-def _value(board: Evidence, terms: Sequence[Placed]) -> float:
-    return _worth(Scorer(board, terms).now, board) if terms else 0.0
-
-
-def _swapped(board: Evidence, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
+def _exchanged(board: Evidence, best: Scored, library: Mapping[str, LibraryEffect]) -> Scored:
     """Each earlier effect chosen anew beside the later ones, shape and place included; the last one if any changed."""
-    before, last = value, len(best.terms) - 1
+    before, last = best.value, len(best.terms) - 1
     for i in range(len(best.terms)):
         others = best.terms[1:]
-        is_same = i == last and value == before
+        is_same = i == last and best.value == before
         ranking = () if is_same else ranked(board, others, beside(library, others))
-        if ranking and ranking[0].value > value:
-            best, value = ranking[0].scored, ranking[0].value
-        else:
-            best = Scorer(board, (*others, best.terms[0])).now
-    return best, value
+        is_better = bool(ranking) and ranking[0].value > best.value
+        best = ranking[0] if is_better else Scorer(board, (*others, best.terms[0])).now
+    return best
 
 
 def _pruned(board: Evidence, best: Scored) -> Scored:
-    """Without effects that no longer add enough."""
+    """Without effects that no longer add anything."""
     while len(best.terms) > 1:
-        value = _worth(best, board)
-        losses = [value - _value(board, best.terms[:i] + best.terms[i + 1 :]) for i in range(len(best.terms))]
+        losses = [best.value - value_of(board, best.terms[:i] + best.terms[i + 1 :]) for i in range(len(best.terms))]
         weakest = int(np.argmin(losses))
-        if losses[weakest] > LEAST_NATS_TO_TRY:
+        if losses[weakest] > 0.0:
             break
         best = Scorer(board, best.terms[:weakest] + best.terms[weakest + 1 :]).now
     return best

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import cho_solve
 
-from diagnosis.channels import Array, Channel, ChannelOff, Shape, Views
+from diagnosis.channels import Channel, ChannelOff, Shape, Views
 from diagnosis.channels.stack import Stack
-from diagnosis.decision_constants import ERROR_SCALES, LEAST_NATS_TO_TRY, ErrorScale
 from diagnosis.document import Difference, Split, UnknownEffect
 from diagnosis.library import LibraryEffect
 from diagnosis.library.experiments import Experiment
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.scoring import Scorer, sums_of
+from diagnosis.selection.priors import realistic_range
+from diagnosis.selection.scoring import Scorer
 from spot_model.robot.facts import JOINT_NAMES
 
+LEAST_NATS = 3.0
+"""Odds of 20 to 1: what brings less is no finding."""
 MIN_REPEATS = 3
 FAST_M_S = 2.5
 
@@ -80,24 +81,19 @@ def advice(
             f"The fastest command was {max(speeds):.1f} m/s: limits of torque, speed and power that act only above it "
             "cannot be seen. Record a sprint."
         )
-    if unknown is not None and unknown.depends_on:
+    if unknown is not None and unknown.joints:
         out.append(
-            f"Something unknown acts on {', '.join(unknown.joints)} and depends on "
-            f"{' and '.join(unknown.depends_on)}; write it as an effect and give --add-effect module:Class."
+            f"Something unknown acts on {', '.join(unknown.joints)}; if you know what, write it as an effect and give "
+            "--add-effect module:Class."
         )
     return tuple(out)
-
-
-LARGEST_IN_SCALES = 10.0
-"""Largest realistic size, in standard deviations of ordinary errors, where an entry names none: half the torque lost,
-2 N·m of friction or of a zero, 5 kg, 3 degrees of an encoder."""
 
 
 def cannot_show(board: Evidence, library: Mapping[str, LibraryEffect] = LIBRARY) -> tuple[str, ...]:
     """Names of effects that show in no channel, or too little to be told from ordinary errors.
 
     An effect of its largest realistic size is expected to bring ½·xᵀ(W − W·Z(ZᵀWZ + 1)⁻¹ZᵀW)x nats, with Z the ordinary
-    errors and W what a sample counts; the search tries none that brings fewer than :data:`LEAST_NATS_TO_TRY`. Effects
+    errors and W what a sample counts; none is named that brings fewer than :data:`LEAST_NATS`. Effects
     whose size is in their shape are sought where the logs have them: only a channel decides.
     """
     scorer = Scorer(board)
@@ -110,8 +106,7 @@ def _can_show(scorer: Scorer, effect: LibraryEffect) -> bool:
         return False
     if not all(c.is_free for c in effect.coefficients):
         return True
-    shapes = effect.shapes(board.views, np.ones(board.robot.n_joints, dtype=np.bool_))
-    return any(expected_nats(scorer, effect, shape) >= LEAST_NATS_TO_TRY for shape in shapes)
+    return any(expected_nats(scorer, effect, shape) >= LEAST_NATS for shape in board.shapes(effect))
 
 
 def expected_nats(scorer: Scorer, effect: LibraryEffect, shape: Shape) -> float:
@@ -122,25 +117,8 @@ def expected_nats(scorer: Scorer, effect: LibraryEffect, shape: Shape) -> float:
         effect: All of whose coefficients are free.
         shape: Of the effect.
     """
-    board, sums = scorer.board, sums_of(scorer.board)
-    columns, size = board.columns(effect, shape), largest(effect)
-    n_units = len(board.robot.units(effect.location))
-    gram = np.zeros((n_units * len(size),) * 2)
-    mixed = np.zeros((sums.size, len(gram)))
-    for number, part in enumerate(scorer.crosses(effect, shape)):
-        if part is not None:
-            at = (columns.units[number][:, None] * len(size) + np.arange(len(size))).ravel()
-            gram[at[:, None], at] += scorer.weights[number] * part.whole_own
-            mixed[board.ordinary.numbers[number][:, None], at] += scorer.weights[number] * part.whole_base[:, :-1].T
-    gram -= mixed.T @ cho_solve(sums.system(sums.total, scorer.weights), mixed)
-    by_pair = gram.reshape(n_units, len(size), n_units, len(size))
+    gram, _ = scorer.information(effect, shape, scorer.weights)
+    size = realistic_range(effect)
+    by_pair = gram.reshape(len(gram) // len(size), len(size), -1, len(size))
     alone, together = np.einsum("ukuk->uk", by_pair), np.einsum("ukvk->k", by_pair)
     return float(np.max(0.5 * size**2 * np.concatenate([alone, together[None]])))
-
-
-def largest(effect: LibraryEffect) -> Array:
-    """Largest realistic size of each coefficient, within its bounds. Shape (C,)."""
-    given = ERROR_SCALES.get(effect.name, ErrorScale({}))
-    times = LARGEST_IN_SCALES * max(1.0, given.alike)
-    asked = [effect.largest.get(c.name, times * given.scales.get(c.name, np.inf)) for c in effect.coefficients]
-    return np.minimum([max(abs(c.low), abs(c.high)) for c in effect.coefficients], asked)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,15 +11,15 @@ from diagnosis.channels import Channel
 from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.trials import Trials
 from diagnosis.decision_constants import NAMED, RUNS_APART
-from diagnosis.document import Calibration, Difference, GapCell, GapChange, Status, Stretch, Verdict
-from diagnosis.selection.scoring import Scorer
-from diagnosis.selection.unexplained import describe
+from diagnosis.document import Calibration, Difference, GapCell, GapChange, Number, Status, Stretch, Verdict
+from diagnosis.selection.evidence import Evidence
+from diagnosis.selection.scoring import Placed, Scored, Scorer
 from diagnosis.verdict.advice import advice, cannot_show, split
-from diagnosis.verdict.calibration import by_type, calibrated_numbers, numbers, unit_numbers
-from diagnosis.verdict.causes import Causes
+from diagnosis.verdict.belief import Belief, is_none
+from diagnosis.verdict.calibration import by_type, calibrated_numbers, held_sentences, numbers, unit_numbers
 from diagnosis.verdict.explanation import Explanation
 from diagnosis.verdict.measured import Measurements
-from diagnosis.verdict.probability import is_none
+from diagnosis.verdict.unknown import describe, probability
 from spot_model.io.model_file import RobotModel
 
 N_WHERE = 60
@@ -31,9 +31,9 @@ MOST = 0.5
 FORCES = frozenset({Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION})
 
 
-def status_of(causes: Causes, measured: Measurements, unknown: float, is_simulated: bool) -> Status:
+def status_of(belief: Belief, measured: Measurements, unknown: float, is_simulated: bool) -> Status:
     """The verdict in a word."""
-    found, gaps = causes.found, measured.whole.gaps
+    found, gaps = belief.found, measured.whole.gaps
     if not found.views.keys() & FORCES and not is_simulated:
         return "cannot_tell"
     if found.selection.best.terms:
@@ -49,10 +49,10 @@ def is_open(gap: GapChange) -> bool:
 
 
 def assemble(
-    causes: Causes,
+    belief: Belief,
     model: RobotModel,
     measured: Measurements,
-    unknown_effect: float,
+    left_over: Mapping[str, float],
     trials: Trials | None,
     cells: Sequence[GapCell],
     **known: Any,
@@ -60,35 +60,38 @@ def assemble(
     """The document.
 
     Args:
-        causes: What was decided.
+        belief: What was decided.
         model: The nominal one.
         measured: What differences and calibration do.
-        unknown_effect: Probability of something that no effect of the library is.
+        left_over: What the corrected model leaves, by channel and by gap.
         trials: Closed loops; None where nothing was simulated.
         cells: Of the gap map.
         known: Fields of the verdict that are known already.
     """
-    found, board = causes.found, causes.found.board
+    found, board = belief.found, belief.found.board
     distances = trials.distances() if trials is not None else {}
-    status = status_of(causes, measured, unknown_effect, bool(distances))
-    differences = tuple(_differences(causes, measured))
+    unknown_effect = probability(left_over)
+    status = status_of(belief, measured, unknown_effect, bool(distances))
+    differences = tuple(_differences(belief, measured))
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
-        unknown = describe(board, found.stack, found.left_over, found.remainder)
+        unknown = describe(board, belief.best, left_over)
     off = {str(c.name): f"off: {c.reason}" for c in found.off}
     # Channels that cannot tell say nothing for or against either.
-    none, unknown_too = is_none(causes.there.values(), unknown_effect, found.n_runs), unknown_effect
+    none, unknown_too = is_none(belief.there.values(), unknown_effect, found.n_runs), unknown_effect
     if status == "cannot_tell":
         none = unknown_too = 0.5
+    named = {d.name for d in differences}
     return Verdict(
         status=status,
         warnings=tuple(worse_gaps(measured.whole)),
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
         differences=differences,
         calibration=Calibration(
-            numbers=calibrated_numbers(board, causes.best, model),
-            units=unit_numbers(board, causes.best, model),
+            numbers=calibrated_numbers(board, belief.best, model),
+            units=unit_numbers(board, belief.best, model),
             consequences=measured.calibration,
+            effects={name: own for name, own in measured.each.items() if name not in named},
         ),
         consequences=measured.whole,
         remainder=measured.left,
@@ -100,42 +103,59 @@ def assemble(
         invisible=tuple(sorted(cannot_show(board))),
         log_advice=advice(found.stack, found.views, found.off, differences, unknown),
         timeline=tuple(_timeline(found)),
+        held=held_sentences(board, belief.best),
         **known,
     )
 
 
-def _differences(causes: Causes, measured: Measurements) -> list[Difference]:
-    found, belief = causes.found, causes.belief
-    best, board = found.selection.best, found.board
+def _differences(belief: Belief, measured: Measurements) -> list[Difference]:
+    best, board = belief.best, belief.found.board
     out: list[Difference] = []
-    for i, (term, gain) in enumerate(zip(best.terms, found.selection.gains, strict=True)):
-        others = best.terms[:i] + best.terms[i + 1 :]
-        scorer = Scorer(board, others)
+    for name, gain in belief.found.selection.gains.items():
+        # The first term of an effect is its strongest; where others of it have their own numbers, each is told.
+        mine = [t for t in best.terms if t.effect.name == name]
+        others = [t for t in best.terms if t is not mine[0]]
+        term, scorer = mine[0], Scorer(board, others)
         scored = scorer.scored(term.effect, term.shape, term.place)
-        baseline = scorer.now.by_block if others else np.zeros(len(board.blocks))
-        by_channel = {c: round(float((scored.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()}
-        name = term.effect.name
-        group = belief.group(name) or {name: 1.0}
-        names = (name, *(n for n in group if n != name))
-        probability = float(np.clip(belief.there[name], 0.0, 1.0))
+        less = Scorer(board, [t for t in best.terms if t.effect.name != name]).now
+        baseline = less.by_block if less.terms else np.zeros(len(board.blocks))
+        by_channel = {c: round(float((best.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()}
+        group, there = belief.groups[name], belief.there[name]
+        place = np.max([t.place for t in mine], axis=0)
         out.append(
             Difference(
                 name=name,
                 title=term.effect.title,
-                probability=probability,
-                group=names,
-                joints=board.robot.named(board.robot.joints_of(term.effect, term.place)),
-                split_by=term.effect.split_by.text if len(names) > 1 else "",
-                split=split(term.effect.split_by) if len(names) > 1 else None,
+                probability=there,
+                group=tuple(group),
+                joints=board.robot.named(board.robot.joints_of(term.effect, place)),
+                split_by=term.effect.split_by.text if len(group) > 1 else "",
+                split=split(term.effect.split_by) if len(group) > 1 else None,
                 parameters=numbers(scorer, scored),
-                by_type=by_type(scorer, scored),
-                rivals={n: probability * w for n, w in group.items()},
+                by_type=by_type(scorer, scored) if len(mine) == 1 else _by_place(board, best, mine),
+                rivals={n: there * w for n, w in group.items()},
                 gain_nats=float(gain),
                 channels={c: v for c, v in by_channel.items() if abs(v) >= 1.0},
                 consequences=measured.each.get(name),
             )
         )
-    return sorted(out, key=lambda e: -e.gain_nats)
+    return sorted(out, key=lambda d: (-_closed(d), -d.gain_nats))
+
+
+def _closed(difference: Difference) -> float:
+    """The largest share of a gap that opens again without it."""
+    gaps = difference.consequences.gaps if difference.consequences is not None else ()
+    return max((g.share for g in gaps if g.share is not None), default=0.0)
+
+
+def _by_place(board: Evidence, best: Scored, mine: Sequence[Placed]) -> dict[str, dict[str, Number]]:
+    """Numbers of each term of one effect, by the joints in words."""
+    out = {}
+    for term in mine:
+        scorer = Scorer(board, [t for t in best.terms if t is not term])
+        where = " ".join(board.robot.words_for(term.effect, term.place))
+        out[where] = numbers(scorer, scorer.scored(term.effect, term.shape, term.place))
+    return out
 
 
 def _timeline(found: Explanation) -> list[Stretch]:

@@ -14,15 +14,17 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import expit
 
 from diagnosis.channels import Array, Flags
-from diagnosis.decision_constants import ERROR_SCALES, PARAMETER_SPREAD
+from diagnosis.decision_constants import ERROR_SCALES, NAMED, PARAMETER_SPREAD
 from diagnosis.document import CalibratedNumber, Number
 from diagnosis.library import LibraryEffect, Location, Robot
-from diagnosis.selection.calibrated import calibrated, free_types, posterior_covariance
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
-from diagnosis.selection.scoring import Scored, Scorer
+from diagnosis.selection.priors import LARGEST_IN_SPREADS
+from diagnosis.selection.robot_models import held_of
+from diagnosis.selection.scoring import Scored, Scorer, posterior_covariance
 from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import ComOffset, PayloadMass
 from spot_model.io.model_file import RobotModel
@@ -34,14 +36,15 @@ NOT_OF_THE_ROBOT: Final = frozenset({"ground_friction", "ground_compliance"})
 TAUGHT: Final = 0.5
 """Share of the published variance that a number's variance stays under, if the logs say at least as much of it as the
 publications do."""
-FAR: Final = 2.0
-"""Published spreads beyond which a whole interval stands out."""
+ODD: Final = 0.01
+"""Share of numbers that are out of the ordinary, before anything is seen: with some eighty of them, one on most robots
+that are brought to a diagnosis."""
 UNITS: Final = ("_kg_m2", "_nm_s_per_rad", "_rad_per_nm", "_rad_s", "_m_s", "_nm", "_rad", "_kg", "_m", "_s")
 
 
 Z_90: Final = 1.645
 PROFILE_NATS: Final = 1.35
-"""A shape whose score is within this of the best is within its 90 % interval."""
+"""A shape whose value is within this of the best is within its 90 % interval."""
 NEVER_MET: Final = 1e5
 """Null values from here on stand for a limit that is never met."""
 
@@ -56,16 +59,11 @@ class _Fit:
     """Ordinary errors, then coefficients, shape (Q + K,)."""
     covariance: Array
     """Shape (Q + K, Q + K)."""
-    ranges: Array
-    """Published range of each ordinary error, in the effect's own units, shape (Q,)."""
 
     @staticmethod
     def of(board: Evidence, scored: Scored) -> _Fit:
-        own = calibrated(board, scored)
-        values = np.concatenate([own.pulls, *own.coefficients])
-        precision = free_types(board)
-        ranges = np.maximum(board.ordinary.published, board.ordinary.scale / np.sqrt(precision))
-        return _Fit(board, own, values, posterior_covariance(board, own, precision), ranges)
+        values = np.concatenate([scored.pulls, *scored.coefficients])
+        return _Fit(board, scored, values, posterior_covariance(board, scored))
 
     def weights(self, effect: str, coefficient: str, units: Flags, at: str = "") -> tuple[Array, Array]:
         """How far one unit of each fitted value moves the mean of a coefficient over some units.
@@ -88,7 +86,7 @@ class _Fit:
                 columns = kind.columns(names.index(coefficient))
                 share = np.array([(s & units).sum() / n for s in kind.sets]) * (kind.at[at] if at else 1.0)
                 out[: len(published)][columns] = share * ordinary.scale[columns]
-                published[columns] = share * self.ranges[columns]
+                published[columns] = share * ordinary.scale[columns]
         first = len(published)
         for term, own in zip(self.scored.terms, self.scored.coefficients, strict=True):
             names = [c.name for c in term.effect.coefficients]
@@ -190,8 +188,8 @@ def _of_coefficient(
         spread = given.scales[coefficient] * max(1.0, given.alike) * (kind.at[at] if at else 1.0)
         before = in_model(nominal, robot, effect.effect, known, left @ robot.units(effect.location) > 0.5)
         alone = len(effect.coefficients) == 1 or len(kind.chosen) == 1
-        yield _made(effect.name, known, effect.title if alone else f"{effect.title}: {_words(known.name)}", where,
-                    before, value, deviation, spread)  # fmt: skip
+        title = effect.title if alone else f"{effect.title}: {_words(known.name)}"
+        yield _made(effect.name, known, title, where, before, value, deviation, spread)
 
 
 def _centre_of_mass(fit: _Fit, kind: ErrorKind, nominal: RobotModel) -> Iterator[CalibratedNumber]:
@@ -231,6 +229,7 @@ def _made(
 ) -> CalibratedNumber:
     """The number from its change against the nominal one, ``before``."""
     value, low, high = _interval(change, deviation, known, before)
+    odd = is_odd(change / spread, deviation / spread)
     spread *= before if known.null == 1.0 else 1.0
     return CalibratedNumber(
         effect=effect,
@@ -243,8 +242,22 @@ def _made(
         high=high,
         unit=_unit(known),
         spread=spread,
-        stands_out=low > before + FAR * spread or high < before - FAR * spread,
+        probability=odd,
+        stands_out=odd > NAMED,
     )
+
+
+def is_odd(size: float, error: float) -> float:
+    """Probability that a number is out of the ordinary: anything in its realistic range, or within its spread.
+
+    Args:
+        size: Its change against the nominal one, in published spreads.
+        error: Standard deviation of that.
+    """
+    wide, ordinary = (math.hypot(s, error) for s in (LARGEST_IN_SPREADS, 1.0))
+    log_odds = math.log(ODD / (1.0 - ODD)) + math.log(ordinary / wide)
+    log_odds += 0.5 * size**2 * (ordinary**-2 - wide**-2)
+    return float(expit(log_odds))
 
 
 def _interval(change: float, deviation: float, known: Parameter, before: float) -> tuple[float, float, float]:
@@ -321,14 +334,11 @@ def _words(parameter: str) -> str:
 def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
     """Parameters of the last term beside the scorer's, each with a 90 % interval.
 
-    Of a linear number it comes from leaving out one fold at a time; of a shape from the shapes nearby that score
-    almost as well; of both from what a formula is usually wrong by, ``PARAMETER_SPREAD``.
+    Of a linear number it comes from the posterior; of a shape from the shapes nearby whose value is almost as large; of
+    both from what a formula is usually wrong by, ``PARAMETER_SPREAD``.
     """
     term, own = scored.terms[-1], scored.coefficients[-1]
-    size = len(own)
-    folds = scored.spread[:, -size:]
-    n = len(folds)
-    error = np.sqrt((n - 1) / n * np.sum((folds - folds.mean(axis=0)) ** 2, axis=0))
+    error = np.sqrt(np.maximum(np.diag(posterior_covariance(scorer.board, scored))[-len(own) :], 0.0))
     best = term.effect.values(own, term.shape)
     low, high = dict(best), dict(best)
 
@@ -343,7 +353,7 @@ def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
             widen(moved, dict(term.shape))
     for shape in term.effect.refined(term.shape):
         other = scorer.scored(term.effect, shape, term.place)
-        if other.score > scored.score - PROFILE_NATS:
+        if other.value > scored.value - PROFILE_NATS:
             widen(other.coefficients[-1], dict(shape))
     units = {p.name: p.unit for p in term.effect.effect.parameters()}
     nulls = {p.name: p.null for p in term.effect.effect.parameters()}
@@ -361,3 +371,16 @@ def with_formula_error(value: float, low: float, high: float, null: float) -> tu
     """
     formula = Z_90 * PARAMETER_SPREAD * abs(value - null if abs(null) < NEVER_MET else value)
     return value - math.hypot(value - low, formula), value + math.hypot(high - value, formula)
+
+
+def held_sentences(board: Evidence, scored: Scored) -> tuple[str, ...]:
+    """Numbers of the differences that lie at the end of what is physically possible, a sentence each."""
+    out = []
+    for held in held_of(board, scored):
+        effect = next(t.effect for t in scored.terms if t.effect.name == held.effect)
+        known = next(p for p in effect.effect.parameters() if p.name == held.parameter)
+        size = f"{held.bound:.4g} {_unit(known)}".rstrip()
+        out.append(
+            f"{effect.title} at {held.where}: the {_words(held.parameter)} is held at {size}, the end of what can be"
+        )
+    return tuple(out)

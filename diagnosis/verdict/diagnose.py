@@ -19,12 +19,12 @@ from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
-from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.robot_models import by_joint, merged, model_of
+from diagnosis.selection.scoring import crossed
 from diagnosis.verdict.assemble import assemble
-from diagnosis.verdict.causes import CALIBRATED, Causes, decide
+from diagnosis.verdict.belief import Belief, decide
 from diagnosis.verdict.explanation import Say, explain
 from diagnosis.verdict.measured import (
     compared_models,
@@ -34,7 +34,7 @@ from diagnosis.verdict.measured import (
 )
 from diagnosis.verdict.possible_robots import possible_robots
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
-from diagnosis.verdict.probability import unknown_beside
+from diagnosis.verdict.unknown import gaps_left, left_over
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
@@ -63,7 +63,7 @@ class Diagnosis:
     """Closed-loop runs, "nominal" and "corrected"; empty where nothing was simulated."""
     runs: tuple[Run, ...]
     board: Evidence
-    causes: Causes
+    belief: Belief
     posterior: Posterior | None = None
     """What is still possible, to simulate; None for a robot other than Spot."""
     possible: tuple[RobotModel, ...] = ()
@@ -83,7 +83,6 @@ def diagnose(
     nominal_name: str = "",
     limits_rad: tuple[Array, Array] | None = None,
     engine: Rollouts | None = None,
-    is_calibrated: bool = False,
 ) -> Diagnosis:
     """Diagnose logs.
 
@@ -99,16 +98,15 @@ def diagnose(
         nominal_name: For the verdict.
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.
-        is_calibrated: Whether the nominal model is an earlier diagnosis' corrected model of this robot.
     """
     library = with_repairs(library, nominal)
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     # What is there, and how this robot is calibrated.
     with one_thread():
-        causes = decide(found, library)
+        belief = decide(found, library)
         board = found.board
-        best = calibrated(board, causes.best)
+        best = crossed(board, belief.best)
     is_spot = board.robot.joint_names == facts.JOINT_NAMES
     corrected = by_joint(merged(model_of(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
     # What it does.
@@ -121,8 +119,8 @@ def diagnose(
         notes.append(WITHOUT_RUNS)
     else:
         say("simulating the models through the same commands")
-        models = compared_models(board, best, causes.stated)
-        trials = run_trials(bench, nominal, board, models, causes.stated, rng, tell)
+        models = compared_models(board, best, belief.stated)
+        trials = run_trials(bench, nominal, board, models, belief.stated, rng, tell)
         around = trials.surroundings.overall
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
@@ -130,16 +128,15 @@ def diagnose(
         real = LogSet(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
         made = LogSet(logs, views.get(Channel.SET_POINT_TO_LOAD))
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
-        shrink = measure_shrink(trials, causes.stated, rng)
-        measured = measured_by_simulation(trials, best, causes.stated, rng) or measured
-        simulated = {"nominal": tuple(trials.runs[NOMINAL]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
+        shrink = measure_shrink(trials, belief.stated, rng)
+        measured = measured_by_simulation(trials, best, belief.stated, rng) or measured
+        simulated = {"nominal": tuple(trials.runs[NOMINAL]), "corrected": tuple(trials.runs.get(belief.stated, ()))}
         notes += filter(None, [*trials.notes, *_about(bench, trials.is_crossed), about_cells])
-    unknown = unknown_beside(causes.first, trials, CALIBRATED, causes.stated, is_calibrated=is_calibrated)
     verdict = assemble(
-        causes,
+        belief,
         nominal,
         measured,
-        unknown,
+        left_over(board, belief.best) | gaps_left(measured),
         trials,
         cells if trials is not None else open_loop_cells(found),
         shrink=shrink,
@@ -152,9 +149,11 @@ def diagnose(
         say("synthesis check")
         check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
         verdict = verdict.model_copy(update={"synthesis": check})
-    posterior = posterior_of(causes, nominal, around, unknown, verdict.distances) if is_spot else None
-    robots = possible_robots(causes, nominal, around, rng) if is_spot else ()
-    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, causes, posterior, robots)
+    posterior = (
+        posterior_of(belief, nominal, around, verdict.probability_unknown, verdict.distances) if is_spot else None
+    )
+    robots = possible_robots(belief, nominal, around, rng) if is_spot else ()
+    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, belief, posterior, robots)
 
 
 def _about(bench: Bench, is_crossed: bool) -> list[str]:

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-
-import numpy as np
 
 from diagnosis.channels import Array, ChannelOff, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
-from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
+from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import LibraryEffect, Robot
 from diagnosis.library.held import less_held
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.calibrated import learn_scales
 from diagnosis.selection.evidence import Evidence, lay_out
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.scoring import Placed, Scorer, null_of
-from diagnosis.selection.search import Selection, search, selection_of
-from diagnosis.selection.unexplained import Remainder, remainder
+from diagnosis.selection.search import Selection, effects_of, search, selection_of
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
@@ -48,24 +43,12 @@ class Explanation:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the chosen effects."""
-        return tuple(t.effect.name for t in self.selection.best.terms)
-
-    @cached_property
-    def left_over(self) -> list[Array]:
-        """What the chosen effects and ordinary errors leave in each block."""
-        return Scorer(self.board, self.selection.best.terms).residuals(CLEARLY_ORDINARY)
-
-    @cached_property
-    def remainder(self) -> Remainder:
-        """How much of that signals predict."""
-        best = self.selection.best
-        explained = best.explained if best.terms else np.zeros(len(self.board.blocks))
-        return remainder(self.board, self.stack, self.left_over, explained)
+        return effects_of(self.selection.best.terms)
 
     def with_effects(self, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> Explanation:
         """The same evidence with another set of effects, maybe none."""
         if not terms:
-            return replace(self, selection=Selection(null_of(self.board), (), (), self.selection.first))
+            return replace(self, selection=Selection(null_of(self.board), {}, {}, self.selection.first))
         best = Scorer(self.board, terms).now
         return replace(self, selection=selection_of(self.board, best, self.selection.first, library))
 
@@ -78,7 +61,7 @@ def explain(
     say: Say,
     limits_rad: tuple[Array, Array] | None = None,
 ) -> Explanation:
-    """Channels, evidence, scales of this robot's ordinary errors, and the best set of effects.
+    """Channels, evidence, and the best set of effects.
 
     Raises:
         BadInputError: The logs feed no channel at all.
@@ -96,7 +79,7 @@ def evidence_of(
     library: Mapping[str, LibraryEffect],
     limits_rad: tuple[Array, Array] | None = None,
 ) -> tuple[Stack, Views, tuple[ChannelOff, ...], Evidence]:
-    """Logs on one grid, channels that are on and off, and the evidence with this robot's scales of ordinary errors.
+    """Logs on one grid, channels that are on and off, and the evidence.
 
     Raises:
         BadInputError: The logs feed no channel at all.
@@ -115,5 +98,4 @@ def evidence_of(
     every = {**LIBRARY, **{name: entry for name, entry in library.items() if not entry.taken_away}}
     views = less_held(views, nominal.effects, every)
     board = lay_out(views, robot, folds, fold_names, library=every, scales=ERROR_SCALES, period_s=logs.period_s)
-    learn_scales(board)
     return logs, views, tuple(off), board

@@ -17,10 +17,10 @@ from diagnosis.closed_loop.consequences import consequences, remainder
 from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
 from diagnosis.closed_loop.trials import NOMINAL, Trials
 from diagnosis.document import Consequences, GapCell, GapChange, GapLeft, GapName
-from diagnosis.selection.calibrated import calibrated
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.scoring import Scored, Scorer, null_of, term_columns, without_effect
-from diagnosis.verdict.causes import CALIBRATED
+from diagnosis.selection.scoring import Scored, Scorer, crossed, null_of, term_columns, without_effect
+from diagnosis.selection.search import effects_of
+from diagnosis.verdict.belief import CALIBRATED
 from diagnosis.verdict.explanation import Explanation
 
 
@@ -33,24 +33,42 @@ class Measurements:
     calibration: Consequences | None
     """Consequences of the robot's own numbers, without any difference; None where that model could not be simulated."""
     each: Mapping[str, Consequences]
-    """By difference, of the corrected model against the same without it."""
+    """By effect, differences and kinds of ordinary numbers, of the corrected model against the same without it."""
     left: tuple[GapLeft, ...]
 
 
+MOST_KINDS: Final = 4
+"""Kinds of ordinary numbers that are taken out of the corrected model one at a time: those farthest from nominal."""
+LEAST_SIZE: Final = 1.0
+"""Numbers within one published spread are taken out by no model of their own."""
+
+
 def compared_models(board: Evidence, best: Scored, stated: str) -> dict[str, Scored]:
-    """The corrected model, named ``stated``, the same without each difference, and without all of them, by name.
+    """The corrected model, named ``stated``, the same without each kind of number, and without all differences.
 
     ``best`` are the differences with the ordinary errors that were fitted beside them.
     """
     models = {stated: best}
-    names = [term.effect.name for term in best.terms]
+    names = effects_of(best.terms)
     nothing = best
     for name in names:
         nothing = without_effect(board, nothing, name)
     models[CALIBRATED] = nothing
-    if len(names) > 1:
-        models |= {_less(name): without_effect(board, best, name) for name in names}
+    for name in (*(names if len(names) > 1 else ()), *largest_kinds(board, best)):
+        models.setdefault(_less(name), without_effect(board, best, name))
     return models
+
+
+def largest_kinds(board: Evidence, best: Scored) -> list[str]:
+    """Effects, none of them a difference, whose ordinary numbers are farthest from the nominal ones."""
+    size: dict[str, float] = {}
+    for kind in board.ordinary.kinds:
+        spreads = np.array([board.ordinary.scale[kind.columns(k)].max() for k in range(len(kind.chosen))])
+        total = np.abs(kind.coefficients(best.pulls * board.ordinary.scale)[:, kind.chosen]) / spreads
+        size[kind.effect.name] = float(total.max())
+    named = {term.effect.name for term in best.terms}
+    ranked = sorted((n for n in size if n not in named and size[n] > LEAST_SIZE), key=lambda n: -size[n])
+    return ranked[:MOST_KINDS]
 
 
 def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.random.Generator) -> Measurements | None:
@@ -58,10 +76,12 @@ def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.ra
     if stated not in trials.runs or not trials.compared:
         return None
     each = {}
-    for term in best.terms:
-        less = _less(term.effect.name) if len(best.terms) > 1 else CALIBRATED
-        if less in trials.runs:
-            each[term.effect.name] = consequences(trials, less, stated, rng)
+    names = effects_of(best.terms)
+    if len(names) == 1 and CALIBRATED in trials.runs:
+        each[names[0]] = consequences(trials, CALIBRATED, stated, rng)
+    for name in trials.runs:
+        if name.startswith(LESS):
+            each[name.removeprefix(LESS)] = consequences(trials, name, stated, rng)
     # The surroundings were chosen for the corrected model: another choice would move its distance from the robot. It
     # would move the calibrated model's where what was found is itself one of the surroundings.
     doubt = trials.surroundings.doubt
@@ -75,17 +95,17 @@ def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.ra
 
 def measured_by_prediction(board: Evidence, best: Scored) -> Measurements:
     """In open loop: logged signals predicted from each other, in folds that nothing was fitted to."""
-    nothing = calibrated(board, null_of(board))
+    best, nothing = crossed(board, best), crossed(board, null_of(board))
     changes = gap_changes(board, None, best)
     left = tuple(
         GapLeft(gap=g.gap, unit=g.unit, left=g.after, floor=g.floor, ratio=g.after / g.floor if g.floor > 0.0 else None)
         for g in changes
     )
     each = {}
-    for term in best.terms:
+    for name in effects_of(best.terms):
         # Errors refitted without it: what they can take up of it, it does not close.
-        less = calibrated(board, Scorer(board, [t for t in best.terms if t is not term]).now)
-        each[term.effect.name] = Consequences(loop="open", gaps=gap_changes(board, less, best))
+        less = crossed(board, Scorer(board, [t for t in best.terms if t.effect.name != name]).now)
+        each[name] = Consequences(loop="open", gaps=gap_changes(board, less, best))
     return Measurements(
         Consequences(loop="open", gaps=changes),
         Consequences(loop="open", gaps=gap_changes(board, None, nothing)),
@@ -94,8 +114,11 @@ def measured_by_prediction(board: Evidence, best: Scored) -> Measurements:
     )
 
 
+LESS: Final = "without "
+
+
 def _less(effect: str) -> str:
-    return f"without {effect}"
+    return LESS + effect
 
 
 SIGNALS: Final = {Channel.SET_POINT_TO_LOAD: "load error", Channel.LOAD_TO_MOTION: "torque error of swinging legs"}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -19,16 +19,12 @@ from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.library import LibraryEffect, acts_last
 from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.robot_models import by_joint, with_errors
-from diagnosis.selection.scoring import Scored
-from diagnosis.verdict.causes import Causes
-from diagnosis.verdict.probability import Belief
+from diagnosis.selection.scoring import posterior_covariance
+from diagnosis.verdict.belief import Belief
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.io.settings import Settings
 from spot_model.robot.facts import JOINT_NAMES
-
-LEAST: Final = 1e-3
-"""Nothing that was tried counts as less likely."""
 
 
 class Term(Settings):
@@ -90,20 +86,21 @@ class Posterior(Settings):
 
 
 def posterior_of(
-    causes: Causes, nominal: RobotModel, around: Surroundings, unknown: float, distances: Mapping[str, float]
+    belief: Belief, nominal: RobotModel, around: Surroundings, unknown: float, distances: Mapping[str, float]
 ) -> Posterior:
     """What was decided, as data; of Spot alone, since only Spot is simulated.
 
     Args:
-        causes: What was decided.
+        belief: What was decided.
         nominal: The simulator's model.
         around: Surroundings that suit the corrected model.
         unknown: Probability of something that no effect of the library is.
         distances: Of closed loops by name of the model, in floors.
     """
-    board, weights = causes.found.board, weights_of_sets(causes)
-    found = []
-    for name, scored in causes.hypotheses.items():
+    board, found = belief.found.board, []
+    for name, (scored, weight) in belief.sets.items():
+        covariance = posterior_covariance(board, scored)[len(scored.pulls) :, len(scored.pulls) :]
+        ends = np.cumsum([len(c) for c in scored.coefficients])
         base = around.around(by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES))
         terms = tuple(
             Term(
@@ -111,45 +108,19 @@ def posterior_of(
                 joints=board.robot.words_for(t.effect, t.place),
                 shape={k: float(v) for k, v in t.shape.items()},
                 mean=tuple(float(v) for v in own),
-                covariance=tuple(tuple(float(v) for v in row) for row in _covariance(scored, i)),
+                covariance=tuple(tuple(float(v) for v in row) for row in _wider(covariance, ends[i], own)),
             )
             for i, (t, own) in enumerate(zip(scored.terms, scored.coefficients, strict=True))
         )
         far = distances.get(name)
-        found.append(Possibility(weight=weights[name], distance_floors=far, model=base.to_data(), terms=terms))
+        found.append(Possibility(weight=weight, distance_floors=far, model=base.to_data(), terms=terms))
     return Posterior(possibilities=tuple(found), unknown=unknown)
 
 
-def weights_of_sets(causes: Causes) -> dict[str, float]:
-    """Weight of each set of effects that was compared, by name; they add up to 1."""
-    belief, sets = causes.at_first, causes.hypotheses
-    odds = {name: is_right(belief, frozenset(t.effect.name for t in scored.terms)) for name, scored in sets.items()}
-    return {name: own / sum(odds.values()) for name, own in odds.items()}
-
-
-def is_right(belief: Belief, effects: frozenset[str]) -> float:
-    """Odds that of all effects just these are there: each of the best set is, or a rival in its place, or neither."""
-    odds = 1.0
-    rivals = effects - set(belief.best)
-    for name in belief.best:
-        there, group = belief.there[name], belief.group(name) or {name: 1.0}
-        if name in effects:
-            odds *= there * group.get(name, 0.0)
-        elif rivals:
-            odds *= there * max(group.get(r, 0.0) for r in rivals)
-        else:
-            odds *= max(1.0 - there, LEAST)
-    return odds
-
-
-def _covariance(scored: Scored, which: int) -> Array:
-    """Covariance of one term's coefficients: a jackknife over the folds, and what formulas are usually wrong by."""
-    sizes = [len(c) for c in scored.coefficients]
-    at = sum(sizes[:which])
-    folds = scored.spread[:, at : at + sizes[which]]
-    n = len(folds)
-    apart = folds - folds.mean(axis=0)
-    return np.asarray((n - 1) / n * apart.T @ apart + np.diag((PARAMETER_SPREAD * scored.coefficients[which]) ** 2))
+def _wider(covariance: Array, end: int, own: Array) -> Array:
+    """Covariance of the coefficients that end there, with what formulas are usually wrong by."""
+    mine = slice(end - len(own), end)
+    return np.asarray(covariance[mine, mine] + np.diag((PARAMETER_SPREAD * own) ** 2))
 
 
 def load_posterior(path: Path) -> Posterior:

@@ -13,7 +13,6 @@ from diagnosis.document import (
     CalibratedNumber,
     Calibration,
     Consequences,
-    Dependence,
     Difference,
     GapCell,
     GapChange,
@@ -97,7 +96,7 @@ def change(name: str, title: str, unit: str, before: float | None, after: float 
 
 
 def calibration() -> Calibration:
-    """Torque gains by joint type that stand out, and a friction that does not."""
+    """Torque gains by joint type, two of which stand out, and a friction that does not."""
     gains = {"kn": 0.86, "hy": 0.95, "hx": 0.98}
     numbers = [
         CalibratedNumber(
@@ -110,6 +109,7 @@ def calibration() -> Calibration:
             low=gain - 0.01,
             high=gain + 0.01,
             spread=0.015,
+            probability=0.99 if gain < 0.96 else 0.02,
             stands_out=gain < 0.96,
         )
         for where, gain in gains.items()
@@ -126,7 +126,9 @@ def calibration() -> Calibration:
         unit="N·m",
         spread=0.15,
     )
-    return Calibration(numbers=(*numbers, friction), consequences=consequences(changes=()))
+    gap = GapChange(gap="torque", unit="N·m", before=2.6, after=1.0, floor=0.4, share=0.73, low=0.6, high=0.8)
+    kinds = {"torque_gain": consequences(gaps=(gap,))}
+    return Calibration(numbers=(*numbers, friction), consequences=consequences(changes=()), effects=kinds)
 
 
 def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
@@ -151,7 +153,6 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
         channels={Channel.SET_POINT_TO_LOAD: 498.0, Channel.LOAD_TO_MOTION: 14.0},
         consequences=consequences(),
     )
-    curve = Dependence(quantity="velocity", importance=0.6, at=(-4.0, -1.0, 1.0, 4.0), residual=(-1.0, -0.4, 0.5, 1.1))
     data: dict[str, Any] = {
         "status": "partly_explained",
         "where": where[:60],
@@ -168,11 +169,10 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
         "unknown": UnknownEffect(
             joints=("fl_kn",),
             regime="motoring",
-            depends_on=("velocity", "torque"),
             channel=Channel.SET_POINT_TO_LOAD,
             unit="N·m",
-            predictable_share=0.4,
-            curves=(curve, curve.model_copy(update={"quantity": "torque", "residual": (-0.2, -0.1, 0.1, 0.3)})),
+            left=1.6,
+            usual=0.8,
         ),
         "channels": {
             Channel.SET_POINT_TO_LOAD: "used",
@@ -189,6 +189,7 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
         ),
         "logs": ("a.mcap", "b.mcap"),
         "nominal": "nominal.yaml",
+        "held": ("the play of fl_kn is fitted as −0.01 rad, and held at 0",),
         "notes": ("A note with <markup> & more.",),
     }
     return Verdict(**(data | changes))

@@ -12,8 +12,9 @@ from diagnosis.channels import Channel
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY, chosen_library
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.scoring import Scorer
+from diagnosis.selection.scoring import null_of
 from diagnosis.selection.search import search
+from diagnosis.verdict.unknown import describe, left_over, probability
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.errors import BadInputError
 
@@ -109,15 +110,15 @@ def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(
 
 
 def test_what_is_left_points_at_the_joint_and_its_speed(logs: Evidence) -> None:
-    residual = Scorer(logs, ()).residuals()
-    by_joint = [float(np.mean(residual[n] ** 2)) for n in logs.by_channel[Channel.SET_POINT_TO_LOAD]]
-    worst = int(np.argmax(by_joint))
-    assert logs.robot.joint_names[worst] == "fr_kn"
-    block = logs.blocks[logs.by_channel[Channel.SET_POINT_TO_LOAD][worst]]
-    signals = logs.views[Channel.SET_POINT_TO_LOAD].signals
-    speed = np.abs(signals.finish(signals.velocity_rad_s))[block.samples, worst]
-    fast = speed > np.quantile(speed, 2 / 3)
-    assert np.mean(residual[logs.by_channel[Channel.SET_POINT_TO_LOAD][worst]][fast] ** 2) > 5.0 * by_joint[worst] / 3.0
+    nothing = null_of(logs)
+    left = left_over(logs, nothing)
+    unknown = describe(logs, nothing, left)
+    assert unknown is not None
+    assert (unknown.channel, unknown.joints) == (Channel.SET_POINT_TO_LOAD, ("fr_kn",))
+    # A knee that swings is fast and bears nothing.
+    assert unknown.regime in ("high speed", "low torque")
+    assert unknown.left > 2.0 * unknown.usual
+    assert probability(left) > 0.5
 
 
 def test_the_document_shows_the_example_as_it_is() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.consequences import consequences, remainder, worse_gaps
+from diagnosis.closed_loop.consequences import GAPS, PRACTICAL, consequences, gap_ratios, remainder, worse_gaps
 from diagnosis.closed_loop.run_numbers import WalkTime, restricted_mean_s, run_numbers, time_to_fall
 from diagnosis.closed_loop.simulation import SensorNoise, rollouts_under, simulate
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, compared_by_sequence
@@ -78,6 +78,8 @@ def test_the_true_model_closes_each_gap_and_changes_what_the_robot_does(plain: l
         assert gap.share == pytest.approx(1.0, abs=0.25)
         assert (left.left, left.floor) == (gap.after, gap.floor)
         assert left.ratio == pytest.approx(1.0, abs=0.3)
+        assert left.repeats == gap.repeats == gap.floor
+        assert gap_ratios(trials, "true")[gap.gap] == left.ratio
     changes = {c.quantity: c for c in found.changes}
     assert "time_to_fall" not in changes
     assert (changes["fall_share"].before, changes["fall_share"].after, changes["fall_share"].robot) == (0.0, 0.0, 0.0)
@@ -93,11 +95,25 @@ def test_the_true_model_closes_each_gap_and_changes_what_the_robot_does(plain: l
     assert back[0].startswith("the corrected model is farther from the robot than the nominal one in torque: ")
 
 
+def test_a_robot_that_repeats_itself_exactly_has_a_floor_all_the_same(plain: list[Run]) -> None:
+    twin = [replace(run, header=replace(run.header, repeat=9)) for run in plain if run.header.repeat == 0]
+    real = [run for run in plain if run.header.repeat == 0] + twin
+    trials = Trials(_bench(real), {NOMINAL: _runs(WEAK, 3), "true": plain}, (), is_crossed=True, notes=())
+    gaps = consequences(trials, NOMINAL, "true", np.random.default_rng(0)).gaps
+    for gap, left, of in zip(gaps, remainder(trials, "true"), GAPS, strict=True):
+        spread = np.mean([np.mean(np.std(of.pick(run), axis=0)) for run in real])
+        assert gap.repeats == 0.0
+        assert gap.floor == pytest.approx(PRACTICAL * spread, rel=0.1)
+        assert (left.floor, left.repeats) == (gap.floor, 0.0)
+        assert left.ratio == pytest.approx(left.left / gap.floor)
+
+
 def test_a_robot_that_ran_once_has_the_models_scatter_for_a_floor(plain: list[Run]) -> None:
     bench = _bench([run for run in _runs(WEAK, 1) if run.header.repeat == 0])
     trials = _trials(bench, **{NOMINAL: plain, "true": _runs(WEAK, 3)})
     for gap in consequences(trials, NOMINAL, "true", np.random.default_rng(0)).gaps:
         assert gap.floor > 0.0
+        assert gap.repeats is None
         assert gap.share == pytest.approx(1.0, abs=0.4)
 
 
@@ -175,5 +191,7 @@ def test_what_became_worse_is_said_by_hand() -> None:
         "the corrected model is farther from the robot than the nominal one in torque: 2.1 instead of 1.6 N·m",
         "the corrected model falls in 50% of its runs, the nominal one in 0%, the robot in 0%",
     ]
+    nothing = gap.model_copy(update={"floor": 2.1})
+    assert worse_gaps(Consequences(loop="closed", gaps=(nothing,))) == []
     same = gap.model_copy(update={"after": 1.61})
     assert worse_gaps(Consequences(loop="closed", gaps=(same,))) == []

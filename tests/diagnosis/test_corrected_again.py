@@ -1,8 +1,6 @@
 """A model that was corrected is corrected again: numbers add up, what is gone goes, and the model does not grow."""
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +14,9 @@ from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.report import words
-from diagnosis.selection.calibrated import learn_scales
 from diagnosis.selection.evidence import lay_out
-from diagnosis.selection.robot_models import _within, by_joint, merged
+from diagnosis.selection.robot_models import by_joint, merged
 from diagnosis.selection.search import search
-from diagnosis.verdict.probability import unknown_beside
 from spot_model.effects.base import Effect
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.effects.friction import CoulombFriction
@@ -43,7 +39,6 @@ def found_with(truth: tuple[Effect, ...], nominal: RobotModel) -> list[tuple[str
     view = build_views(logs, nominal)[0][Channel.SET_POINT_TO_LOAD]
     robot = Robot(logs.joint_names, logs.legs)
     board = lay_out({view.name: view}, robot, range(2), ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
-    learn_scales(board)
     library = with_repairs({name: LIBRARY[name] for name in ("coulomb_friction", "torque_gain")}, nominal)
     best = search(board, library, lambda _: None).best
     return [
@@ -65,10 +60,10 @@ def test_friction_that_is_gone_is_found_as_less_of_it() -> None:
 def test_a_gain_that_falls_again_is_found_as_the_ratio() -> None:
     before = TorqueGain(joints=("fr_kn",), gain=0.9)
     ((name, joints, gain),) = found_with(
-        (before, TorqueGain(joints=("fr_kn",), gain=0.8)), NOMINAL.with_effects(before)
+        (before, TorqueGain(joints=("fr_kn",), gain=0.7)), NOMINAL.with_effects(before)
     )
     assert (name, joints) == ("torque_gain", ("fr_kn",))
-    assert gain == pytest.approx(0.8, abs=0.03)
+    assert gain == pytest.approx(0.7, abs=0.03)
 
 
 def test_nothing_is_found_against_a_model_that_holds_it() -> None:
@@ -135,9 +130,7 @@ def test_a_limit_between_two_gains_keeps_them_apart() -> None:
 
 def test_a_delay_may_be_shorter_than_the_nominal_one() -> None:
     delay = LIBRARY["command_delay"]
-    assert _within(delay, {"delay_s": -0.001}) == {"delay_s": -0.001}
     assert delay.add_to(NOMINAL, {"delay_s": -0.001}, ("all",)).effects[-1].delay_s == pytest.approx(0.004)
-    assert _within(FRICTION, {"level_nm": -0.1}) == {"level_nm": 0.0}
 
 
 def test_an_effect_with_an_error_of_its_own_has_no_second_column() -> None:
@@ -147,26 +140,3 @@ def test_an_effect_with_an_error_of_its_own_has_no_second_column() -> None:
         robot = Robot(logs.joint_names, logs.legs)
         board = lay_out({view.name: view}, robot, [0], ["0"], library=LIBRARY, scales=ERROR_SCALES)
         assert board.ordinary.names.count("nominal") == columns
-
-
-def test_errors_that_the_nominal_model_holds_excuse_what_formulas_leave_of_them() -> None:
-    kind = SimpleNamespace(effect=SimpleNamespace(name="torque_gain"))
-    ordinary = SimpleNamespace(kinds=(kind,), names=("torque_gain",), scale=np.ones(1), published=np.ones(1))
-    none = np.zeros(0)
-    board = SimpleNamespace(ordinary=ordinary, by_channel={}, tolerance_square=none, relative_square=none)
-    best = SimpleNamespace(pulls=np.zeros(1), explained=none, held_out=none)
-    first: Any = SimpleNamespace(
-        board=board, selection=SimpleNamespace(best=best), remainder=SimpleNamespace(beyond=lambda _: 0.0)
-    )
-
-    def trials(floors: float) -> Any:
-        distances = dict.fromkeys(("nominal", "calibrated", "stated"), floors)
-        return SimpleNamespace(distances=lambda: distances, scatter_nm=lambda: 0.25, scatter_of=lambda _: 1.0)
-
-    given = ("calibrated", "stated")
-    assert (
-        unknown_beside(first, trials(1.6), *given)
-        > 0.5
-        > unknown_beside(first, trials(1.6), *given, is_calibrated=True)
-    )
-    assert unknown_beside(first, trials(4.0), *given, is_calibrated=True) > 0.9

@@ -110,7 +110,13 @@ def test_a_policy_without_a_file_is_refused(policy: Policy) -> None:
 
 
 @pytest.mark.parametrize(
-    "other", [{"contact_time_constant_s": 0.045}, {"contact_damping_ratio": 0.7}, {"odometry_time_s": 0.05}]
+    "other",
+    [
+        {"contact_time_constant_s": 0.045},
+        {"contact_damping_ratio": 0.7},
+        {"friction_scale": 0.4},
+        {"odometry_time_s": 0.05},
+    ],
 )
 def test_surroundings_act_and_their_own_values_change_no_bit(policy: Policy, other: dict[str, float]) -> None:
     engine = rollouts_under(policy)

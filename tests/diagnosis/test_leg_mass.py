@@ -12,7 +12,7 @@ from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 
-from .stranger import SEQUENCES, Errors, Faults, Stranger
+from .stranger import BOOT_M, SEQUENCES, Errors, Faults, Stranger
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 ERRORS = Errors(gain=0.03, mass=0.03, load_lag_s=(0.001, 0.002), friction_nm=(0.02, 0.1), estimator_lag_s=(0.0, 0.005))
@@ -34,6 +34,7 @@ def test_a_boot_is_named_with_its_mass_and_nothing_in_its_place() -> None:
     assert set(named) == {"leg_mass", "payload_mass"}
     joints, term, coefficients = named["leg_mass"]
     assert joints == ("hl_kn",)
-    added_kg = LOWER_LEG_KG * (term.effect.values(coefficients, term.shape)["scale"] - 1.0)
-    # Nearer to the foot less mass swings alike.
-    assert added_kg == pytest.approx(kg, rel=0.4)
+    values = term.effect.values(coefficients, term.shape)
+    # Nearer to the foot less mass swings alike: what is told well is its moment about the knee.
+    moment_kg_m = LOWER_LEG_KG * (values["scale"] - 1.0) * values["down_m"]
+    assert moment_kg_m == pytest.approx(kg * BOOT_M, rel=0.4)

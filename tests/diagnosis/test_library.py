@@ -11,7 +11,6 @@ from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import LibraryEffect, Location, Robot
 from diagnosis.library.held import IN_CHANNELS, groups_of, less_held
-from diagnosis.library.program import waits
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.ripple import strongest_orders
 from diagnosis.selection.evidence import lay_out
@@ -68,7 +67,7 @@ def fit(effect: LibraryEffect, views: Views, joints: Flags) -> tuple[Scored, Map
             if key not in tried:
                 tried.add(key)
                 found = scorer.scored(effect, shape, place)
-                best = found if best is None or found.score > best.score else best
+                best = found if best is None or found.value > best.value else best
         if best is before or best is None:
             break
         shapes = effect.refined(best.terms[-1].shape)
@@ -131,7 +130,7 @@ def test_found_values_make_an_effect_that_a_model_takes(name, null_views):
     middle = np.array([0.5 * (max(c.low, -0.01) + min(c.high, 0.01)) for c in entry.coefficients])
     values = entry.values(middle, shape)
     model = entry.add_to(RobotModel(), values, ("all",))
-    assert model.effects[-1].name == entry.effect.name
+    assert entry.effect.name in {e.name for e in model.effects}
     assert model_from_data(model.to_data()).digest() == model.digest()
 
 
@@ -181,7 +180,7 @@ def test_a_planted_effect_is_recovered_by_its_own_channels(case):
     runs = planted_runs(Truth(effects=(effect,)), case.runs, sequence=walk_sequence(case.duration_s))
     views, _ = build_views(stack([record(r) for r in runs]), NOMINAL)
     found, values = fit(entry, views, select_joints(case.joints))
-    assert found.score > 0.0
+    assert found.value > 0.0
     for name, planted in case.values.items():
         if name in case.unchecked:
             continue
@@ -198,7 +197,7 @@ def test_a_planted_effect_is_recovered_by_its_own_channels(case):
     else:
         held = less_held(views, (effect,), LIBRARY)
     again, _ = fit(entry, held, select_joints(case.joints))
-    assert again.score < 0.25 * found.score
+    assert again.value < 0.25 * found.value
 
 
 @pytest.mark.parametrize("case", CASES, ids=[c.label for c in CASES])
@@ -231,17 +230,3 @@ def test_dry_friction_builds_up_over_its_distance_and_turns_with_the_motion() ->
 def test_dry_friction_begins_anew_with_each_recording() -> None:
     position = np.array([0.0, 1.0, 5.0, 5.0])[:, None]
     assert presliding(position, np.array([0, 0, 1, 1]), 0.01)[:, 0].tolist() == pytest.approx([0.0, 1.0, 0.0, 0.0])
-
-
-def test_short_waits_overtake_no_command_and_long_ones_most() -> None:
-    delay_s, spread_s, overtaken = waits(0.0005, 0.02)
-    assert overtaken == 0.0
-    assert delay_s == pytest.approx(0.0005, rel=0.05)
-    assert 0.9 * delay_s < spread_s < delay_s
-    rng, newest, lost = np.random.default_rng(5), -1.0, 0
-    for k in range(20_000):
-        arrives = 0.003 * k + rng.exponential(0.003)
-        lost += arrives <= newest
-        newest = max(newest, arrives)
-    assert waits(0.003, 0.003)[2] == pytest.approx(lost / 20_000, abs=0.02)
-    assert waits(0.03, 0.003)[2] > waits(0.003, 0.003)[2]

@@ -1,16 +1,13 @@
-"""Readings that once went wrong: stops of feet, hidden commands, knocks of a gear, slow ripple, effects too small."""
+"""Readings that once went wrong: stops of feet, knocks of a gear, slow ripple, effects too small."""
 
 import numpy as np
 import pytest
 
 from diagnosis.channels.contact_events import _crossing
-from diagnosis.channels.program import hidden_share
 from diagnosis.channels.sensors import _high_squares, _knocks
 from diagnosis.library.contact import GroundComplianceEntry
 from diagnosis.library.joint_sensing import VelocityFilterEntry
 from diagnosis.library.ripple import slow_orders
-
-PERIOD_S = 0.003
 
 
 def test_a_foot_that_rolls_on_is_stopped_as_early_as_one_that_rests() -> None:
@@ -20,24 +17,6 @@ def test_a_foot_that_rolls_on_is_stopped_as_early_as_one_that_rests() -> None:
     assert _crossing(rolling, -0.25) == pytest.approx(_crossing(stopped, -0.25))
     assert _crossing(stopped, -0.25) == pytest.approx(4.0 * np.log(4.0), abs=0.1)
     assert _crossing(rolling, -0.05) == np.inf
-
-
-@pytest.mark.parametrize(
-    ("mean_s", "spread_s"), [(0.01171, 0.0003), (0.0121, 0.0003), (0.0105, 0.0003), (0.0135, 0.0004)]
-)
-def test_commands_that_two_states_hide_are_counted(mean_s: float, spread_s: float) -> None:
-    rng = np.random.default_rng(0)
-    sent = PERIOD_S * np.arange(20_000)
-    delay = rng.normal(mean_s, spread_s, len(sent))
-    shown = np.ceil((sent + delay) / PERIOD_S)
-    hidden = np.append(shown[1:] <= shown[:-1], False)
-    assert hidden_share(np.where(hidden, np.nan, delay), PERIOD_S) == pytest.approx(float(hidden.mean()), abs=0.06)
-
-
-def test_a_wide_spread_hides_nothing_by_chance() -> None:
-    delay = 0.005 + np.random.default_rng(0).exponential(0.004, 5000)
-    assert hidden_share(delay, PERIOD_S) == 0.0
-    assert hidden_share(np.full(10, np.nan), PERIOD_S) == 0.0
 
 
 def test_impacts_are_knocks_and_noise_and_steps_are_not() -> None:

@@ -7,10 +7,11 @@ import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from diagnosis.document import Calibration
+from diagnosis.document import Calibration, GapChange
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report import words
 from diagnosis.report.output import check_free, write_all
@@ -85,8 +86,8 @@ def test_everything_is_on_it(text: str) -> None:
         "Partly explained",
         "Dry friction or friction near standstill (Stribeck) at fl_kn: slower by 0.21 m/s (top speed)",
         "P 0.71",
-        "84 % of the torque gap closes (90 %: 77 % to 90 %)",
-        "A change of the joint motion gap is not shown",
+        "From 4.2 to 1 N·m: 84 % of the torque gap closes (90 %: 77 % to 90 %)",
+        "From 0.31 to 0.29 rad/s: a change of the joint motion gap is not shown",
         "the body motion gap grows",
         "these numbers do not add up to 1",
         "2.02",
@@ -96,6 +97,8 @@ def test_everything_is_on_it(text: str) -> None:
         "Evidence by channel: set-point to load 97 %",
         "4 numbers of the robot&#x27;s own beside the nominal ones; 2 stand out",
         "0.86 (0.85 to 0.87)",
+        "P(out of the ordinary)",
+        "torque gain: from 2.6 to 1 N·m: 73 % of the torque gap closes (90 %: 60 % to 80 %); slower by 0.21 m/s (top",
         "Gap map",
         "Traces",
         "Record a sprint.",
@@ -104,7 +107,9 @@ def test_everything_is_on_it(text: str) -> None:
         "spot-rl collect",
         "What remains",
         "What no effect explains",
-        "predictable from velocity and torque",
+        "Set-point to load at fl_kn, largest in motoring: 1.6 N·m is left; corrected models of faultless robots leave",
+        "leave at most 0.8 N·m there (95 in 100): 2.0 times as much.",
+        "The play of fl_kn is fitted as −0.01 rad, and held at 0.",
         "A note with &lt;markup&gt; &amp; more.",
     ):
         assert said in text, said
@@ -164,7 +169,10 @@ def test_the_first_line_says_what_it_does_and_what_to_do() -> None:
     good = consequences(gaps=told.consequences.gaps[:2] if told.consequences else ())
     near = tuple(g.model_copy(update={"ratio": 1.1}) for g in told.remainder)
     sure = told.model_copy(update={"differences": (one,), "consequences": good, "remainder": near})
-    does = "Dry friction at fl_kn: slower by 0.21 m/s (top speed); corrected, 84 % of the torque gap closes"
+    does = (
+        "Dry friction at fl_kn: slower by 0.21 m/s (top speed); calibration: knees give 86 % of the torque asked, "
+        "forward hips (hy) 95 %, which closes 73 % of the torque gap; corrected, 84 % of the torque gap closes"
+    )
     assert words.headline(sure) == f"{does}; next: train on the corrected model"
     assert words.is_good(sure)
     far = sure.model_copy(update={"remainder": told.remainder})
@@ -186,8 +194,53 @@ def test_the_first_line_says_what_it_does_and_what_to_do() -> None:
 def test_calibration_alone_is_told_by_joint_type() -> None:
     told = verdict((), status="calibration", differences=(), unknown=None)
     assert words.headline(told).startswith(
-        "Calibration: knees give 86 % of the torque asked, forward hips (hy) 95 %; "
-        "corrected, 84 % of the torque gap closes; next: "
+        "Calibration: knees give 86 % of the torque asked, forward hips (hy) 95 %, which closes 73 % of the torque "
+        "gap; corrected, 84 % of the torque gap closes; next: "
+    )
+
+
+def test_what_is_ordinary_but_closes_a_third_of_a_gap_is_told_first() -> None:
+    """(1.0 − 0.79)/(1.0 − 0.4) is 35 %; friction that is named as a difference is not told again as calibration."""
+    told = verdict((), status="calibration", differences=(), unknown=None)
+
+    def first(after: float, **changes: Any) -> str:
+        share = (1.0 - after) / (1.0 - 0.4)
+        gap = GapChange(gap="torque", unit="N·m", before=1.0, after=after, floor=0.4, share=share)
+        does = {"coulomb_friction": consequences(gaps=(gap,), changes=())}
+        own = told.calibration.model_copy(update={"effects": does})
+        return words.headline(told.model_copy(update={"calibration": own, **changes}))
+
+    ordinary = "dry friction of forward hips (hy) is 0.12 N·m, nominal 0, which closes 35 % of the torque gap"
+    out = "knees give 86 % of the torque asked, forward hips (hy) 95 %"
+    assert first(0.79).startswith(f"Calibration: {ordinary}; {out}; corrected")
+    assert first(0.81).startswith(f"Calibration: {out}; corrected")
+    assert ordinary not in first(0.79, differences=verdict(()).differences)
+    assert first(0.79, status="unknown_effect").startswith(
+        f"Something may act that no effect of the library explains (P 0.35); calibration: {ordinary}; next: "
+    )
+    good = consequences(gaps=consequences().gaps[:2])
+    assert first(0.79, consequences=good).endswith("next: train on the corrected model, and look further")
+
+
+@pytest.mark.parametrize(
+    ("group", "called"),
+    [
+        (("coulomb_friction", "armature", "backlash"), "dry friction or reflected rotor inertia or play in the gear"),
+        (("coulomb_friction", "viscous_friction", "load_friction", "armature"), "something like friction"),
+        (
+            ("coulomb_friction", "viscous_friction", "backlash", "armature"),
+            "one of 4 effects, dry friction among them",
+        ),
+        (("my_own", "another", "backlash", "armature"), "one of 4 effects, my own among them"),
+    ],
+)
+def test_a_large_group_is_no_name_but_what_its_members_share(group: tuple[str, ...], called: str) -> None:
+    changes = {"name": group[0], "title": "", "group": group, "parameters": {}}
+    one = verdict(()).differences[0].model_copy(update=changes)
+    assert words.found(one) == f"{called} at fl_kn"
+    told = verdict((), differences=(one,))
+    assert words.next_step(told).endswith(
+        "to tell these 4 effects apart" if len(group) > 3 else "rotor inertia and play in the gear apart"
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,13 +11,13 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.closed_loop.gap_map import benjamini_hochberg
-from diagnosis.decision_constants import ODD_EXCESS, ORDINARY_EXCESS, PARAMETER_SPREAD
+from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.normal_equations import OrdinarySums, products_by_fold, solve_bounded, solved
-from diagnosis.selection.robot_models import SMALLEST, size_of_errors
-from diagnosis.verdict.calibration import Z_90, with_formula_error
-from diagnosis.verdict.probability import excess, is_odd
+from diagnosis.selection.faultless import FAULTLESS, Tail, even_odds
+from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solve_bounded, solved
+from diagnosis.verdict.calibration import ODD, Z_90, is_odd, with_formula_error
+from diagnosis.verdict.unknown import OUTSIDE, left_over, probability
 from spot_model.robot.facts import JOINT_NAMES
 
 ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
@@ -82,30 +81,31 @@ def _columns() -> list[np.ndarray]:
     return [rng.normal(size=(N_FOLDS, 30, len(n) + N_TRIED + 1)) for n in NUMBERS]
 
 
-def _parts(columns: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+def _parts(columns: list[np.ndarray]) -> tuple[OrdinarySums, ColumnProducts, list[ColumnProducts]]:
+    """What is the same whatever is tried, what is tried, and the same by fold."""
     base, ours, both = [], [], []
     for x in columns:
         gram = np.swapaxes(x, 1, 2) @ x
         q = gram.shape[1] - N_TRIED - 1
-        known, tried = [*range(q), q + N_TRIED], list(range(q, q + N_TRIED))
+        known, own = [*range(q), q + N_TRIED], list(range(q, q + N_TRIED))
         base.append(gram[:, known][:, :, known])
-        ours.append(gram[:, tried][:, :, known])
-        both.append(gram[:, tried][:, :, tried])
-    return base, ours, both
+        ours.append(gram[:, own][:, :, known])
+        both.append(gram[:, own][:, :, own])
+    folds = [ColumnProducts.of([o[f] for o in ours], [b[f] for b in both]) for f in range(N_FOLDS)]
+    tried = ColumnProducts.of([o.sum(axis=0) for o in ours], [b.sum(axis=0) for b in both])
+    return OrdinarySums(NUMBERS, SIZE, base), tried, folds
 
 
-def test_one_weighted_problem_is_solved() -> None:
-    columns = _columns()
-    base, ours, both = _parts(columns)
-    sums = OrdinarySums(NUMBERS, SIZE, base)
-    tried, by_fold = products_by_fold(ours, both)
+def test_one_weighted_problem_is_least_squares_with_priors() -> None:
+    columns, held = _columns(), np.array([4.0, 0.25])
+    sums, tried, by_fold = _parts(columns)
     for part, own, folds in (
         (sums.total, tried, [0, 1]),
         (sums.folds[0], by_fold[0], [0]),
-        (sums.others[0], tried - by_fold[0], [1]),
+        (sums.total - sums.folds[0], tried - by_fold[0], [1]),
     ):
-        # One least-squares problem over all columns of all blocks, with a prior on each ordinary error.
-        rows, right = [np.eye(SIZE, SIZE + N_TRIED)], [np.zeros(SIZE)]
+        # One problem over all columns of all blocks, with a prior on each ordinary error and each coefficient.
+        rows, right = [np.diag(np.sqrt([*np.ones(SIZE), *held]))], [np.zeros(SIZE + N_TRIED)]
         for at, x, weight in zip(NUMBERS, columns, WEIGHTS, strict=True):
             for fold in folds:
                 wide = np.zeros((x.shape[1], SIZE + N_TRIED))
@@ -113,26 +113,27 @@ def test_one_weighted_problem_is_solved() -> None:
                 wide[:, SIZE:] = x[fold][:, len(at) : -1]
                 rows.append(np.sqrt(weight) * wide)
                 right.append(np.sqrt(weight) * x[fold][:, -1])
-        wanted = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+        every = np.concatenate(rows)
+        wanted = np.linalg.lstsq(every, np.concatenate(right), rcond=None)[0]
         far = np.full(N_TRIED, 100.0)
-        pulls, beta = solved(sums, part, own, WEIGHTS, -far, far)
+        pulls, beta, information = solved(sums, part, own, WEIGHTS, -far, far, held)
         assert np.concatenate([pulls, beta]) == pytest.approx(wanted, rel=1e-7)
-        left, explained = sums.squares(part, own, pulls, beta)
+        # The information that ordinary errors leave is the inverse of the coefficients' covariance, less the prior.
+        covariance = np.linalg.inv(every.T @ every)[SIZE:, SIZE:]
+        assert information + np.diag(held) == pytest.approx(np.linalg.inv(covariance), rel=1e-7)
+        left = sums.left(part, own, pulls, beta)
         for number, (at, x) in enumerate(zip(NUMBERS, columns, strict=True)):
             said = np.concatenate([x[f][:, : len(at)] @ pulls[at] + x[f][:, len(at) : -1] @ beta for f in folds])
             y = np.concatenate([x[f][:, -1] for f in folds])
-            assert explained[number] == pytest.approx(np.sum(said**2))
             assert left[number] == pytest.approx(np.sum((y - said) ** 2))
 
 
 def test_nothing_tried_leaves_the_ordinary_errors() -> None:
-    base, _, _ = _parts(_columns())
-    sums = OrdinarySums(NUMBERS, SIZE, base)
-    none = [np.zeros((N_FOLDS, 0, b.shape[1])) for b in base]
-    tried, _ = products_by_fold(none, [np.zeros((N_FOLDS, 0, 0))] * len(base))
-    pulls, beta = solved(sums, sums.total, tried, WEIGHTS, np.zeros(0), np.zeros(0))
+    sums, _, _ = _parts(_columns())
+    none = ColumnProducts.of([np.zeros((0, len(n) + 1)) for n in NUMBERS], [np.zeros((0, 0))] * len(NUMBERS))
+    pulls, beta, _ = solved(sums, sums.total, none, WEIGHTS, np.zeros(0), np.zeros(0), np.zeros(0))
     assert beta.shape == (0,)
-    left, _ = sums.squares(sums.total, tried, pulls, beta)
+    left = sums.left(sums.total, none, pulls, beta)
     # Fitting shortens what is left of the whole, prior and all.
     assert WEIGHTS @ left + pulls @ pulls < WEIGHTS @ sums.total.yy
 
@@ -161,70 +162,57 @@ def test_an_effect_at_its_null_keeps_the_scatter_alone() -> None:
     assert with_formula_error(1.0, 0.9, 1.1, null=1.0) == pytest.approx((0.9, 1.1))
 
 
-def _errors_board(names: Sequence[str], scale: Sequence[float], published: Sequence[float]) -> Any:
-    kinds = tuple(SimpleNamespace(effect=LIBRARY[name]) for name in dict.fromkeys(names))
-    ordinary = SimpleNamespace(
-        names=tuple(names), kinds=kinds, scale=np.array(scale, float), published=np.array(published, float)
-    )
-    return SimpleNamespace(ordinary=ordinary)
-
-
-def test_size_is_the_geometric_mean_of_the_kinds_root_mean_squares() -> None:
-    board = _errors_board(["torque_gain", "torque_gain", "armature"], [0.5, 0.5, 2.0], [1.0, 1.0, 1.0])
-    # 3 and 4 times a half: root mean square 0.5·√12.5. One times 2.
-    expected = np.sqrt(0.5 * np.sqrt(12.5) * 2.0)
-    assert size_of_errors(board, np.array([3.0, -4.0, 1.0])) == pytest.approx(expected)
-
-
-def test_a_load_cell_moves_no_robot() -> None:
-    board = _errors_board(["torque_gain", "load_sensor_gain"], [1.0, 1.0], [1.0, 1.0])
-    assert size_of_errors(board, np.array([0.3, 50.0])) == pytest.approx(0.3)
-
-
-def test_a_kind_without_any_error_counts_as_the_smallest() -> None:
-    board = _errors_board(["torque_gain", "armature"], [1.0, 1.0], [1.0, 1.0])
-    assert size_of_errors(board, np.array([0.0, 1.0])) == pytest.approx(np.sqrt(SMALLEST))
-
-
-def test_without_any_kind_errors_are_as_published() -> None:
-    assert size_of_errors(_errors_board([], [], []), np.zeros(0)) == 1.0
+def test_a_number_is_odd_by_its_size_in_spreads_and_how_well_it_is_told() -> None:
+    """Told exactly, odds are even where ½ s² (1 − 1/100) = log 99 + log 10: at 3.73 published spreads."""
+    even = math.sqrt(2.0 * (math.log((1.0 - ODD) / ODD) + math.log(10.0)) / 0.99)
+    assert is_odd(even, 0.0) == pytest.approx(0.5)
+    assert is_odd(0.0, 0.0) < ODD < is_odd(even, 1.0) < 0.5 < is_odd(-1.1 * even, 0.0)
+    # What the logs do not tell stays as probable as before.
+    assert is_odd(0.0, 1e4) == pytest.approx(ODD, rel=1e-3)
 
 
 LOAD, WRENCH = Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH
 
 
-def _left_board() -> Any:
-    return SimpleNamespace(
-        by_channel={LOAD: [0, 1], WRENCH: [2], Channel.BATTERY_POWER: [3]},
-        tolerance_square=np.array([3.0, 3.0, 0.0, 0.0]),
-        relative_square=np.array([0.25, 0.25, 0.0, 0.0]),
-    )
-
-
 def test_the_signal_that_is_farthest_over_noise_and_formulas_counts() -> None:
-    scored: Any = SimpleNamespace(held_out=np.array([8.0, 40.0, 0.5, 1e6]), explained=np.array([0.0, 64.0, 0.0, 0.0]))
-    # 8 of 1 + 3; 40 of 1 + 3 + 64/4; the battery is not checked.
-    assert excess(_left_board(), scored) == pytest.approx({LOAD: np.log(2.0), WRENCH: np.log(0.5)})
+    board: Any = SimpleNamespace(
+        by_channel={LOAD: [0, 1], WRENCH: [2]},
+        tolerance_square=np.array([3.0, 3.0, 0.0]),
+        relative_square=np.array([0.25, 0.25, 0.0]),
+    )
+    scored: Any = SimpleNamespace(left=np.array([8.0, 40.0, 0.0]), explained=np.array([0.0, 64.0, 0.0]))
+    # 8 of 1 + 3; 40 of 1 + 3 + 64/4; what is explained to the bit counts as a tenth.
+    assert left_over(board, scored) == pytest.approx({LOAD: np.log(2.0), WRENCH: np.log(0.1)})
 
 
-def test_a_signal_that_is_explained_to_the_bit_is_not_odd() -> None:
-    scored: Any = SimpleNamespace(held_out=np.zeros(4), explained=np.zeros(4))
-    assert is_odd(excess(_left_board(), scored)) < 0.01
+TAIL = Tail(median=-0.5, tenth=0.2, beyond=0.3)
 
 
-@pytest.mark.parametrize("channel", ORDINARY_EXCESS)
-def test_what_robots_without_a_fault_leave_is_not_odd_and_far_more_is(channel: Channel) -> None:
-    median, spread = ORDINARY_EXCESS[channel]
-    even, _ = ODD_EXCESS
-    assert is_odd({channel: median}) < 0.01
-    assert is_odd({channel: median + even * spread}) == pytest.approx(0.5)
-    assert is_odd({channel: median + 2.0 * even * spread}) > 0.99
+def test_a_tail_falls_from_the_median_on_and_tells_where_it_is() -> None:
+    at = np.linspace(-3.0, 9.0, 200)
+    shares = [TAIL.tail(value) for value in at]
+    assert np.all(np.diff(shares) <= 0.0)
+    assert [TAIL.tail(v) for v in (-9.0, -0.5, 0.2)] == pytest.approx([1.0, 0.5, 0.1])
+    assert [TAIL.tail(TAIL.at(p)) for p in (0.1, 0.03, 1e-6)] == pytest.approx([0.1, 0.03, 1e-6])
 
 
-def test_one_odd_signal_is_enough_and_without_signals_nothing_is_odd() -> None:
-    usual = {channel: median for channel, (median, _) in ORDINARY_EXCESS.items()}
-    assert is_odd(usual | {WRENCH: 5.0}) > 0.99 > 0.01 > is_odd(usual)
-    assert is_odd({}) == 0.0
+def test_a_p_value_carries_the_less_odds_the_larger_it_is() -> None:
+    odds = [even_odds(p) for p in (0.0, 1e-300, 1e-9, 0.05, 0.3, 1.0 / math.e, 0.9)]
+    assert odds == sorted(odds, reverse=True)
+    # 1 / (−e · 0.05 · log 0.05) is 2.46; from 1/e on a p value says nothing.
+    assert odds[3] == pytest.approx(2.456, abs=1e-3)
+    assert odds[-2:] == [1.0, 1.0]
+
+
+def test_usual_leftovers_say_nothing_and_one_far_one_is_enough() -> None:
+    usual = {name: tail.median for name, tail in FAULTLESS.left.items()}
+    assert probability(usual) == pytest.approx(OUTSIDE)
+    for name, tail in FAULTLESS.left.items():
+        assert probability(usual | {name: tail.at(1e-5)}) > 0.9
+    # More signals, more chances; without signals nothing is odd.
+    odd = {str(LOAD): FAULTLESS.left[LOAD].at(0.01)}
+    assert probability(odd) > probability(usual | odd)
+    assert probability({}) == 0.0
 
 
 def test_adjusted_p_values_by_hand() -> None:

@@ -22,6 +22,26 @@ def test_share_by_hand() -> None:
     assert found.high == pytest.approx(0.75)
 
 
+@pytest.mark.parametrize(
+    ("repeats", "least", "floor", "share"), [(1.0, 0.5, 1.0, 0.75), (0.5, 1.0, 1.0, 0.75), (0.5, 3.0, 3.0, 1.0)]
+)
+def test_a_gap_counts_from_what_is_nothing_to_anybody_if_repeats_are_nearer(
+    repeats: float, least: float, floor: float, share: float
+) -> None:
+    models = {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)}
+    found = shrinkage(
+        [SequenceDistances("a", _pairs(3, repeats), models, least=least)], "before", "after", np.random.default_rng(0)
+    )
+    assert (found.d0, found.d1, found.floor) == (5.0, 2.0, floor)
+    assert (found.s, found.low, found.high) == pytest.approx((share, share, share))
+
+
+def test_a_gap_that_is_nothing_to_anybody_has_no_share() -> None:
+    models = {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)}
+    one = SequenceDistances("a", _pairs(3, 1.0), models, least=5.0)
+    assert shrinkage([one], "before", "after", np.random.default_rng(0)).s is None
+
+
 @pytest.mark.parametrize(("n_real", "whose"), [(1, "model"), (3, "robot")])
 def test_whose_floor_it_is_is_kept(n_real: int, whose: str) -> None:
     models = {NOMINAL: np.full((3, n_real), 5.0), "best": np.full((3, n_real), 2.0)}

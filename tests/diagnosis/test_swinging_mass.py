@@ -59,10 +59,10 @@ def _board(recorder: type[_Recorder], truth: Truth) -> Evidence:
 def test_a_mass_that_swings_is_no_fixed_one() -> None:
     board = _board(Swinging, Truth())
     best, second = ranked(board, (), {name: LIBRARY[name] for name in RIVALS})[:2]
-    term = best.scored.terms[-1]
+    term = best.terms[-1]
     assert term.effect.name == "swinging_mass"
     assert best.value > second.value + 3.0
-    values = term.effect.values(best.scored.coefficients[-1], term.shape)
+    values = term.effect.values(best.coefficients[-1], term.shape)
     assert values["frequency_hz"] == pytest.approx(FREQUENCY_HZ, rel=0.2)
     assert values["mass_kg"] == pytest.approx(MASS_KG, rel=0.3)
 
@@ -71,7 +71,7 @@ def test_a_fixed_mass_does_not_swing() -> None:
     payload = PayloadMass(mass_kg=MASS_KG, x_m=0.05, z_m=0.1)
     board = _board(_Recorder, dataclasses.replace(Truth(), effects=(payload,)))
     ranking = ranked(board, (), {name: LIBRARY[name] for name in RIVALS})
-    assert ranking[0].scored.terms[-1].effect.name == "payload_mass"
+    assert ranking[0].terms[-1].effect.name == "payload_mass"
 
 
 def test_without_an_inertial_unit_it_cannot_be_seen() -> None:

@@ -9,7 +9,8 @@ from diagnosis.channels import Channel
 from diagnosis.decision_constants import GROUP_ODDS
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.search import Rival, ranked
+from diagnosis.selection.scoring import Scored
+from diagnosis.selection.search import ranked
 from diagnosis.verdict.advice import cannot_show
 from spot_model.effects.base import Effect
 from spot_model.effects.bodies import GroundFriction
@@ -27,7 +28,7 @@ def _board(*effects: Effect, channels: tuple[Channel, ...] = tuple(Channel), dur
     return evidence_over(runs, channels)
 
 
-def _ranking(board: Evidence) -> tuple[Rival, ...]:
+def _ranking(board: Evidence) -> tuple[Scored, ...]:
     return ranked(board, (), {name: LIBRARY[name] for name in ALIKE})
 
 
@@ -44,7 +45,7 @@ def _ranking(board: Evidence) -> tuple[Rival, ...]:
 def test_a_constant_torque_is_told_from_a_zero_and_a_ripple(effect: Effect) -> None:
     board = _board(effect)
     best, second = _ranking(board)[:2]
-    term = best.scored.terms[-1]
+    term = best.terms[-1]
     assert term.effect.name == effect.name
     assert board.robot.named(board.robot.joints_of(term.effect, term.place)) == effect.joints
     assert best.value - second.value > -np.log(GROUP_ODDS)
@@ -52,7 +53,7 @@ def test_a_constant_torque_is_told_from_a_zero_and_a_ripple(effect: Effect) -> N
 
 def test_between_set_point_and_load_alone_a_torque_and_a_cells_zero_are_one() -> None:
     board = _board(TorqueOffset(joints=("hl_hy",), offset_nm=5.0), channels=(Channel.SET_POINT_TO_LOAD,))
-    by_name = {r.scored.terms[-1].effect.name: r.value for r in _ranking(board)}
+    by_name = {r.terms[-1].effect.name: r.value for r in _ranking(board)}
     assert abs(by_name["torque_offset"] - by_name["load_sensor_gain"]) < -np.log(GROUP_ODDS)
 
 

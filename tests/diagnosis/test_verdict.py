@@ -23,8 +23,7 @@ from diagnosis.document import (
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report.words import joints_in_short
 from diagnosis.terminal import twelve_lines
-from diagnosis.verdict.posterior_file import LEAST, Possibility, Posterior, Term, is_right
-from diagnosis.verdict.probability import Belief
+from diagnosis.verdict.posterior_file import Possibility, Posterior, Term
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
@@ -106,7 +105,7 @@ EXAMPLE = """
                                                              "after": 0.0, "robot": 0.0, "low": 0.0, "high": 0.0}]},
  "remainder": [{"gap": "body motion", "unit": "m/s", "left": 0.0, "floor": 0.0, "ratio": 0.0}],
  "probability_none": 0.0, "probability_unknown": 0.0,
- "unknown": {"joints": [], "regime": "", "depends_on": []},
+ "unknown": {"joints": [], "regime": "", "channel": "base_wrench", "unit": "N·m", "left": 0.0, "usual": 0.0},
  "channels": {"set_point_to_load": "used", "battery_power": "off: no battery record"},
  "shrink": {"metric": "w1_mmd", "d0": 0.0, "d1": 0.0, "floor": 0.0, "s": 0.0, "s_low": 0.0, "s_high": 0.0, "held_out": []},
  "log_advice": []}
@@ -180,13 +179,3 @@ def test_numbers_keep_within_their_bounds() -> None:
 def test_a_file_comes_back_as_it_was() -> None:
     posterior = Posterior(possibilities=(_friction(1.0, 0.1),))
     assert Posterior.model_validate_json(posterior.model_dump_json(by_alias=True)) == posterior
-
-
-def test_a_set_is_as_likely_as_each_of_its_effects_is_there_and_the_others_are_not() -> None:
-    """Drag, or a gain in its place with half its weight, 0.9; a payload 0.9 beside it."""
-    weights: dict[tuple[str, ...], float] = {("drag", "load"): 2.0, ("gain", "load"): 1.0}
-    belief = Belief(("drag", "load"), {"drag": 0.9, "load": 0.9}, weights)
-    odds = [is_right(belief, frozenset(s)) for s in ({"drag", "load"}, {"gain", "load"}, {"load"}, {"drag"}, set())]
-    assert odds == pytest.approx([0.54, 0.27, 0.09, 0.06, 0.01])
-    sure = Belief(("drag",), {"drag": 1.0}, {("drag",): 1.0})
-    assert is_right(sure, frozenset()) == LEAST

@@ -26,7 +26,6 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/claims/loop.py": ("--seconds 2 --plain",),
     "benchmarks/claims/fakes.py": ("--seconds 1 --most 2",),
     "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),
-    "benchmarks/calibrate_formulas.py": ("--seed 41 --robots 1 --workers 1",),
     "benchmarks/check_experiments.py": (
         "--policy walk --out found.json --robots 2 --only squat --once --figure found.svg",
     ),
@@ -48,6 +47,7 @@ WEEKLY: dict[str, tuple[str, ...]] = {
         "robots --seed 31 --to 3 --out rounds --strategies menu --until 300",
         "score rounds --to 3",
     ),
+    "benchmarks/substitution.py": ("robots --seed 777301 --to 1 --out parts", "table parts"),
     "benchmarks/withheld_fake.py": ("--work found --policy walk --repeats 1",),
     "examples/ask_the_robot.py": ("asked",),
     "examples/close_the_loop.py": ("--robot torque_lag --out loop --improved walk --oracle walk",),

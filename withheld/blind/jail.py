@@ -42,7 +42,7 @@ DUMPABLE: Final = 4
 TIMED_OUT: Final = 124
 PROBE: Final = """
 import json, sys
-import diagnosis.command, mujoco, numpy, onnxruntime, scipy, sklearn
+import diagnosis.command, mujoco, numpy, onnxruntime, scipy
 case, out = json.load(open(sys.argv[1]))["allowed"][:2]
 open(out + "/written", "w").write(open(case + "/launch.py").read())
 """

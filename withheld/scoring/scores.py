@@ -70,8 +70,6 @@ def outside(o: Outcome) -> list[int]:
 
 MAX_GROUP: Final = 3
 """A larger group of rivals names nothing."""
-PREDICTS: Final = 0.5
-"""A formula for what is unknown predicts held-out data if it predicts half of what is left."""
 NEGLIGIBLE: Final = 1e-12
 
 
@@ -90,8 +88,6 @@ class Score:
     """Differences that are none of the faults."""
     is_unknown: bool
     """Something is called unknown."""
-    has_formula: bool
-    """What is left has a formula that predicts held-out data."""
 
     @property
     def is_clean(self) -> bool:
@@ -100,15 +96,15 @@ class Score:
 
     @property
     def is_outside_seen(self) -> bool:
-        """An effect that the library lacks is called unknown or described by a formula, and by no wrong name."""
-        return self.n_wrong == 0 and (self.is_unknown or self.has_formula)
+        """An effect that the library lacks is called unknown, and by no wrong name."""
+        return self.n_wrong == 0 and self.is_unknown
 
 
 def score(o: Outcome) -> Score:
     """Score a verdict; a missing one names nothing and is not clean."""
     verdict = o.verdict
     if verdict is None:
-        return Score({}, 1, False, False)
+        return Score({}, 1, False)
     named, wrong = dict[int, Difference](), 0
     for difference in verdict.differences:
         hits = [i for i in inside(o) if i not in named and difference.names & {*o.truth.faults[i].names}]
@@ -116,15 +112,14 @@ def score(o: Outcome) -> Score:
             wrong += 1
         elif len(difference.names) <= MAX_GROUP:
             named[hits[0]] = difference
-    formula = verdict.unknown.formula if verdict.unknown is not None else None
-    return Score(named, wrong, verdict.is_unknown, formula is not None and formula.predicted_share >= PREDICTS)
+    return Score(named, wrong, verdict.is_unknown)
 
 
 def is_right(o: Outcome) -> bool | None:
     """Whether the verdict is what a perfect diagnosis would say; None where nothing is asked.
 
     Every fault of the library is named and nothing else. Of one outside the library that matters, something is called
-    unknown or has a formula; one that does not matter may be seen or not.
+    unknown; one that does not matter may be seen or not.
     """
     s, known, lacking = score(o), inside(o), outside(o)
     if lacking and not known and not any(matters(o, i) for i in lacking):

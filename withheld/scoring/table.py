@@ -91,11 +91,10 @@ def _and_unknown(o: Outcome) -> bool:
 
 def _outside(lacking: Sequence[Outcome]) -> list[Row]:
     far = [o for o in lacking if any(matters(o, i) for i in outside(o))]
-    title = "effect outside the library that matters: called unknown, or a formula predicts it, and no wrong name"
+    title = "effect outside the library that matters: called unknown, and no wrong name"
     return [
         share("outside", title, [score(o).is_outside_seen for o in far], 0.85),
         share("outside_wrong", "of these: a wrong name", [score(o).n_wrong > 0 for o in far]),
-        share("outside_formula", "of these: a formula predicts it", [score(o).has_formula for o in far]),
     ]
 
 

@@ -11,11 +11,9 @@ from withheld.outcome import (
     Change,
     Consequences,
     Difference,
-    Formula,
     Outcome,
     QuantityChange,
     StatedConsequences,
-    Unknown,
     Verdict,
 )
 from withheld.plan import Fault, Truth
@@ -58,7 +56,6 @@ def verdict(
     *,
     unknown: float = 0.0,
     none: float = 0.0,
-    formula: float | None = None,
     **more: Any,
 ) -> Verdict:
     return Verdict(
@@ -67,7 +64,6 @@ def verdict(
         differences=tuple(differences),
         probability_none=none,
         probability_unknown=unknown,
-        unknown=None if formula is None else Unknown(formula=Formula(predicted_share=formula)),
         **more,
     )
 

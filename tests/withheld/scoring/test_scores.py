@@ -83,8 +83,6 @@ def test_what_cannot_be_measured_costs_nothing() -> None:
         (outcome((), status="failed"), False),
         (outcome([ODD], status="unknown_effect"), True),
         (outcome([ODD], [WRONG], "partly_explained", told=IN_PART), False),
-        (outcome([ODD], told={"formula": 0.6}), True),
-        (outcome([ODD], told={"formula": 0.4}), False),
         (outcome([ODD]), False),
         (outcome([ODD], moved=(0.1,)), None),
         (outcome([COULOMB], status="unknown_effect", without=["coulomb_friction"]), True),

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.scoring import Placed, Scorer, likeness
-from diagnosis.verdict.causes import CALIBRATED, decide
+from diagnosis.verdict.belief import CALIBRATED, decide
 from diagnosis.verdict.explanation import Explanation, explain
 from spot_model.effects.friction import CoulombFriction
 
@@ -28,8 +28,9 @@ def rubbing() -> Explanation:
 def test_residuals_decide_what_is_there(rubbing: Explanation) -> None:
     decided = decide(rubbing, FEW)
     assert decided.stated == "coulomb_friction"
-    assert decided.belief.there["coulomb_friction"] > 0.8
-    assert set(decided.hypotheses) == {"coulomb_friction", CALIBRATED}
+    assert decided.there["coulomb_friction"] > 0.8
+    assert set(decided.sets) == {"coulomb_friction", CALIBRATED}
+    assert sum(weight for _, weight in decided.sets.values()) == pytest.approx(1.0)
 
 
 def test_what_is_probably_not_there_is_left_out() -> None:
@@ -45,7 +46,7 @@ def test_friction_is_like_other_friction_and_not_like_a_payload(rubbing: Explana
     places = {"coulomb_friction": knees, "load_friction": knees, "payload_mass": np.ones(1)}
     entries = {LIBRARY[name]: place for name, place in places.items()}
     terms = [Placed(e, dict(e.shapes(board.views, knees > 0.5)[0]), place) for e, place in entries.items()]
-    found = likeness(Scorer(board, terms))
+    found = likeness(Scorer(board, terms), list(places))
     assert np.diag(found) == pytest.approx(1.0)
-    assert found[0, 1] > 0.2
-    assert found[0, 2] < 0.1
+    assert found[0, 1] > 0.1
+    assert found[0, 2] < 0.01
