@@ -102,7 +102,7 @@ class OrdinarySums:
         both = self.by_block @ (pulls[self.rows] * (tried.by_row @ beta))
         by_tried = np.einsum("bij,i,j->b", tried.own, beta, beta)
         crossed = part.with_y @ pulls + tried.with_y @ beta
-        return np.maximum(by_ordinary + 2.0 * both + by_tried - 2.0 * crossed + part.yy, 0.0)
+        return np.asarray(np.maximum(by_ordinary + 2.0 * both + by_tried - 2.0 * crossed + part.yy, 0.0))
 
 
 @dataclass(frozen=True)

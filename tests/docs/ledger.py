@@ -76,6 +76,10 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
+    "spot-rl withheld run --cases 800 --seed 825279136778 --only 0:66 --out DIR": (
+        "withheld/test_end_to_end.py",
+        '["run", "--out", str(out), "--cases", "9"',
+    ),
     "PYTHONPATH=$PWD spot-rl withheld run --reality rubbing:RubbingKnees --cases 3 --seed 1 --out judged": (
         "withheld/test_own_reality.py",
         'source_of("rubbing:RubbingKnees")',
