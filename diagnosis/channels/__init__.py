@@ -105,6 +105,14 @@ class ChannelView:
     notes: tuple[str, ...] = ()
     """What a reader should know, a sentence each."""
 
+    def unit_of(self, row: int) -> str:
+        """Unit of one row: a channel of several has them in the order in which its rows' quantities first stand."""
+        units = self.unit.split(", ")
+        if len(units) == 1:
+            return self.unit
+        quantities = [next(word for word in name.split("_") if len(word) > 2) for name in self.rows]
+        return dict(zip(dict.fromkeys(quantities), units, strict=True))[quantities[row]]
+
     @property
     def n(self) -> int:
         """Number of samples."""

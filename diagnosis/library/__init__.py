@@ -104,8 +104,6 @@ class LibraryEffect(ABC):
     """Values of the shape's numbers that are tried first, each with each."""
     nearby: ClassVar[Grid] = {}
     """Factors by which the shape's numbers are moved in a finer round, one at a time."""
-    n_free: ClassVar[int] = 0
-    """How many free numbers the shape has, where not each of its numbers is one."""
 
     taken_away: Mapping[str, float] = {}
     """Parameters by name of which a nominal model's own may be less, and by how much at most, below 0."""

@@ -65,7 +65,6 @@ class SpeedCurveEntry(_LimitEntry):
     title = "torque limit by speed"
     effect = TorqueSpeedCurve
     confused_with = ("viscous_friction", "power_limit", "bus_sag", "torque_limit", "backlash")
-    n_free = 3
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Stall torque, no-load speed and corner, over what occurs."""
@@ -135,7 +134,6 @@ class PowerLimitEntry(LibraryEffect):
     location = Location.ROBOT
     coefficients = (ALL_OF_IT,)
     confused_with = ("torque_speed_curve", "bus_sag", "armature", "thermal_derating", "backlash")
-    n_free = 2
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Bounds within the total power that is asked for, without and with copper loss."""
@@ -174,7 +172,6 @@ class BusSagEntry(LibraryEffect):
     location = Location.ROBOT
     coefficients = (ALL_OF_IT,)
     confused_with = ("power_limit", "torque_speed_curve", "backlash")
-    n_free = 4
     nearby: ClassVar[Grid] = {
         "resistance_ohm": (0.6, 0.8, 1.25, 1.6),
         "back_emf_v_s_per_rad": (0.85, 0.93, 1.08, 1.17),

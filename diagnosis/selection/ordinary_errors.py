@@ -1,9 +1,8 @@
 """What a nominal model of ordinary quality is off by, a few per cent everywhere: columns that are always fitted beside.
 
-Each is a unit of an effect of the library, with a normal prior of a usual size in place of free play: an armature that
-is 4 g·m² off or a body that is half a kilogram off is no finding. An effect must explain what these cannot without
-leaving their usual sizes. Published ranges are in :mod:`diagnosis.decision_constants`; what this robot scatters by is
-learned from its own logs.
+Each is a unit of an effect of the library, with a normal prior of a published spread in place of free play: an armature
+that is 4 g·m² off or a body that is half a kilogram off is no finding. An effect must explain what these cannot without
+leaving their spreads, which are in :mod:`diagnosis.decision_constants`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Which numbers are out of the ordinary: a probability for each effect of the best set, and the effects in its place.
 
 An effect of the best set adds some nats of marginal likelihood to the others, in which all its numbers lie within their
-ordinary errors. The prior odds are in these nats already: one effect of the library, one of its shapes and places. What
-the same effect adds on robots without a fault (:mod:`diagnosis.selection.faultless`) is taken off, so that the odds are
-even where such a robot comes to once in several hundred. No run tells more than log((1 − ε)/ε), ε being the share of
-odd runs: one short run never proves a difference.
+ordinary errors. What the same effect adds on robots without a fault (:mod:`diagnosis.selection.faultless`) is taken off
+already, so that odds are even at 0. No run tells more than log((1 − ε)/ε), ε being the share of odd runs: one short run
+never proves a difference.
 
 Whether an effect matters is no part of this: closed loops measure what it does.
 """

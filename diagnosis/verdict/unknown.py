@@ -72,9 +72,11 @@ def describe(board: Evidence, scored: Scored, found: Mapping[str, float]) -> Unk
     if not known:
         return None
     channel = min(known, key=lambda c: known[c].tail(found[str(c)]))
-    over, numbers = np.exp(_over(board, scored)), np.array(board.by_channel[channel])
-    chosen = numbers[over[numbers] >= CARRIES * over[numbers].max()]
-    view, residuals = board.views[channel], Scorer(board, scored.terms).residuals()
+    over, numbers, view = np.exp(_over(board, scored)), np.array(board.by_channel[channel]), board.views[channel]
+    units = np.array([view.unit_of(board.blocks[n].row) for n in numbers])
+    unit = units[np.argmax(over[numbers])]
+    chosen = numbers[(over[numbers] >= CARRIES * over[numbers].max()) & (units == unit)]
+    residuals = Scorer(board, scored.terms).residuals()
     joints = np.zeros(board.robot.n_joints, dtype=np.bool_)
     for n in chosen:
         row = board.blocks[n].row
@@ -87,7 +89,7 @@ def describe(board: Evidence, scored: Scored, found: Mapping[str, float]) -> Unk
         joints=board.robot.named(joints),
         regime=_regime(view, board, chosen, residuals),
         channel=channel,
-        unit=view.unit,
+        unit=str(unit),
         left=float(np.sqrt(np.mean(noise**2 * scored.left[chosen]))),
         usual=float(np.sqrt(np.mean(noise**2 * usual))),
     )

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from diagnosis.channels import Channel
+from diagnosis.channels.contact_events import ROWS as CONTACT_ROWS
+from diagnosis.channels.dynamics import BASE_ROWS
+from diagnosis.channels.kinematics import INERTIAL_ROWS
+from diagnosis.channels.kinematics import ROWS as STANCE_ROWS
+from diagnosis.channels.program import LINK_ROWS
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY, chosen_library
 from diagnosis.selection.evidence import Evidence
@@ -119,6 +125,21 @@ def test_what_is_left_points_at_the_joint_and_its_speed(logs: Evidence) -> None:
     assert unknown.regime in ("high speed", "low torque")
     assert unknown.left > 2.0 * unknown.usual
     assert probability(left) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("rows", "unit", "told"),
+    [
+        (BASE_ROWS, "N, N·m", {"force_z": "N", "moment_x": "N·m"}),
+        (STANCE_ROWS, "m/s, m", {"fl_velocity_x": "m/s", "hr_height": "m"}),
+        (CONTACT_ROWS, "s, 1, s", {"fl_flag": "s", "fr_slip": "1", "hl_stop": "s"}),
+        (INERTIAL_ROWS, "m/s², rad/s", {"acceleration_y": "m/s²", "turn_z": "rad/s"}),
+        (LINK_ROWS, "s, s, 1", {"delay": "s", "spread": "s", "lost": "1"}),
+    ],
+)
+def test_a_row_has_its_own_unit(logs: Evidence, rows: tuple[str, ...], unit: str, told: dict[str, str]) -> None:
+    view = replace(logs.views[Channel.SET_POINT_TO_LOAD], rows=rows, unit=unit)
+    assert {name: view.unit_of(rows.index(name)) for name in told} == told
 
 
 def test_the_document_shows_the_example_as_it_is() -> None:
