@@ -31,7 +31,7 @@ from diagnosis.selection.faultless import FAULTLESS, LEAST_NATS, Faultless, Tail
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.verdict.diagnose import diagnose
 from diagnosis.verdict.explanation import explain
-from diagnosis.verdict.unknown import left_over
+from diagnosis.verdict.left_over import left_over
 from spot_log.read.run import Run
 from spot_model.policy.built_in import FOLDER
 from spot_model.policy.policy import load_policy

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels import Array, Flags, Shape
+from diagnosis.channels import Array, Channel, Flags, Shape
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, prices
@@ -39,6 +39,8 @@ class Selection:
     """Ordinary errors alone where nothing passed."""
     gains: Mapping[str, float]
     """By chosen effect, what it adds to the value of the others, nats."""
+    channels: Mapping[str, Mapping[Channel, float]]
+    """By chosen effect and channel, what it adds there, nats."""
     rivals: Mapping[str, tuple[Scored, ...]]
     """By chosen effect: sets with each effect in its place, best first, itself among them."""
     first: tuple[Scored, ...]
@@ -64,13 +66,16 @@ def selection_of(
 ) -> Selection:
     """What each of the fitted effects adds to the others, and its rivals from the library; ``first`` are all alone."""
     near = _near(first, board) | set(effects_of(best.terms))
-    rivals, gains = {}, {}
+    rivals, gains, channels = {}, {}, {}
     for name in effects_of(best.terms):
         others = [t for t in best.terms if t.effect.name != name]
         around = beside({n: e for n, e in library.items() if n in near and e.show(board.views)}, others)
         rivals[name] = ranked(board, others, around) if others else tuple(first)
-        gains[name] = best.value - value_of(board, others)
-    return Selection(best, gains, rivals, tuple(first))
+        less = Scorer(board, others).now if others else None
+        gains[name] = best.value - (less.value if less else 0.0)
+        by_block = best.by_block - (less.by_block if less else 0.0)
+        channels[name] = {c: float(by_block[n].sum()) for c, n in board.by_channel.items()}
+    return Selection(best, gains, channels, rivals, tuple(first))
 
 
 def effects_of(terms: Sequence[Placed]) -> tuple[str, ...]:

@@ -18,8 +18,9 @@ from diagnosis.verdict.advice import advice, cannot_show, split
 from diagnosis.verdict.belief import Belief, is_none
 from diagnosis.verdict.calibration import by_type, calibrated_numbers, held_sentences, numbers, unit_numbers
 from diagnosis.verdict.explanation import Explanation
+from diagnosis.verdict.left_over import probability
 from diagnosis.verdict.measured import Measurements
-from diagnosis.verdict.unknown import describe, probability
+from diagnosis.verdict.unknown import describe
 from spot_model.io.model_file import RobotModel
 
 N_WHERE = 60
@@ -117,9 +118,6 @@ def _differences(belief: Belief, measured: Measurements) -> list[Difference]:
         others = [t for t in best.terms if t is not mine[0]]
         term, scorer = mine[0], Scorer(board, others)
         scored = scorer.scored(term.effect, term.shape, term.place)
-        less = Scorer(board, [t for t in best.terms if t.effect.name != name]).now
-        baseline = less.by_block if less.terms else np.zeros(len(board.blocks))
-        by_channel = {c: round(float((best.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()}
         group, there = belief.groups[name], belief.there[name]
         place = np.max([t.place for t in mine], axis=0)
         out.append(
@@ -135,7 +133,7 @@ def _differences(belief: Belief, measured: Measurements) -> list[Difference]:
                 by_type=by_type(scorer, scored) if len(mine) == 1 else _by_place(board, best, mine),
                 rivals={n: there * w for n, w in group.items()},
                 gain_nats=float(gain),
-                channels={c: v for c, v in by_channel.items() if abs(v) >= 1.0},
+                channels={c: round(v, 1) for c, v in belief.found.selection.channels[name].items() if abs(v) >= 1.0},
                 consequences=measured.each.get(name),
             )
         )

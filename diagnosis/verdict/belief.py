@@ -2,8 +2,9 @@
 
 An effect of the best set adds some nats of marginal likelihood to the others, in which all its numbers lie within their
 ordinary errors. What the same effect adds on robots without a fault (:mod:`diagnosis.selection.faultless`) is taken off
-already, so that odds are even at 0. No run tells more than log((1 − ε)/ε), ε being the share of odd runs: one short run
-never proves a difference.
+already, so that odds are even at 0. Where much is left of the channels in which it shows, something unknown may be in
+its place. No run tells more than log((1 − ε)/ε), ε being the share of odd runs: one short run never proves a
+difference.
 
 Whether an effect matters is no part of this: closed loops measure what it does.
 """
@@ -23,10 +24,13 @@ from diagnosis.library import LibraryEffect
 from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.scoring import Placed, Scored, Scorer, likeness, null_of
 from diagnosis.verdict.explanation import Explanation
+from diagnosis.verdict.left_over import left_over, nats_left, probability
 
 CALIBRATED: Final = "calibration alone"
 LEAST: Final = 1e-3
 """Nothing that was tried counts as less likely."""
+SHOWS: Final = 1.0
+"""Nats that an effect adds to a channel at least, to show there."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,24 @@ def probabilities(found: Explanation) -> dict[str, float]:
     alike = np.maximum(likeness(scorer, found.effects), confused(found.selection.best.terms, found.effects))
     own = beyond_formulas(gains + prices, alike) - prices
     most = most_log_odds(found.n_runs)
-    return dict(zip(found.effects, map(float, expit(np.minimum(own, most))), strict=True))
+    there = expit(np.minimum(own, most)) * (1.0 - unknown_instead(found, gains + prices))
+    return dict(zip(found.effects, map(float, there), strict=True))
+
+
+def unknown_instead(found: Explanation, gains: Array) -> Array:
+    """Probability that something unknown is there in each effect's place; shape (T,).
+
+    It would explain what the effect explains and the rest of the same channels: the effect answers for its share.
+
+    Args:
+        found: The best set and what is left of the channels.
+        gains: What each effect adds to the others, nats before any price, shape (T,).
+    """
+    board, best = found.board, found.selection.best
+    left = nats_left(board, best)
+    rest = [sum(left[c] for c, own in found.selection.channels[n].items() if own >= SHOWS) for n in found.effects]
+    rest_nats = np.array(rest, dtype=np.float64)
+    return np.asarray(probability(left_over(board, best)) * rest_nats / np.maximum(rest_nats + gains, 1e-9))
 
 
 def confused(terms: Sequence[Placed], names: Sequence[str]) -> Array:

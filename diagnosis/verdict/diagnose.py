@@ -26,6 +26,7 @@ from diagnosis.selection.scoring import crossed
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.belief import Belief, decide
 from diagnosis.verdict.explanation import Say, explain
+from diagnosis.verdict.left_over import left_over
 from diagnosis.verdict.measured import (
     compared_models,
     measured_by_prediction,
@@ -34,7 +35,7 @@ from diagnosis.verdict.measured import (
 )
 from diagnosis.verdict.possible_robots import possible_robots
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
-from diagnosis.verdict.unknown import gaps_left, left_over
+from diagnosis.verdict.unknown import gaps_left
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy

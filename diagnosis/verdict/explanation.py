@@ -48,7 +48,7 @@ class Explanation:
     def with_effects(self, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> Explanation:
         """The same evidence with another set of effects, maybe none."""
         if not terms:
-            return replace(self, selection=Selection(null_of(self.board), {}, {}, self.selection.first))
+            return replace(self, selection=Selection(null_of(self.board), {}, {}, {}, self.selection.first))
         best = Scorer(self.board, terms).now
         return replace(self, selection=selection_of(self.board, best, self.selection.first, library))
 

@@ -17,29 +17,13 @@ from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.decision_constants import FORMULA_ERROR
 from diagnosis.document import UnknownEffect
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.faultless import FAULTLESS, even_odds
+from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.scoring import Scored, Scorer
+from diagnosis.verdict.left_over import SMALLEST, over_usual
 from diagnosis.verdict.measured import Measurements
 
-OUTSIDE: Final = 0.15
-"""Share of robots brought to a diagnosis whose fault the library lacks, before anything is seen: its 40 effects are
-those that publications describe."""
-SMALLEST: Final = 0.1
-"""No signal counts as better explained than to a tenth of what may be left: a program is replayed to the bit."""
 CARRIES: Final = 0.5
 """Signals with this share of the most that is left carry it, too."""
-
-
-def left_over(board: Evidence, scored: Scored) -> dict[str, float]:
-    """By channel, the logarithm of what is left of its worst signal over noise and what formulas leave."""
-    over = _over(board, scored)
-    return {str(c): float(over[n].max()) for c, n in board.by_channel.items()}
-
-
-def _over(board: Evidence, scored: Scored) -> Array:
-    """By block, the logarithm of the mean square that is left over what may be left."""
-    may = 1.0 + board.tolerance_square + board.relative_square * scored.explained
-    return np.asarray(np.log(np.maximum(scored.left / may, SMALLEST)))
 
 
 def gaps_left(measured: Measurements) -> dict[str, float]:
@@ -57,22 +41,13 @@ def gaps_left(measured: Measurements) -> dict[str, float]:
     return {str(gap): value for gap, value in found.items()}
 
 
-def probability(found: Mapping[str, float]) -> float:
-    """Probability of something unknown, from what is left by channel and by gap."""
-    tails = [FAULTLESS.left[name].tail(value) for name, value in found.items() if name in FAULTLESS.left]
-    if not tails:
-        return 0.0
-    odds = OUTSIDE / (1.0 - OUTSIDE) * even_odds(min(1.0, len(tails) * min(tails)))
-    return odds / (1.0 + odds)
-
-
 def describe(board: Evidence, scored: Scored, found: Mapping[str, float]) -> UnknownEffect | None:
     """Where it is: the channel that stands out most, its joints and the part of the motion; None where none does."""
     known = {c: FAULTLESS.left[str(c)] for c in board.by_channel if str(c) in FAULTLESS.left}
     if not known:
         return None
     channel = min(known, key=lambda c: known[c].tail(found[str(c)]))
-    over, numbers, view = np.exp(_over(board, scored)), np.array(board.by_channel[channel]), board.views[channel]
+    over, numbers, view = np.exp(over_usual(board, scored)), np.array(board.by_channel[channel]), board.views[channel]
     units = np.array([view.unit_of(board.blocks[n].row) for n in numbers])
     unit = units[np.argmax(over[numbers])]
     chosen = numbers[(over[numbers] >= CARRIES * over[numbers].max()) & (units == unit)]

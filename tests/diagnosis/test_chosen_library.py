@@ -20,7 +20,8 @@ from diagnosis.library.registry import LIBRARY, chosen_library
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import null_of
 from diagnosis.selection.search import search
-from diagnosis.verdict.unknown import describe, left_over, probability
+from diagnosis.verdict.left_over import left_over, probability
+from diagnosis.verdict.unknown import describe
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.errors import BadInputError
 

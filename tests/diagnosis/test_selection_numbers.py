@@ -17,7 +17,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.faultless import FAULTLESS, Tail, even_odds
 from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solve_bounded, solved
 from diagnosis.verdict.calibration import ODD, Z_90, is_odd, with_formula_error
-from diagnosis.verdict.unknown import OUTSIDE, left_over, probability
+from diagnosis.verdict.left_over import OUTSIDE, left_over, probability
 from spot_model.robot.facts import JOINT_NAMES
 
 ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
