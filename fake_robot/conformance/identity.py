@@ -29,6 +29,8 @@ _SYNCED = "more samples needed, then OK, by one identifier"
 _SKEW_SLACK_NS = 5_000_000
 """Drift of the clocks and jitter of the estimate."""
 _NEAR_NS = 10**9
+_OLD_NS = 40_000_000
+"""Age of the youngest state: older ones stop a run."""
 _FOREIGN_STAMPS = {"request_timestamp", "onset_timestamp", "changeset_date", "not_valid_before", "not_valid_after"}
 _READS = (
     ("directory", "ListServiceEntries"),
@@ -108,6 +110,18 @@ def stamps_are_robot_time(server: Server) -> str:
             off_ns = told_ns - arrived_ns - sync.ahead_ns
             if abs(off_ns) > _NEAR_NS:
                 return f"{path}: {off_ns * 1e-9:.1f} s off"
+    for path, stamps in (
+        ("joint_states", [s.joint_states.acquisition_timestamp for s in recording.states]),
+        (
+            "inertial_state.packets",
+            [s.inertial_state.packets[-1].timestamp for s in recording.states if s.inertial_state.packets],
+        ),
+    ):
+        ages_ns = [
+            at + sync.ahead_ns - stamp_ns(stamp) for at, stamp in zip(recording.arrived_ns, stamps, strict=False)
+        ]
+        if ages_ns and not -_OLD_NS < min(ages_ns) < _OLD_NS:
+            return f"{path}: {min(ages_ns) * 1e-6:.0f} ms old when it comes"
     return "the robot's clock"
 
 
