@@ -31,7 +31,7 @@ _STRAY = 0.35
 _PIECE_S = {"position": 0.5, "turn": 0.2, "joint": 0.1}
 _FOOT_M = 0.05
 """Half the least distance that a wrong sign or leg makes; a foot's radius is 0.036 m."""
-_WEIGHTS = (0.7, 2.0)
+_WEIGHTS = (0.7, 1.6)
 """Of the robot's own weight: the legs' own part is not in their loads, payloads add up to half, friction a fifth."""
 _STANCE = (0.1, 0.95)
 """Share of a walk for which a foot stands."""
