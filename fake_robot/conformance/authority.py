@@ -202,37 +202,19 @@ def estop_unknown_endpoint(server: Server) -> str:
 
 @check("estop.EstopCheckIn", "wrong responses", "STATUS_INCORRECT_CHALLENGE_RESPONSE", source=_ESTOP)
 def estop_wrong_response(server: Server) -> str:
-    """Check in for each endpoint, at its level: to no challenge of its, then with its challenge as the response.
-
-    Motors off. An endpoint that nobody has registered is registered for a moment: it asks for a cut then as before.
-    """
+    """Check in for each endpoint, at its level, to no challenge, then to its challenge; motors off."""
     require_off(server)
     seen = []
-    for endpoint, level in _endpoints(server):
-        known = {"stop_level": level, "endpoint": endpoint}
-        first = server.ask("estop", "EstopCheckIn", challenge=1, **known)
-        if status_of(first) == "STATUS_ENDPOINT_UNKNOWN":
-            config = server.ask("estop", "GetEstopConfig").active_config.unique_id
-            target = {"target_endpoint": endpoint, "target_config_id": config}
-            new = {"role": endpoint.role, "name": CLIENT_NAME, "timeout": {"seconds": 9}}
-            told = server.ask("estop", "RegisterEstopEndpoint", new_endpoint=new, **target)
-            known = {"stop_level": "ESTOP_LEVEL_CUT", "endpoint": told.new_endpoint}
-            first = server.ask("estop", "EstopCheckIn", challenge=1, **known)
-        challenge = first.challenge
-        seen += [first, server.ask("estop", "EstopCheckIn", challenge=challenge, response=challenge, **known)]
-        if known["endpoint"] is not endpoint:
-            target["target_endpoint"] = known["endpoint"]
-            server.ask("estop", "DeregisterEstopEndpoint", **target)
-    if not seen:
-        raise OpenError("no e-stop endpoint is configured; configure one, then check again")
-    return max(map(status_of, seen), key=lambda status: status != "STATUS_INCORRECT_CHALLENGE_RESPONSE")
-
-
-def _endpoints(server: Server) -> list[tuple[Any, int]]:
-    """Endpoints and their levels, by the status; by the configuration, asking for a cut, where it has none."""
-    told = server.ask("estop", "GetEstopSystemStatus").status.endpoints
-    listed = server.ask("estop", "GetEstopConfig").active_config.endpoints
-    return [(e.endpoint, e.stop_level) for e in told] or [(e, 1) for e in listed]
+    for told in server.ask("estop", "GetEstopSystemStatus").status.endpoints:
+        known, challenge = {"stop_level": told.stop_level, "endpoint": told.endpoint}, 1
+        for _ in range(2):
+            answer = server.ask("estop", "EstopCheckIn", challenge=challenge, response=challenge, **known)
+            seen.append(status_of(answer))
+            challenge = answer.challenge
+    registered = [status for status in seen if status != "STATUS_ENDPOINT_UNKNOWN"]
+    if not registered:
+        raise OpenError("no e-stop endpoint is registered; register one, then check again")
+    return max(registered, key=lambda status: status != "STATUS_INCORRECT_CHALLENGE_RESPONSE")
 
 
 @check("motor_power_state", "a stop", _AS_TOLD, source="robot_command.proto: NOT_POWERED_ON", needs=Needs.LEASE)

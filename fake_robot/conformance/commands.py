@@ -23,7 +23,7 @@ from bosdyn.client.robot_command import RobotCommandBuilder
 
 from fake_robot.conformance.check import Basis, Check, Needs, check
 from fake_robot.conformance.power import SAT_DOWN, held, joint_request, send, unpowered
-from fake_robot.conformance.recording import NAMES, record_rest
+from fake_robot.conformance.recording import NAMES, Recording, record_rest
 from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
 from fake_robot.conformance.session import EXPIRED, HOLDING, SLOT_MESSAGES, WHILE_STANDING, Session, drive
 from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD
@@ -36,7 +36,6 @@ _LOAD_NM = 8.0
 """Loads are measured to some N·m; a wrong sign or stiffness makes more than that."""
 _SETTLED = 10
 """States after a step in which the inertia of motors takes part of the load."""
-_ON_ITS_WAY_NS = 10_000_000
 _GAINS = (0.75, 1.33)
 """Share of a gain, as measured: a quarter for friction and for how loads are measured."""
 _STREAM_TIMEOUT_S = 30.0
@@ -117,68 +116,50 @@ def _many(server: Server) -> Iterator[Any]:
         time.sleep(0.02)
 
 
-def _held(server: Server, part: str) -> tuple[Array, Array, Array]:
-    """Joint control: keys of commands, the loads that stiffness, damping and set-point ask for, and the measured ones.
-
-    A state follows the command whose key it tells, or else the last that was sent 10 ms before it came.
-    """
+def _held(server: Server, part: str) -> tuple[Recording, Array, Array]:
+    """A recording of joint control, the keys of its commands, and what their three parts ask for, shape (n, 12, 3)."""
     session: Session = server.once(drive)
     if not session.ended_by and part not in session.pieces:
         raise SkippedError("joint control is not licensed")
     recording = session.got(session.pieces, part)
-    keys = np.array([state.last_command.user_command_key for state in recording.states])
-    if keys[-1] not in session.asked:
-        keys = np.searchsorted(session.asked_ns, np.array(recording.arrived_ns) - _ON_ITS_WAY_NS)
-    keys = keys.clip(1, max(session.asked))
-    asked = np.array([session.asked[key] for key in keys.tolist()])
-    motion = recording.streamed
+    motion, last = recording.streamed, max(session.asked)
+    told = [state.last_command.user_command_key for state in recording.states]
+    keys = np.array([last if part == EXPIRED else key for key in told])
+    asked = np.array([session.asked[key] for key in keys.clip(1, last).tolist()])
     stiff_nm = STAND_KP_NM_PER_RAD * (asked[:, 0] - motion.position_rad)
     damped_nm = STAND_KD_NM_S_PER_RAD * (asked[:, 1] - motion.velocity_rad_s)
-    return keys, np.stack([stiff_nm, damped_nm, asked[:, 2]], axis=-1), motion.load_nm
-
-
-def _off_nm(parts_nm: Array, load_nm: Array) -> Array:
-    return np.asarray(np.median(np.abs(load_nm - parts_nm.sum(axis=-1)), axis=0))
+    return recording, keys, np.stack([stiff_nm, damped_nm, asked[:, 2]], axis=-1)
 
 
 @check("JointControlStream", _HOLD, "the servo law, and the command's key", source=_JOINT_COMMAND, needs=Needs.MOTION)
 def servo_law(server: Server) -> str:
-    """Loads are stiffness times error, damping and the load asked for; the state tells the last command."""
-    _, parts_nm, load_nm = _held(server, HOLDING)
-    states = server.once(drive).pieces[HOLDING].states
-    first, last = (states[at].last_command.user_command_key for at in (0, -1))
-    if not 0 < first < last:
-        return f"keys {first} to {last}"
-    off_nm = _off_nm(parts_nm, load_nm)
-    if off_nm.max() > _LOAD_NM:
-        return f"{NAMES[int(off_nm.argmax())]}: the load is {off_nm.max():.1f} N·m off"
-    return "the servo law, and the command's key"
-
-
-@check("JointControlStream: gains, load", "small steps", "what they are", source=_JOINT_COMMAND, needs=Needs.MOTION)
-def servo_gains(server: Server) -> str:
-    """Each joint's stiffness, damping and load, as its load answers to steps of what is asked for, are those sent."""
-    keys, parts_nm, load_nm = _held(server, HOLDING)
+    """Each joint's load answers to steps of what is asked for by the gains sent; states tell their command."""
+    recording, keys, parts_nm = _held(server, HOLDING)
+    if not 0 < keys[0] < keys[-1]:
+        return f"keys {keys[0]} to {keys[-1]}"
     slots = keys // SLOT_MESSAGES
     is_settled = np.append(np.zeros(_SETTLED, bool), slots[_SETTLED:] == slots[:-_SETTLED])
     rows = [np.flatnonzero(is_settled & (slots == slot)) for slot in np.unique(slots[is_settled])]
     if len(rows) < 8:
         raise OpenError("too few states came")
     known = np.array([np.append(parts_nm[at].mean(axis=0), np.ones((N_JOINTS, 1)), axis=1) for at in rows])
-    seen_nm = np.array([load_nm[at].mean(axis=0) for at in rows])
+    seen_nm = np.array([recording.streamed.load_nm[at].mean(axis=0) for at in rows])
     for i, name in enumerate(NAMES):
-        shares = np.linalg.lstsq(known[:, i], seen_nm[:, i])[0][:3]
+        *shares, off_nm = np.linalg.lstsq(known[:, i], seen_nm[:, i])[0]
         for what, share in zip(("stiffness", "damping", "load"), shares, strict=True):
             if not _GAINS[0] < share < _GAINS[1]:
                 return f"{name}: {share:.2f} of the {what}"
-    return "what they are"
+        if abs(off_nm) > _LOAD_NM:
+            return f"{name}: the load is {off_nm:.1f} N·m off"
+    return "the servo law, and the command's key"
 
 
 @check("JointControlStream: end_time", "nothing more", "no longer followed", source=_JOINT_COMMAND, needs=Needs.MOTION)
 def stream_command_ends(server: Server) -> str:
     """Two seconds after the last command of an open stream, and so after its end time, no joint follows it."""
-    _, parts_nm, load_nm = _held(server, EXPIRED)
-    return "still followed" if _off_nm(parts_nm, load_nm).max() < _LOAD_NM else "no longer followed"
+    recording, _, parts_nm = _held(server, EXPIRED)
+    off_nm = np.median(np.abs(recording.streamed.load_nm - parts_nm.sum(axis=-1)), axis=0)
+    return "still followed" if off_nm.max() < _LOAD_NM else "no longer followed"
 
 
 _PROTO = "robot_command.proto"

@@ -13,21 +13,19 @@ from bosdyn.api import robot_state_pb2
 
 from fake_robot.conformance import session as motions
 from fake_robot.conformance.check import Basis, Check, Needs
+from fake_robot.conformance.paths import angle, edges, late_s, slope, strays, turns
 from fake_robot.conformance.power import has_power
 from fake_robot.conformance.recording import AT_REST, FRAMES, G_M_S2, NAMES, Recording, axes, is_unit, record_rest
-from fake_robot.conformance.server import OpenError, Server, enum_name, stamp_ns
+from fake_robot.conformance.server import OpenError, Server, stamp_ns
 from spot_model.robot.facts import LEG_NAMES
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
-from spot_model.robot.state import Array
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
 _PROTO = "robot_state.proto"
 _STILL_RAD_S = 0.2
 _NEAR_RAD, _NEAR_M, _NEAR_NM, _NEAR_RAD_S, _NEAR_M_S = 0.1, 0.1, 10.0, 0.4, 0.15
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
-_STRAY = 0.35
-"""Share of a path by which rates may miss it: estimators are a tenth off, a wrong sign, unit or frame is more."""
 _PIECE_S = {"position": 0.5, "turn": 0.2, "joint": 0.1}
 _FOOT_M = 0.05
 """Half the least distance that a wrong sign or leg makes; a foot's radius is 0.036 m."""
@@ -35,13 +33,11 @@ _WEIGHTS = (0.7, 1.6)
 """Of the robot's own weight: the legs' own part is not in their loads, payloads add up to half, friction a fifth."""
 _STANCE = (0.1, 0.95)
 """Share of a walk for which a foot stands."""
-_SCALE = (0.8, 1.25)
-"""A path over the integral of its rate: estimators are a tenth off."""
-_OLD_S, _SEARCH_S, _SPAN = 0.025, 0.1, 4
-"""Filters of estimators lag by 10 ms and more; a state 40 ms old stops a run."""
-_CLOCK_RATE = 0.01
+_OLD_S, _CLOCK_RATE = 0.025, 0.01
+"""Filters of estimators lag by 10 ms and more, and a state 40 ms old stops a run; clocks drift by some millionths."""
 _SLOWEST = 0.2
 """Share of a commanded way that a robot makes at least."""
+_SIGNS = {robot_state_pb2.BatteryState.STATUS_CHARGING: 1, robot_state_pb2.BatteryState.STATUS_DISCHARGING: -1}
 _CELSIUS = (-40.0, 150.0)
 _VOLTS = (10.0, 100.0)
 """Far around a Spot's 42 to 58.8 V, so that only another unit lies beyond."""
@@ -95,10 +91,8 @@ def stream_is_complete(recording: Recording) -> str:
             return f"feet: {list(state.contact_states)}"
         if not (body.HasField("odom_tform_body") and body.HasField("vision_tform_body")):
             return "a frame is missing"
-        turns = [body.odom_tform_body, body.vision_tform_body]
-        if not all(
-            map(is_unit, [*(p.rotation for p in turns), *(p.odom_rot_link for p in state.inertial_state.packets)])
-        ):
+        rotations = [body.odom_tform_body.rotation, body.vision_tform_body.rotation]
+        if not all(map(is_unit, [*rotations, *(p.odom_rot_link for p in state.inertial_state.packets)])):
             return "a rotation's length is not 1"
         if bool(state.last_command.user_command_key) != bool(stamp_ns(state.last_command.received_timestamp)):
             return f"last_command: key {state.last_command.user_command_key}, and no time of receipt, or no key"
@@ -110,7 +104,7 @@ def polled_state_is_complete(recording: Recording) -> str:
     """Power, battery, e-stops, the legs' joints by name, frames and feet."""
     state = recording.polls[-1]
     frames = state.kinematic_state.transforms_snapshot.child_to_parent_edge_map
-    edges = [frames[name] for name in frames]
+    edges = frames.values()
     names = [joint.name for joint in state.kinematic_state.joint_states]
     estops = state.estop_states
     wanted: dict[str, Any] = {
@@ -180,7 +174,7 @@ def stream_agrees_with_poll(recording: Recording) -> str:
         here, there = one.body[frame], other.body[frame]
         for what, off, near in (
             ("is elsewhere", np.linalg.norm(here.position_m[at] - there.position_m, axis=1), _NEAR_M),
-            ("is turned otherwise", _angle(here.wxyz[at], there.wxyz), _NEAR_RAD),
+            ("is turned otherwise", angle(here.wxyz[at], there.wxyz), _NEAR_RAD),
             ("travels otherwise", np.linalg.norm(here.linear_m_s[at] - there.linear_m_s, axis=1), _NEAR_M_S),
             ("turns otherwise", np.linalg.norm(here.angular_rad_s[at] - there.angular_rad_s, axis=1), _NEAR_RAD_S),
         ):
@@ -193,10 +187,10 @@ def stream_agrees_with_poll(recording: Recording) -> str:
 def joint_velocity_is_the_slope(recording: Recording) -> str:
     """Each streamed joint travels as its velocity says."""
     motion = recording.streamed
-    edges = _edges(motion.stamps_s, _PIECE_S["joint"])
+    pieces = edges(motion.stamps_s, _PIECE_S["joint"])
     for i, name in enumerate(NAMES):
-        way = np.diff(motion.position_rad[edges][:, [i]], axis=0)
-        if _strays(motion.stamps_s, motion.velocity_rad_s[:, [i]], edges, way, _NEAR_RAD):
+        way = np.diff(motion.position_rad[pieces][:, [i]], axis=0)
+        if strays(motion.stamps_s, motion.velocity_rad_s[:, [i]], pieces, way, _NEAR_RAD):
             return f"{name} does not travel as its velocity says"
     return ""
 
@@ -240,16 +234,14 @@ def feet_step(recording: Recording) -> str:
 def loads_carry_the_weight(recording: Recording) -> str:
     """The force of the ground that the legs' loads balance is the robot's weight, upwards, in both reports."""
     for motion in recording.motions:
-        if not _WEIGHTS[0] < (share := motion.share_of_weight()) < _WEIGHTS[1]:
-            return f"{motion.source}: {share:.2f} of its own weight"
+        if not _WEIGHTS[0] < motion.share_of_weight() < _WEIGHTS[1]:
+            return f"{motion.source}: {motion.share_of_weight():.2f} of its own weight"
     return ""
 
 
-@law(
-    "RobotCommand: stand_request, footprint_R_body", "as it was told to", motions.LEANING, source="basic_command.proto"
-)
+@law("RobotCommand: footprint_R_body", "as it was told to", motions.LEANING, source="basic_command.proto")
 def leans_as_it_is_told(recording: Recording) -> str:
-    """The body rolls and pitches to the side that it was told to, by its streamed attitude."""
+    """The streamed attitude rolls and pitches to the side that it was told to."""
     up = rotate_inverse_wxyz(recording.streamed.body["odom"].wxyz, np.array([0.0, 0.0, 1.0])).mean(axis=0)
     rolled, pitched = math.asin(up[1]), -math.asin(up[0])
     is_right = all(seen > told / 3.0 for seen, told in zip((rolled, pitched), motions.LEAN_RAD, strict=False))
@@ -260,21 +252,20 @@ def leans_as_it_is_told(recording: Recording) -> str:
 def contents_are_of_their_stamps(recording: Recording) -> str:
     """What two reports tell of one motion, and what a rate and its path tell, coincides without a shift in time."""
     one = recording.streamed
-    body, packets = one.body["odom"], recording.packets
-    slope = functools.partial(_slope, one.stamps_s)
+    body = one.body["odom"]
     pairs = [
-        ("velocities of joints", one.stamps_s, one.velocity_rad_s, slope(one.position_rad)),
-        ("velocities of the body", one.stamps_s, body.linear_m_s, slope(body.position_m)),
+        ("velocities of joints", one.stamps_s, one.velocity_rad_s, slope(one.stamps_s, one.position_rad)),
+        ("velocities of the body", one.stamps_s, body.linear_m_s, slope(one.stamps_s, body.position_m)),
     ]
-    if packets:
-        rates = np.array([axes(p.angular_velocity_rt_odom_in_link_frame) for p in packets])
+    if recording.packets:
+        rates = np.array([axes(p.angular_velocity_rt_odom_in_link_frame) for p in recording.packets])
         turning = rotate_wxyz(recording.imu_wxyz, rates)
         pairs.append(("inertial packets", recording.packet_stamps_s, turning, body.angular_rad_s))
     if len(recording.motions) > 1:
         pairs.append(("polled joints", recording.polled.stamps_s, recording.polled.position_rad, one.position_rad))
     for what, stamps_s, seen, known in pairs:
-        if abs(late_s := _late_s(stamps_s, seen, one.stamps_s, known)) > _OLD_S:
-            return f"{what} are {1e3 * late_s:.0f} ms late"
+        if abs(late := late_s(stamps_s, seen, one.stamps_s, known)) > _OLD_S:
+            return f"{what} are {1e3 * late:.0f} ms late"
     return ""
 
 
@@ -303,12 +294,12 @@ def body_velocity_is_the_slope(recording: Recording) -> str:
     """The body travels and turns in odom and in vision as its streamed velocities there say."""
     stamps_s = recording.streamed.stamps_s
     for frame, body in recording.streamed.body.items():
-        edges = _edges(stamps_s, _PIECE_S["position"])
-        if _strays(stamps_s, body.linear_m_s, edges, np.diff(body.position_m[edges], axis=0), _NEAR_M):
+        pieces = edges(stamps_s, _PIECE_S["position"])
+        if strays(stamps_s, body.linear_m_s, pieces, np.diff(body.position_m[pieces], axis=0), _NEAR_M):
             return f"the body does not travel in {frame} as its velocity says"
-        edges = _edges(stamps_s, _PIECE_S["turn"])
-        turn = rotate_wxyz(body.wxyz[edges[:-1]], _turns(body.wxyz[edges]))
-        if _strays(stamps_s, body.angular_rad_s, edges, turn, _NEAR_RAD):
+        pieces = edges(stamps_s, _PIECE_S["turn"])
+        turn = rotate_wxyz(body.wxyz[pieces[:-1]], turns(body.wxyz[pieces]))
+        if strays(stamps_s, body.angular_rad_s, pieces, turn, _NEAR_RAD):
             return f"the body does not turn in {frame} as its velocity says"
     return ""
 
@@ -331,13 +322,13 @@ def imu_turns_with_the_body(recording: Recording) -> str:
     wxyz = recording.imu_wxyz
     stamps_s = recording.packet_stamps_s
     rate = np.array([axes(p.angular_velocity_rt_odom_in_link_frame) for p in recording.packets])
-    edges = _edges(stamps_s, _PIECE_S["turn"])
-    if _strays(stamps_s, rate, edges, _turns(wxyz[edges]), _NEAR_RAD):
+    pieces = edges(stamps_s, _PIECE_S["turn"])
+    if strays(stamps_s, rate, pieces, turns(wxyz[pieces]), _NEAR_RAD):
         return "it does not turn as its own rate says"
     body = recording.streamed
     at = np.abs(stamps_s[None, :] - body.stamps_s[:, None]).argmin(axis=1)
     mounted = multiply_wxyz(conjugate_wxyz(body.body["odom"].wxyz), wxyz[at])
-    return "" if _angle(mounted, mounted[:1]).max() < 2.0 * _NEAR_RAD else "it turns otherwise than the body"
+    return "" if angle(mounted, mounted[:1]).max() < 2.0 * _NEAR_RAD else "it turns otherwise than the body"
 
 
 @law("RobotCommand: se2_velocity_request", "where it was told to", motions.WALKING, source="basic_command.proto")
@@ -392,8 +383,7 @@ def power_and_behavior_agree(recording: Recording) -> str:
 def units_are_plausible(recording: Recording) -> str:
     """Charges, voltages and temperatures that a robot can have, and currents of the sign of their battery's status.
 
-    A charge up to 1 is a share of one, a voltage or a temperature beyond the bounds is in another unit. A battery that
-    is being charged takes a current, which is positive; one that is being discharged gives it.
+    A charge up to 1 is a share of one, a voltage or a temperature beyond the bounds is in another unit.
     """
     state = recording.polls[-1]
     batteries = [b for b in state.battery_states if b.status not in {b.STATUS_MISSING, b.STATUS_BOOTING}]
@@ -406,59 +396,5 @@ def units_are_plausible(recording: Recording) -> str:
     odd = [f"{charge:g} %" for charge in charges if not 1.0 < charge <= 100.0]
     odd += [f"{volt:g} V" for volt in volts if not _VOLTS[0] < volt < _VOLTS[1]]
     odd += [f"{celsius:g} °C" for celsius in warm if not _CELSIUS[0] <= celsius <= _CELSIUS[1]]
-    signs = {robot_state_pb2.BatteryState.STATUS_CHARGING: 1, robot_state_pb2.BatteryState.STATUS_DISCHARGING: -1}
-    odd += [
-        f"{b.current.value:g} A, {enum_name(b, 'status')}"
-        for b in batteries
-        if b.current.value * signs.get(b.status, 0) < 0
-    ]
+    odd += [f"{b.current.value:g} A" for b in batteries if b.current.value * _SIGNS.get(b.status, 0) < 0]
     return ", ".join(odd)
-
-
-def _edges(stamps_s: Array, piece_s: float) -> Array:
-    """Rows between which pieces of about ``piece_s`` lie."""
-    if len(stamps_s) < 2:
-        raise OpenError("too few states came")
-    if stamps_s[-1] <= stamps_s[0]:
-        raise OpenError("the stamps stand still")
-    count = max(1, round(float(stamps_s[-1] - stamps_s[0]) / piece_s))
-    return np.unique(
-        np.searchsorted(stamps_s, np.linspace(stamps_s[0], stamps_s[-1], count + 1)).clip(max=len(stamps_s) - 1)
-    )
-
-
-def _strays(stamps_s: Array, rate: Array, edges: Array, path: Array, least: float) -> bool:
-    """Whether the path, shape (pieces, n), differs from the integral of its rate by ``_STRAY`` of its length."""
-    travelled = [np.trapezoid(rate[a : b + 1], stamps_s[a : b + 1], axis=0) for a, b in pairwise(edges)]
-    off, way = (float(np.linalg.norm(part, axis=1).sum()) for part in (path - np.array(travelled), path))
-    scale = float((path * travelled).sum() / np.square(travelled).sum()) if way > least else 1.0
-    return off > max(_STRAY * way, least) or not _SCALE[0] < scale < _SCALE[1]
-
-
-def _slope(stamps_s: Array, values: Array) -> Array:
-    """The rate of a path over some messages, shape (n, m), without a shift in time."""
-    rows = np.arange(len(stamps_s))
-    before, after = (rows - _SPAN).clip(min=0), (rows + _SPAN).clip(max=len(rows) - 1)
-    return np.asarray((values[after] - values[before]) / (stamps_s[after] - stamps_s[before])[:, None])
-
-
-def _late_s(stamps_s: Array, seen: Array, known_s: Array, known: Array) -> float:
-    """By how much ``seen`` lags behind ``known``, each of shape (n, m): the shift at which they are most alike."""
-    shifts_s = np.arange(-_SEARCH_S, _SEARCH_S + 1e-9, 4e-3)
-    inside = (stamps_s > known_s[0] + _SEARCH_S) & (stamps_s < known_s[-1] - _SEARCH_S)
-    if inside.sum() < 2:
-        raise OpenError("too few states came")
-    moved = [np.array([np.interp(stamps_s[inside] - s, known_s, column) for column in known.T]) for s in shifts_s]
-    scale = known.std(axis=0)[:, None] + 1e-9
-    return float(shifts_s[np.argmin([(np.square(m - seen[inside].T) / scale**2).mean() for m in moved])])
-
-
-def _turns(wxyz: Array) -> Array:
-    """The small turns from each attitude to the next, as rotation vectors in the turning frame; rad."""
-    turn = multiply_wxyz(conjugate_wxyz(wxyz[:-1]), wxyz[1:])
-    return np.asarray(2.0 * turn[:, 1:] * np.sign(turn[:, :1]))
-
-
-def _angle(a_wxyz: Array, b_wxyz: Array) -> Array:
-    """Between attitudes, rad."""
-    return np.asarray(2.0 * np.arccos(np.abs((a_wxyz * b_wxyz).sum(axis=-1)).clip(max=1.0)))

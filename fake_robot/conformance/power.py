@@ -11,7 +11,7 @@ import grpc
 from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.recording import record_rest
+from fake_robot.conformance.recording import Motion, record_rest
 from fake_robot.conformance.server import (
     CLIENT_NAME,
     Made,
@@ -28,7 +28,7 @@ POLL_S = 0.1
 SAT_DOWN = "it sat down and is off again"
 CONTROLLED_OFF_S = 15.0
 """For a robot to sit down and switch its motors off."""
-_UNPOWERED, _SUCCESS = "STATUS_NOT_POWERED_ON", "STATUS_SUCCESS"
+_UNPOWERED = "STATUS_NOT_POWERED_ON"
 _CARRIES = 0.3
 """Share of its weight that the legs of a robot which stands carry at least; those of one on its belly carry nothing."""
 _TIMED = {"se2_velocity_request", "se2_trajectory_request", "stance_request"}
@@ -106,42 +106,31 @@ def unpowered(server: Server) -> Iterator[lease_pb2.Lease]:
     """The lease of a robot without power, by two witnesses: its state, and that it refuses a stop for want of power.
 
     A stop moves no robot, whatever its power. Where the two contradict each other, what power there may be is taken
-    away, and the power service is the second witness.
+    away, and the legs' loads are the second witness.
 
     Raises:
         OpenError: The motors have power, or may have.
     """
     with held(server) as lease:
-        witnesses = {"its state": is_off(server.state()), "a stop": stop(server, lease) == _UNPOWERED}
-    if not any(witnesses.values()):
+        witnesses = {is_off(server.state()), stop(server, lease) == _UNPOWERED}
+    if witnesses == {False}:
         raise OpenError("the motors are not off, by the robot's state and by its answer to a stop")
-    if not all(witnesses.values()):
+    if witnesses != {True}:
         server.once(_take_power)
     with held(server) as lease:
         yield lease
 
 
 def _take_power(server: Server) -> None:
-    """Have a robot that may have power sit down, and switch its motors off once its legs carry nothing.
+    """Take away what power there may be. Raises OpenError if the legs still carry the robot then."""
+    cut_power(server)
+    loads = wait_for(lambda: record_rest(server).motions, _carry_nothing, CONTROLLED_OFF_S)
+    if not _carry_nothing(loads):
+        raise OpenError("the motors may have power: the legs carry the robot")
 
-    Raises:
-        OpenError: The legs still carry the robot, or the power service does not say that it succeeded.
-    """
 
-    def carries() -> bool:
-        return any(abs(motion.share_of_weight()) > _CARRIES for motion in record_rest(server).motions)
-
-    with held(server) as lease:
-        send(server, lease, RobotCommandBuilder.safe_power_off_command())
-        if wait_for(carries, lambda seen: not seen, CONTROLLED_OFF_S):
-            raise OpenError("the motors may have power: the legs carry the robot")
-        answer = server.ask("power", "PowerCommand", lease=lease, request="REQUEST_OFF_MOTORS")
-        wanted = {"power_command_id": answer.power_command_id}
-        told = wait_for(
-            lambda: status_of(server.ask("power", "PowerCommandFeedback", **wanted)), _SUCCESS.__eq__, CONTROLLED_OFF_S
-        )
-    if told != _SUCCESS:
-        raise OpenError(f"the motors may have power: switched off, the power service says {told}")
+def _carry_nothing(motions: list[Motion]) -> bool:
+    return all(abs(motion.share_of_weight()) < _CARRIES for motion in motions)
 
 
 def stop(server: Server, lease: lease_pb2.Lease) -> str:

@@ -265,7 +265,7 @@ def _rotations(what: str, rotations: Sequence[Any]) -> Array:
     length = np.linalg.norm(wxyz, axis=1, keepdims=True)
     if not length.min(initial=1.0) > _UNIT:
         raise OpenError(f"{what}: a rotation is missing")
-    return wxyz / length
+    return np.asarray(wxyz / length)
 
 
 def axes(vector: Any) -> tuple[float, float, float]:

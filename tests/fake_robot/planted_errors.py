@@ -5,7 +5,6 @@ They were listed from the vendor's API, not from the checks of ``spot-rl fake-ro
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -728,6 +727,7 @@ def expired_commands_with_power(_request: Any, answer: Any, memory: dict[str, An
 
 
 @planted(POWER, of="expired_commands_with_power")
+@planted(POWER, of="joint_commands_never_end")
 def _power_is_known(request: Any, _answer: Any, memory: dict[str, Any]) -> None:
     memory["on"] = request.request == power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
 
@@ -754,9 +754,9 @@ def no_damping(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
 
 
 @planted(asks=JOINTS, source=NAMED, needs_motion=True)
-def joint_commands_never_end(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
-    """A joint command that was taken holds past its end time."""
-    if request.joint_command.end_time.ToNanoseconds() > time.time_ns():
+def joint_commands_never_end(request: Any, _answer: Any, memory: dict[str, Any]) -> None:
+    """A joint command of a robot with power holds past its end time."""
+    if memory.get("on"):
         _shift(request.joint_command.end_time, 9.0)
 
 
