@@ -48,7 +48,7 @@ _AGAINST = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]).reshape(
 SLOT_MESSAGES = 5
 _STEPPING_S = 3.2
 """Four times all eight combinations of the three steps."""
-STEP_TIMEOUT_S = 20.0
+STEP_TIMEOUT_S, _STREAM_S = 20.0, 30.0
 VELOCITY_M_S_RAD_S = (0.3, 0.15, 0.5)
 """Forward, to the left, turning left: slow, and each sign shows; it turns so far that no frame stays aligned."""
 WALK_S, STARTING_S, ENDING_S = 4.0, 1.0, 2.0
@@ -183,7 +183,8 @@ class _Driver:
         """Hold the stance by joint control with small steps about it, then let the last command end."""
         if "license" not in self.server.listed:
             return
-        if not self.server.ask("license", "GetFeatureEnabled", feature_codes=[FEATURE]).feature_enabled[FEATURE]:
+        told = self.server.ask("license", "GetFeatureEnabled", feature_codes=[FEATURE]).feature_enabled
+        if not told.get(FEATURE, True):
             return
         at_rad = self._position_rad()
         is_silent, is_over = threading.Event(), threading.Event()
@@ -199,7 +200,7 @@ class _Driver:
 
         channel = self.server.channel("robot-command-streaming")
         stub = robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub(channel)
-        call = stub.JointControlStream.future(requests(), timeout=STEP_TIMEOUT_S)
+        call = stub.JointControlStream.future(requests(), timeout=_STREAM_S)
         try:
             self._begin(RobotCommandBuilder.joint_command())
             time.sleep(0.5 * SETTLING_S)

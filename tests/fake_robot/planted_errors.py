@@ -727,7 +727,6 @@ def expired_commands_with_power(_request: Any, answer: Any, memory: dict[str, An
 
 
 @planted(POWER, of="expired_commands_with_power")
-@planted(POWER, of="joint_commands_never_end")
 def _power_is_known(request: Any, _answer: Any, memory: dict[str, Any]) -> None:
     memory["on"] = request.request == power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
 
@@ -758,6 +757,9 @@ def joint_commands_never_end(request: Any, _answer: Any, memory: dict[str, Any])
     """A joint command of a robot with power holds past its end time."""
     if memory.get("on"):
         _shift(request.joint_command.end_time, 9.0)
+
+
+planted(POWER, of="joint_commands_never_end")(_power_is_known)
 
 
 @planted(f"{STATE} {STREAM}", source=NAMED, needs_motion=True)
