@@ -36,7 +36,8 @@ from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_
 from spot_model.robot.state import Array
 
 SETTLING, STANDING, WALKING, STOPPED, GOING, OFF = "settling", "standing", "walking", "stopped", "going", "off"
-LEANING, HOLDING, EXPIRED, MOVING = "leaning", "held by joint control", "after its last command ended", "moving"
+LEANING, UPRIGHT, MOVING = "leaning", "upright again", "moving"
+HOLDING, EXPIRED = "held by joint control", "after its last command ended"
 PUSH_NM = per_joint(0.0, 0.0, 6.0)
 """Added to the knees' loads: a fiftieth of a radian by the stand's own stiffness, and twice what a load is wrong by."""
 LEAN_RAD = (0.12, 0.15, 0.2)
@@ -151,11 +152,11 @@ class _Driver:
     def lean(self) -> None:
         """Turn the body over its feet, and stand as before."""
         roll, pitch, yaw = LEAN_RAD
-        leaning = RobotCommandBuilder.synchro_stand_command(footprint_R_body=EulerZXY(yaw, roll, pitch))
-        self._follow(leaning, "stand_feedback.status", "STATUS_IS_STANDING")
-        time.sleep(SETTLING_S)
-        self.record(LEANING, 0.5 * STANDING_S)
-        self._follow(RobotCommandBuilder.synchro_stand_command(), "stand_feedback.status", "STATUS_IS_STANDING")
+        for part, pose in ((LEANING, EulerZXY(yaw, roll, pitch)), (UPRIGHT, EulerZXY())):
+            number = self._begin(RobotCommandBuilder.synchro_stand_command(footprint_R_body=pose))
+            self._wait(number, "stand_feedback.status", "STATUS_IS_STANDING", 2.0 * SETTLING_S)
+            time.sleep(0.5 * SETTLING_S)
+            self.record(part, 0.5 * STANDING_S)
 
     def ask_refused(self) -> None:
         """Send what a robot must refuse, to one that has power; it moves nothing if it is taken."""
