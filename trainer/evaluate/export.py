@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import onnx
 import torch
+from onnx import helper
 
 from spot_model.io.model_file import RobotModel
 from spot_model.io.models_file import load_models
 from spot_model.io.whole import check_new, whole_file
-from spot_model.policy.contract import PolicyContract, StatedGait, TrainingRecord
+from spot_model.policy.contract import FALL, METADATA_KEY, PolicyContract, StatedGait, TrainingRecord
 from spot_model.policy.policy import Policy, load_policy, policy_from_bytes
 from trainer.config.train_config import TrainConfig
 from trainer.evaluate.setting import Setting
@@ -47,20 +49,33 @@ def stated_gaits(policy: Policy, model: RobotModel) -> tuple[StatedGait, ...]:
     plant = Setting(policy=policy, model=model).plant(len(target))
     recording = hold(policy, plant, target, RAMP_S, steady_s + WATCH_S)
     span = recording.ticks(steady_s, steady_s + WATCH_S)
-    turns = recording.mean_velocity(span)[len(speeds) :, 2]
+    mean = recording.mean_velocity(span)
+
+    def held(robot: int, axis: int) -> float | None:
+        return round(float(mean[robot, axis]), 3) if recording.survived[robot] else None
+
     stated = []
     for robot, speed in enumerate(speeds):
         figures = recording.gait(span, robot)
         stated.append(
             StatedGait(
                 v_x_m_s=speed,
-                name=figures["gait"] if recording.survived[robot] else "fall",
+                v_x_held_m_s=held(robot, 0),
+                name=figures["gait"] if recording.survived[robot] else FALL,
                 turn_commanded_rad_s=turn,
-                turn_held_rad_s=round(float(turns[robot]), 3) if recording.survived[len(speeds) + robot] else None,
+                turn_held_rad_s=held(len(speeds) + robot, 2),
                 **{key: figures[key] for key in StatedGait.model_fields if key in figures},
             )
         )
     return tuple(stated)
+
+
+def with_gait(data: bytes, model: RobotModel) -> bytes:
+    """A policy's file with its gait on that robot in the contract, in place of what it stated."""
+    policy, made = policy_from_bytes(data, source="the policy"), onnx.load_from_string(data)
+    contract = policy.contract.model_copy(update={"gait": stated_gaits(policy, model)})
+    helper.set_model_props(made, {p.key: p.value for p in made.metadata_props} | {METADATA_KEY: contract.to_json()})
+    return bytes(made.SerializeToString())
 
 
 def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
@@ -110,8 +125,7 @@ def export_network(
 
 
 def _written(layers: Layers, contract: PolicyContract, model: RobotModel, out: Path) -> Path:
-    measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), model)
-    data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
+    data = with_gait(onnx_bytes(layers, contract), model)
     check_agreement(layers, data)
     with whole_file(out) as part:
         part.write_bytes(data)
