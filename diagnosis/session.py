@@ -40,6 +40,9 @@ STAGES: Final = (
     ("writing the report", 0.05),
 )
 """How the first message of each stage begins, and its usual share of the time."""
+NO_MODEL: Final = (
+    "no model file: only Spot can be simulated here; verdict.json has the numbers for a simulator of your own"
+)
 WITHIN: Final = 0.25
 """A message within a stage of unknown length goes this share of what is left of it."""
 
@@ -167,7 +170,8 @@ def run_session(
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
         differences = tuple(d.model_copy(update={"split": None}) for d in verdict.differences)
-        verdict = verdict.model_copy(update={"differences": differences})
+        notes = (*verdict.notes, NO_MODEL)
+        verdict = verdict.model_copy(update={"differences": differences, "no_model": NO_MODEL, "notes": notes})
     result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     say("writing the report")
     paths = write_all(result, out, library)
