@@ -254,7 +254,7 @@ def _turns(contract: PolicyContract) -> str:
     told: dict[float, list[str]] = {}
     for stated in contract.gait:
         asked, held = stated.turn_commanded_rad_s, stated.turn_held_rad_s
-        if asked is not None and (held is None or held < TURNS * asked):
+        if stated.name != FALL and asked is not None and (held is None or held < TURNS * asked):
             what = "falls" if held is None else f"turns at {held:.2f} rad/s"
             told.setdefault(asked, []).append(f"{what} at {stated.v_x_m_s:g} m/s")
     return "".join(f"; commanded to turn at {asked:g} rad/s, it {', '.join(words)}" for asked, words in told.items())

@@ -35,11 +35,11 @@ from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz
 from spot_model.robot.state import RobotState
 from spot_runtime.admission import gait_event
-from trainer.evaluate import export as exporting
 from trainer.evaluate.export_command import export
 from trainer.foreign import isaac_lab, mjlab, spot_rl_example
 from trainer.foreign.description import checked
 from trainer.foreign.import_command import import_policy
+from trainer.simulate import stated_gait
 
 WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
 ISAAC = [f"{leg}_{joint}" for joint in ("hx", "hy", "kn") for leg in ("fl", "fr", "hl", "hr")]
@@ -211,13 +211,13 @@ def refused(path: Path, *words: str, like: str = "isaac-lab") -> str:
     return str(told.exception)
 
 
-MEASURED: Final = exporting.stated_gaits
+MEASURED: Final = stated_gait.stated_gaits
 
 
 @pytest.fixture(autouse=True)
 def _unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two seconds of simulation an import, spared where a test is not about them."""
-    monkeypatch.setattr(exporting, "stated_gaits", lambda *_: ())
+    monkeypatch.setattr(stated_gait, "stated_gaits", lambda *_: ())
 
 
 @pytest.fixture
@@ -468,7 +468,7 @@ def test_a_history_of_whole_frames(run: Callable[..., Path], is_newest_first: bo
     }
     path = run(env, width=48 * 3)
     told = invoke("import", str(path), "--like", "isaac-lab", "--yes").output
-    assert "whole frames one after the other" in told
+    assert "ticks before the newest: 1" in told
     assert "assumed: the history" not in told
     made = load_policy(path.with_suffix(".spot.onnx"))
     assert_same_setpoints(made, TheirStack(path, 3, is_newest_first), dict.fromkeys(ISAAC, 0.2))
@@ -603,14 +603,15 @@ def test_the_action_is_the_output_that_says_so(run: Callable[..., Path]) -> None
     path.with_suffix(".spot.onnx").unlink()
     model.graph.node[-2].output[0] = model.graph.node[-1].input[0] = model.graph.output[1].name = "mean"
     onnx.save(model, path)
-    assert "has outputs deviation, mean; name the action's with --action-output" in refused(path)
-    assert "and none is x" in refused(path, "--action-output", "x")
+    told = "outputs: deviation of 12 numbers, mean of 12 numbers; name the one of 12 that is the action with --action-"
+    assert told in refused(path)
+    assert told in refused(path, "--action-output", "x")
     assert_same_setpoints(imported(path, "--action-output", "mean"), theirs(), dict.fromkeys(ISAAC, 0.2))
 
 
 def test_an_import_states_the_gait_that_it_measures(run: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A random network lets the robot fall: import and run say so before the motors get power."""
-    monkeypatch.setattr(exporting, "stated_gaits", MEASURED)
+    monkeypatch.setattr(stated_gait, "stated_gaits", MEASURED)
     env = environment()
     env["commands"]["base_velocity"]["ranges"]["lin_vel_x"] = [-0.5, 0.5]
     path = run(env)

@@ -11,7 +11,7 @@ from typing import Annotated, Final
 import typer
 
 from spot_model.errors import BadInputError
-from trainer.foreign.description import ForeignPolicy, Term, checked
+from trainer.foreign.description import ForeignPolicy, checked
 
 BESIDE: Final = (
     "env.yaml",
@@ -59,8 +59,8 @@ def import_policy(
     from spot_model.io.whole import check_new, whole_file
     from spot_model.policy.contract import gait_sentence
     from spot_model.policy.policy import load_policy
-    from trainer.evaluate.export import with_gait
     from trainer.foreign.network import ours_from, read_network
+    from trainer.simulate.stated_gait import with_gait
 
     target = out or policy.with_name(f"{policy.stem}.spot.onnx")
     check_new(target)
@@ -85,13 +85,9 @@ def import_policy(
 def text_of(policy: ForeignPolicy) -> str:
     """What was read, for a person to confirm."""
     lines = [f"{policy.name}: {policy.rate_hz:g} Hz, {policy.width} numbers in, 12 joints out", "", "observation"]
-    frames: dict[Term, list[int]] = {replace(term, ages=(0,)): [] for term in policy.terms}
     for term in policy.terms:
-        frames[replace(term, ages=(0,))] += term.ages
-    lines[-1] += ", whole frames one after the other" if len(frames) < len(policy.terms) else ""
-    for term, ages in frames.items():
         parts = [f"  {term.field} ({term.width})"]
-        parts += [f"ticks before the newest: {' '.join(map(str, ages))}"] if ages != [0] else []
+        parts += [f"ticks before the newest: {' '.join(map(str, term.ages))}"] if term.ages != (0,) else []
         parts += ["absolute"] if term.is_absolute else []
         parts += [f"× {', '.join(f'{v:g}' for v in term.scale)}"] if set(term.scale) != {1.0} else []
         parts += [f"clipped to {term.clip[0]:g} … {term.clip[1]:g}"] if term.clip != type(term).clip else []

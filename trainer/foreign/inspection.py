@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -23,31 +22,32 @@ _PASSES: Final = frozenset(
 _ACTIONS: Final = frozenset({"actions", "action", "output", "mu"})
 
 
-def check_no_memory(model: onnx.ModelProto) -> None:
+def check_no_memory(graph: onnx.GraphProto) -> None:
     """Raise ``BadInputError`` for a recurrent operator, whose state would begin anew at every tick."""
-    nodes = (*_nodes(model.graph.node), *(n for function in model.functions for n in _nodes(function.node)))
-    found = sorted({node.op_type for node in nodes} & _RECURRENT)
-    if found:
-        raise BadInputError(
-            f"the network is recurrent (operator {', '.join(found)}); only networks without memory are run: train one "
-            "that sees a history of ticks"
-        )
+    for node in graph.node:
+        if node.op_type in _RECURRENT:
+            raise BadInputError(
+                f"the network is recurrent (operator {node.op_type}); only those without memory are run"
+            )
+        for attribute in node.attribute:
+            check_no_memory(attribute.g)
 
 
-def check_normaliser(model: onnx.ModelProto, source: str, told: str) -> None:
+def check_normaliser(graph: onnx.GraphProto, source: str, told: str) -> None:
     """Refuse a network without the normaliser that the learner's file tells of (``told``, empty where it does not)."""
-    if told and not _has_normaliser(model.graph, source):
+    if told and not _has_normaliser(graph, source):
         raise BadInputError(
             f"agent.yaml says that the observation was normalised ({told}), and the network, before its first layer, "
-            "shifts or scales none of its inputs by a number of its own; export it together with the normaliser. If "
-            "its first layer contains that already, set this key to false"
+            "does not; export it together with the normaliser, or set this key to false if that layer contains it"
         )
 
 
 def _has_normaliser(graph: onnx.GraphProto, source: str) -> bool:
     """Whether each number of the observation meets its own mean or deviation before the first layer mixes them."""
     constants = {tensor.name: tensor for tensor in graph.initializer}
-    constants |= {n.output[0]: n.attribute[0].t for n in graph.node if n.op_type == "Constant" and n.attribute}
+    constants |= {
+        n.output[0]: a.t for n in graph.node if n.op_type == "Constant" for a in n.attribute if a.name == "value"
+    }
     reached = {source}
     for node in graph.node:  # in the order of computation, as ONNX demands
         others = [name for name in node.input if name not in reached]
@@ -62,22 +62,13 @@ def _has_normaliser(graph: onnx.GraphProto, source: str) -> bool:
 
 
 def action_output(model: onnx.ModelProto, wanted: str) -> str:
-    """The output that is the action: the one that was asked for, the only one, or the only one with a usual name.
-
-    Raises:
-        BadInputError: Nothing tells which it is, or it has not a number for each joint.
-    """
+    """The output that is the action: ``wanted``, or without one the only one, or the only one with a usual name."""
     widths = {value.name: _width(value) for value in model.graph.output}
-    usual = [name for name in widths if len(widths) == 1 or name in _ACTIONS]
-    chosen = [wanted] if wanted in widths else [] if wanted else usual
-    if len(chosen) != 1:
+    chosen = [name for name in widths if name == (wanted or name) and (wanted or len(widths) == 1 or name in _ACTIONS)]
+    if len(chosen) != 1 or widths[chosen[0]] not in (facts.N_JOINTS, 0):
+        told = ", ".join(f"{name} of {width} numbers" for name, width in widths.items()) or "none"
         raise BadInputError(
-            f"the network has outputs {', '.join(widths) or 'none'}"
-            f"{f', and none is {wanted}' if wanted else ''}; name the action's with --action-output"
-        )
-    if widths[chosen[0]] not in (facts.N_JOINTS, 0):
-        raise BadInputError(
-            f"the network's output {chosen[0]!r} has {widths[chosen[0]]} numbers; {facts.N_JOINTS} joints are moved"
+            f"the network has outputs: {told}; name the one of {facts.N_JOINTS} that is the action with --action-output"
         )
     return chosen[0]
 
@@ -103,11 +94,3 @@ def observation_input(model: onnx.ModelProto, policy: ForeignPolicy) -> str:
 def _width(value: onnx.ValueInfoProto) -> int:
     shape = value.type.tensor_type.shape.dim
     return int(shape[-1].dim_value) if shape else 0
-
-
-def _nodes(nodes: object) -> Iterator[onnx.NodeProto]:
-    """Operators, and those of the graphs that loops and branches hold."""
-    for node in nodes:  # type: ignore[attr-defined]
-        yield node
-        for attribute in node.attribute:
-            yield from _nodes(attribute.g.node)

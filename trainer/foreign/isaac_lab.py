@@ -68,8 +68,10 @@ def describe(
     _check_action(action)
     natural = canonical_joints(joint_order, "--joint-order") if joint_order else BREADTH_FIRST
     natural += _others(environment.pose)
-    joints, terms, is_by_hand = _read_in(environment, learner, natural)
-    is_told = _read_in(environment, learner, natural[::-1])[:2] == (joints, terms)
+    joints, terms = _read_in(environment, learner, natural)
+    is_told = _read_in(environment, learner, natural[::-1]) == (joints, terms)
+    keys = {key for name in learner.actor_groups for key in environment.observations[name]}
+    is_by_hand = any(term.history > 1 for term in terms) and not keys & {"history_layout", "flatten_history_dim"}
     low, high, assumed = environment.command_bounds(next((term.command for term in terms if term.command), None))
     assumed = (*((_ASSUMED_LAYOUT,) if is_by_hand else ()), *assumed)
     return ForeignPolicy(
@@ -108,14 +110,10 @@ def _check_action(action: Action) -> None:
 
 def _read_in(
     environment: Environment, agent: Agent, natural: tuple[str, ...]
-) -> tuple[tuple[str, ...], tuple[Term, ...], bool]:
-    """The action's joints and the terms that the actor sees, for a robot with its joints in the order ``natural``.
-
-    The last value says whether a history was written by hand, with no word on how its ticks are laid out.
-    """
+) -> tuple[tuple[str, ...], tuple[Term, ...]]:
+    """The action's joints and the terms that the actor sees, for a robot with its joints in the order ``natural``."""
     acted = _ordered(environment.action, natural, "actions.joint_pos")
     terms: list[Term] = []
-    is_by_hand = False
     for name in agent.actor_groups:
         where = f"observations.{name}"
         if name not in environment.observations:
@@ -127,17 +125,12 @@ def _read_in(
         if not given:
             raise BadInputError(f"{where} has no terms")
         own = [_term(f"{where}.{key}", term, group, natural, acted) for key, term in given.items()]
-        is_dumped = group.history_layout is not None or "flatten_history_dim" in group.model_fields_set
-        is_by_hand |= not is_dumped and any(term.history > 1 for term in own)
-        terms += own if group.history_layout != "frames" else _frame_by_frame(own, where)
-    return acted, tuple(terms), is_by_hand
-
-
-def _frame_by_frame(terms: list[Term], where: str) -> list[Term]:
-    """The same numbers with all terms of a tick together, tick after tick."""
-    if len({term.ages for term in terms}) > 1:
-        raise BadInputError(f"{where}.history_layout is frames, and its terms have histories of several lengths")
-    return [replace(term, ages=(age,)) for age in terms[0].ages for term in terms]
+        if group.history_layout == "frames":
+            if len({term.ages for term in own}) > 1:
+                raise BadInputError(f"{where}.history_layout is frames; its terms have histories of several lengths")
+            own = [replace(term, ages=(age,)) for age in own[0].ages for term in own]
+        terms += own
+    return acted, tuple(terms)
 
 
 def _term(

@@ -224,9 +224,9 @@ def _words_for_the_network() -> Iterator[None]:
 
 def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str) -> bytes:
     theirs = onnx.load_from_string(network)
-    check_no_memory(theirs)
+    check_no_memory(theirs.graph)
     source, target = observation_input(theirs, policy), action_output(theirs, action)
-    check_normaliser(theirs, source, policy.normaliser)
+    check_normaliser(theirs.graph, source, policy.normaliser)
     before, after = observation_steps(policy), action_steps(policy)
     session = onnxruntime.InferenceSession(network, providers=["CPUExecutionProvider"])
     ours = np.random.default_rng(48).normal(size=(PROOFS, policy.history * N_OBSERVATION)).astype(np.float32)
