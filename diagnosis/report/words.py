@@ -368,7 +368,8 @@ def next_step(v: Verdict) -> str:
     if is_unchanged(v):
         return f"keep the model of {v.since}"
     if v.status == "no_gap" and not v.differences:
-        return _use("nominal", v) if is_near(v) else "record more"
+        use = "keep your simulator as it is" if v.no_model else "train on the nominal model"
+        return use if is_near(v) else "record more"
     if splits:
         split, group = splits[0]
         what = split.text.split(":")[0].rstrip(".")
@@ -377,15 +378,9 @@ def next_step(v: Verdict) -> str:
     if v.probability_unknown > LIKELY or v.status == "unknown_effect":
         return f"look at the robot{_where(v)}"
     if is_good(v):
-        return _use("corrected", v) + (", and look further" if is_far(v) else "")
+        use = "take the numbers over into your simulator" if v.no_model else "train on the corrected model"
+        return use + (", and look further" if is_far(v) else "")
     return f"record more before {'these numbers are used' if v.no_model else 'training on the corrected model'}"
-
-
-def _use(which: str, v: Verdict) -> str:
-    """What a model serves for; of a robot without a model file, only its numbers are there."""
-    if not v.no_model:
-        return f"train on the {which} model"
-    return "keep your simulator as it is" if which == "nominal" else "take the numbers over into your simulator"
 
 
 def probabilities(v: Verdict) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -41,8 +41,6 @@ DEFAULT_BODY_POSITION_M = (0.0, 0.0, default_height_m())
 """The lowest feet of the default pose just touch level ground."""
 
 USUAL = PlantOptions()
-MOST_LOST: Final = 0.01
-"""Share of contacts that may find no room: a robot that stands on four feet is then without one in one step of 25."""
 
 SimIds = ArrayLike | None
 """Sorted simulation numbers, a boolean mask of shape (n_sims,), or None for all."""
@@ -170,32 +168,17 @@ class Plant(PlantState):
             self.check_finite()
 
     def check_finite(self) -> None:
-        """Look whether a simulation diverged or lost contacts; on a GPU no step looks, as the host would have to wait.
+        """Look whether a simulation diverged; on a GPU no step looks, as the host would have to wait.
 
         Raises:
             PlantDivergedError: One did, and the options say "raise".
         """
-        self.check_room()
         if self.options.on_divergence == "raise" and self.diverged.any():
             sim, why = self.physics.first_divergence()
             raise PlantDivergedError(
                 f"simulation {sim} of {self.n_sims} diverged ({why}) with physics steps of {self.timestep_s} s; "
                 "use shorter steps, lower gains or smaller parameters, or reset it"
             )
-
-    def check_room(self) -> float:
-        """Share of contacts that found no room since the last call: on a GPU, all simulations share what there is.
-
-        Raises:
-            PlantDivergedError: It is more than :data:`MOST_LOST`.
-        """
-        lost = self.physics.contacts_lost()
-        if lost > MOST_LOST:
-            raise PlantDivergedError(
-                f"{lost:.1%} of the contacts of {self.n_sims} robots found no room (allowed: {MOST_LOST:.0%}): on a "
-                "GPU, robots that lie on the ground take those of others; end episodes sooner, or use --device cpu"
-            )
-        return lost
 
     def _advance(self, n_substeps: int) -> None:
         for _ in range(n_substeps):

@@ -114,7 +114,7 @@ class WarpPhysics:
         lost = max(1.0 - self._data.naconmax / max(found, 1), float(narrow.float().mean()))
         self._fullest.zero_()
         self._overflow.zero_()
-        return max(0.0, lost)
+        return float(max(0.0, lost))
 
     def restart(self, mask: Tensor) -> None:
         """Forget velocities, torques and the solver's last solution."""
