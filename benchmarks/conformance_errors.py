@@ -2,7 +2,10 @@
 
 Each of tests/fake_robot/planted_errors.py is planted alone, in a server that passes every call on to a fake robot.
 
-    python benchmarks/conformance_errors.py [--with-motion] [NAME ...]
+    python benchmarks/conformance_errors.py [--with-motion] [--source SOURCE] [NAME ...]
+
+Errors that show only in motion are planted with --with-motion alone. The last number of a line is how many checks could
+not be judged.
 
 Claim: docs/evidence/programs.md, "Errors that the conformance suite finds".
 """
@@ -14,6 +17,7 @@ import os
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,10 +46,13 @@ def main(words: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--with-motion", action="store_true")
+    parser.add_argument("--source", help="outside, named, sibling or own")
     given = parser.parse_args(words)
-    errors = [ERRORS[name] for name in given.names] or [RIGHT, *ERRORS.values()]
+    asked_for = [e for e in ERRORS.values() if given.source in {None, e.source}]
+    shown = [RIGHT, *(e for e in asked_for if given.with_motion or not e.needs_motion)]
+    errors = [ERRORS[name] for name in given.names] or shown
     allowed = Needs.MOTION if given.with_motion else Needs.LEASE
-    missed, counts = [], {"outside": [0, 0], "own": [0, 0]}
+    missed, counts = [], defaultdict[str, list[int]](lambda: [0, 0])
     with tempfile.TemporaryDirectory() as folder:
         certificates = ensure_certificates(Path(folder))
         for error in errors:
@@ -55,10 +62,13 @@ def main(words: list[str] | None = None) -> None:
             robot = fake.start().robot
             with PlantedServer(robot, certificates) as server:
                 server.plant(error)
-                found = _found(server.address, certificates.ca_path, allowed)
+                found, n_open = _found(server.address, certificates.ca_path, allowed)
             fake.stop()
             took_s = time.monotonic() - start_s
-            print(f"{took_s:5.1f} s  {error.source:8}{error.name:34}{'; '.join(found)[:240] or '-'}", flush=True)
+            print(
+                f"{took_s:5.1f} s  {error.source:8}{error.name:34}{'; '.join(found)[:200] or '-'}  open: {n_open}",
+                flush=True,
+            )
             if error is not RIGHT:
                 counts[error.source][0] += bool(found)
                 counts[error.source][1] += 1
@@ -66,10 +76,12 @@ def main(words: list[str] | None = None) -> None:
     print({source: f"{hit} of {of}" for source, (hit, of) in counts.items()}, "missed:", missed)
 
 
-def _found(address: str, ca_file: Path, allowed: Needs) -> list[str]:
+def _found(address: str, ca_file: Path, allowed: Needs) -> tuple[list[str], int]:
     os.environ |= {"BOSDYN_CLIENT_USERNAME": "user", "BOSDYN_CLIENT_PASSWORD": "horse"}
     suite = connect(address, ca_file)
-    return [f"{r.check.name}: {r.seen}" for r in run_checks(suite, allowed) if r.verdict is Verdict.FAIL]
+    results = list(run_checks(suite, allowed))
+    found = [f"{r.check.name}: {r.seen}" for r in results if r.verdict is Verdict.FAIL]
+    return found, sum(r.verdict is Verdict.OPEN for r in results)
 
 
 if __name__ == "__main__":

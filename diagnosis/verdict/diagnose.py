@@ -122,6 +122,7 @@ def diagnose(
         say("simulating the models through the same commands")
         models = compared_models(board, best, belief.stated)
         trials = run_trials(bench, nominal, board, models, belief.stated, rng, tell)
+        say("weighing what was found")
         around = trials.surroundings.overall
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])

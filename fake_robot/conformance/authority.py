@@ -200,15 +200,17 @@ def estop_unknown_endpoint(server: Server) -> str:
     return status_of(server.ask("estop", "EstopCheckIn", stop_level=level, endpoint=unknown))
 
 
-@check("estop.EstopCheckIn", "a wrong response", "STATUS_INCORRECT_CHALLENGE_RESPONSE", source=_ESTOP)
+@check("estop.EstopCheckIn", "wrong responses", "STATUS_INCORRECT_CHALLENGE_RESPONSE", source=_ESTOP)
 def estop_wrong_response(server: Server) -> str:
-    """Check in for each endpoint, at the level that it asks for, without knowing its challenge; motors off."""
+    """Check in for each endpoint, at its level, to no challenge, then to its challenge; motors off."""
     require_off(server)
-    endpoints = server.ask("estop", "GetEstopSystemStatus").status.endpoints
-    seen = [
-        status_of(server.ask("estop", "EstopCheckIn", stop_level=e.stop_level, endpoint=e.endpoint, challenge=1))
-        for e in endpoints
-    ]
+    seen = []
+    for told in server.ask("estop", "GetEstopSystemStatus").status.endpoints:
+        known, challenge = {"stop_level": told.stop_level, "endpoint": told.endpoint}, 1
+        for _ in range(2):
+            answer = server.ask("estop", "EstopCheckIn", challenge=challenge, response=challenge, **known)
+            seen.append(status_of(answer))
+            challenge = answer.challenge
     registered = [status for status in seen if status != "STATUS_ENDPOINT_UNKNOWN"]
     if not registered:
         raise OpenError("no e-stop endpoint is registered; register one, then check again")

@@ -27,7 +27,7 @@ class Needs(enum.IntEnum):
 
     NOTHING = 0
     LEASE = 1
-    """Acquires the lease for a moment; nothing that it sends could give the motors power or move the robot."""
+    """Acquires the lease for a moment; nothing that it sends gives power, or moves a robot but that it sits down."""
     MOTION = 2
     """Sends what could give power, and in one session powers the motors, stands, walks and sits."""
 

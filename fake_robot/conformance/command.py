@@ -46,6 +46,7 @@ def run_checks(server: Server, allowed: Needs, names: tuple[str, ...] = ()) -> I
     The motors are looked at before the first check and after each. If they have power that they had not, it is taken
     away, the check has failed, and no other is made.
     """
+    server.may_move = allowed >= Needs.MOTION
     had_power = _has_power(server)
     gained = ""
     for item in CHECKS:

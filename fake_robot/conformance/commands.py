@@ -23,24 +23,29 @@ from bosdyn.client.robot_command import RobotCommandBuilder
 
 from fake_robot.conformance.check import Basis, Check, Needs, check
 from fake_robot.conformance.power import SAT_DOWN, held, joint_request, send, unpowered
-from fake_robot.conformance.recording import NAMES, record_rest
-from fake_robot.conformance.server import Server, SkippedError, enum_name, status_of
-from fake_robot.conformance.session import HOLDING, PUSH_NM, Session, drive
+from fake_robot.conformance.recording import NAMES, Recording, record_rest
+from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
+from fake_robot.conformance.session import EXPIRED, HOLDING, SLOT_MESSAGES, WHILE_STANDING, Session, drive
 from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD
+from spot_model.robot.state import Array
 
 _JOINT_COMMAND = "robot_command.proto, basic_command.proto: JointCommand"
 _ELEVEN, _WAIT = "eleven values", "joint_control.activation_wait_s"
-_HOLD = "the stance, and a push by the knees"
+_HOLD = "the stance, a push by the knees, and small steps"
 _LOAD_NM = 8.0
 """Loads are measured to some N·m; a wrong sign or stiffness makes more than that."""
+_SETTLED = 10
+"""States after a step in which the inertia of motors takes part of the load."""
+_GAINS = (0.75, 1.33)
+"""Share of a gain, as measured: a quarter for friction and for how loads are measured."""
 _STREAM_TIMEOUT_S = 30.0
 
 
 def _request(server: Server, key: int = 1) -> Any:
     """A message that holds every joint where it is, with weak gains."""
-    position_rad = server.once(record_rest).streamed.position_rad[-1]
+    position_rad = server.once(record_rest).motions[0].position_rad[-1]
     ones = np.ones(N_JOINTS)
-    return joint_request(server, position_rad, ones, 0.1 * ones, 0.0 * ones, key=key)
+    return joint_request(server, np.array([position_rad, 0.0 * ones, 0.0 * ones]), ones, 0.1 * ones, key=key)
 
 
 def _stream(server: Server, requests: Iterable[Any]) -> str:
@@ -111,21 +116,50 @@ def _many(server: Server) -> Iterator[Any]:
         time.sleep(0.02)
 
 
+def _held(server: Server, part: str) -> tuple[Recording, Array, Array]:
+    """A recording of joint control, the keys of its commands, and what their three parts ask for, shape (n, 12, 3)."""
+    session: Session = server.once(drive)
+    if not session.ended_by and part not in session.pieces:
+        raise SkippedError("joint control is not licensed")
+    recording = session.got(session.pieces, part)
+    motion, last = recording.streamed, max(session.asked)
+    told = [state.last_command.user_command_key for state in recording.states]
+    keys = np.array([last if part == EXPIRED else key for key in told])
+    asked = np.array([session.asked[key] for key in keys.clip(1, last).tolist()])
+    stiff_nm = STAND_KP_NM_PER_RAD * (asked[:, 0] - motion.position_rad)
+    damped_nm = STAND_KD_NM_S_PER_RAD * (asked[:, 1] - motion.velocity_rad_s)
+    return recording, keys, np.stack([stiff_nm, damped_nm, asked[:, 2]], axis=-1)
+
+
 @check("JointControlStream", _HOLD, "the servo law, and the command's key", source=_JOINT_COMMAND, needs=Needs.MOTION)
 def servo_law(server: Server) -> str:
-    """Loads are stiffness times error, damping and the load asked for; the state tells the last command."""
-    session: Session = server.once(drive)
-    if not session.ended_by and HOLDING not in session.pieces:
-        raise SkippedError("joint control is not licensed")
-    recording = session.got(session.pieces, HOLDING)
-    motion = recording.streamed
-    wanted_nm = STAND_KP_NM_PER_RAD * (session.held_rad - motion.position_rad) + PUSH_NM
-    wanted_nm -= STAND_KD_NM_S_PER_RAD * motion.velocity_rad_s
-    off_nm = np.median(np.abs(motion.load_nm - wanted_nm), axis=0)
-    if off_nm.max() > _LOAD_NM:
-        return f"{NAMES[int(off_nm.argmax())]}: the load is {off_nm.max():.1f} N·m off"
-    keys = [state.last_command.user_command_key for state in recording.states]
-    return "the servo law, and the command's key" if 0 < keys[0] < keys[-1] else f"keys {keys[0]} to {keys[-1]}"
+    """Each joint's load answers to steps of what is asked for by the gains sent; states tell their command."""
+    recording, keys, parts_nm = _held(server, HOLDING)
+    if not 0 < keys[0] < keys[-1]:
+        return f"keys {keys[0]} to {keys[-1]}"
+    slots = keys // SLOT_MESSAGES
+    is_settled = np.append(np.zeros(_SETTLED, bool), slots[_SETTLED:] == slots[:-_SETTLED])
+    rows = [np.flatnonzero(is_settled & (slots == slot)) for slot in np.unique(slots[is_settled])]
+    if len(rows) < 8:
+        raise OpenError("too few states came")
+    known = np.array([np.append(parts_nm[at].mean(axis=0), np.ones((N_JOINTS, 1)), axis=1) for at in rows])
+    seen_nm = np.array([recording.streamed.load_nm[at].mean(axis=0) for at in rows])
+    for i, name in enumerate(NAMES):
+        *shares, off_nm = np.linalg.lstsq(known[:, i], seen_nm[:, i])[0]
+        for what, share in zip(("stiffness", "damping", "load"), shares, strict=True):
+            if not _GAINS[0] < share < _GAINS[1]:
+                return f"{name}: {share:.2f} of the {what}"
+        if abs(off_nm) > _LOAD_NM:
+            return f"{name}: the load is {off_nm:.1f} N·m off"
+    return "the servo law, and the command's key"
+
+
+@check("JointControlStream: end_time", "nothing more", "no longer followed", source=_JOINT_COMMAND, needs=Needs.MOTION)
+def stream_command_ends(server: Server) -> str:
+    """Two seconds after the last command of an open stream, and so after its end time, no joint follows it."""
+    recording, _, parts_nm = _held(server, EXPIRED)
+    off_nm = np.median(np.abs(recording.streamed.load_nm - parts_nm.sum(axis=-1)), axis=0)
+    return "still followed" if off_nm.max() < _LOAD_NM else "no longer followed"
 
 
 _PROTO = "robot_command.proto"
@@ -147,7 +181,7 @@ def _refused(server: Server, command: Any, *expects: str, **keywords: Any) -> st
         if seen == _UNPOWERED and seen not in expects:
             all_wrong = send(server, lease, _NOWHERE, clock=keywords.get("clock"), end_s=-1.0)
             if status_of(all_wrong) == _UNPOWERED:
-                raise SkippedError("the server looks at the motors' power before what is wrong here")
+                raise SkippedError("the server looks at the motors' power before what is wrong here: --with-motion")
         return seen
 
 
@@ -184,8 +218,16 @@ def _refusal(
     """A command that is refused while the motors are off; ``how`` as of :func:`send`."""
 
     def probe(server: Server) -> str:
-        return _refused(server, command, *expects, **how)
+        try:
+            return _refused(server, command, *expects, **how)
+        except SkippedError:
+            if name not in WHILE_STANDING or not server.may_move:
+                raise
+        session: Session = server.once(drive)
+        return session.got(session.told, name)
 
+    if not is_guess and _UNPOWERED not in expects and command.WhichOneof("command"):
+        WHILE_STANDING[name] = lambda server, lease: status_of(send(server, lease, command, **how))
     basis = Basis.GUESS if is_guess else Basis.DOCUMENTED
     return Check(name, f"RobotCommand: {field}", sends, expects, basis, _PROTO, Needs.LEASE, switch, probe)
 
@@ -254,7 +296,7 @@ SESSION = (
     _answered("velocity_times_out", "RobotCommandFeedback", "a velocity for 4 s, in the body frame, and 2 s more",
               "STATUS_COMMAND_TIMED_OUT", Basis.MEASURED),
     _answered("trajectory_arrives", "RobotCommandFeedback", "half a metre ahead", "STATUS_STOPPED"),
-    _answered("commands_have_numbers", "RobotCommand: robot_command_id", "three commands", "three numbers"),
+    _answered("commands_have_numbers", "RobotCommand: robot_command_id", "several commands", "a number each"),
     _answered("power_goes", "RobotCommand: safe_power_off", "a sit, motors off", SAT_DOWN),
 )
 # fmt: on

@@ -10,7 +10,8 @@ from bosdyn.api import header_pb2
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from fake_robot.conformance.check import Basis, check
-from fake_robot.conformance.recording import record_rest
+from fake_robot.conformance.power import wait_for
+from fake_robot.conformance.recording import Recording, record_rest
 from fake_robot.conformance.server import FEATURE, RPC_TIMEOUT_S, OpenError, Server, stamp_ns, status_of
 
 # fmt: off
@@ -29,7 +30,10 @@ _SYNCED = "more samples needed, then OK, by one identifier"
 _SKEW_SLACK_NS = 5_000_000
 """Drift of the clocks and jitter of the estimate."""
 _NEAR_NS = 10**9
+_OLD_NS, _OLD_FOR_S = 40_000_000, 5.0
+"""Age of the youngest state, older ones stop a run; and for how long, because a busy server may lag for a while."""
 _FOREIGN_STAMPS = {"request_timestamp", "onset_timestamp", "changeset_date", "not_valid_before", "not_valid_after"}
+_FOREIGN_STAMPS |= {"received_timestamp"}  # of the last command, whenever that was
 _READS = (
     ("directory", "ListServiceEntries"),
     ("estop", "GetEstopConfig"),
@@ -96,6 +100,15 @@ def _stamps_in(message: Any, path: str) -> Iterator[tuple[str, int]]:
             yield from [(name, stamp_ns(part))] if isinstance(part, Timestamp) else _stamps_in(part, name)
 
 
+def _age_ns(server: Server, recording: Recording) -> int:
+    """Of the youngest state when it came, or of its last packet if that is older."""
+    ages = []
+    for state, at_ns in zip(recording.states, recording.arrived_ns, strict=True):
+        told = [state.joint_states.acquisition_timestamp, *(p.timestamp for p in state.inertial_state.packets[-1:])]
+        ages.append(at_ns + server.sync.ahead_ns - min(map(stamp_ns, told)))
+    return min(ages)
+
+
 @check("every stamp of a state", "a robot at rest", "the robot's clock", source="robot_state.proto; time_sync.proto")
 def stamps_are_robot_time(server: Server) -> str:
     """Every stamp of streamed and polled states is of the instant at which it came, by the robot's clock."""
@@ -108,6 +121,9 @@ def stamps_are_robot_time(server: Server) -> str:
             off_ns = told_ns - arrived_ns - sync.ahead_ns
             if abs(off_ns) > _NEAR_NS:
                 return f"{path}: {off_ns * 1e-9:.1f} s off"
+    age_ns = wait_for(lambda: _age_ns(server, record_rest(server)), lambda seen: seen < _OLD_NS, _OLD_FOR_S)
+    if age_ns > _OLD_NS:
+        return f"the youngest state or its packets are {age_ns * 1e-6:.0f} ms old when they come"
     return "the robot's clock"
 
 

@@ -13,29 +13,31 @@ from bosdyn.api import robot_state_pb2
 
 from fake_robot.conformance import session as motions
 from fake_robot.conformance.check import Basis, Check, Needs
+from fake_robot.conformance.paths import angle, edges, late_s, slope, strays, turns
 from fake_robot.conformance.power import has_power
-from fake_robot.conformance.recording import AT_REST, FRAMES, NAMES, Recording, axes, record_rest
+from fake_robot.conformance.recording import AT_REST, FRAMES, G_M_S2, NAMES, Recording, axes, is_unit, record_rest
 from fake_robot.conformance.server import OpenError, Server, stamp_ns
-from spot_model.robot.facts import LEG_NAMES, TOTAL_MASS_KG
-from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m
+from spot_model.robot.facts import LEG_NAMES
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
-from spot_model.robot.state import Array
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
 _PROTO = "robot_state.proto"
 _STILL_RAD_S = 0.2
 _NEAR_RAD, _NEAR_M, _NEAR_NM, _NEAR_RAD_S, _NEAR_M_S = 0.1, 0.1, 10.0, 0.4, 0.15
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
-_STRAY = 0.35
-"""Share of a path by which rates may miss it: estimators are a tenth off, a wrong sign, unit or frame is more."""
 _PIECE_S = {"position": 0.5, "turn": 0.2, "joint": 0.1}
 _FOOT_M = 0.05
 """Half the least distance that a wrong sign or leg makes; a foot's radius is 0.036 m."""
-_G_M_S2 = 9.81
-_WEIGHTS = (0.4, 2.5)
-"""Of the robot's own weight: legs weigh half of it, a payload up to its own, slopes and friction take a fifth."""
+_WEIGHTS = (0.7, 1.6)
+"""Of the robot's own weight: the legs' own part is not in their loads, payloads add up to half, friction a fifth."""
+_STANCE = (0.1, 0.95)
+"""Share of a walk for which a foot stands."""
+_OLD_S, _CLOCK_RATE = 0.025, 0.01
+"""Filters of estimators lag by 10 ms and more, and a state 40 ms old stops a run; clocks drift by some millionths."""
 _SLOWEST = 0.2
 """Share of a commanded way that a robot makes at least."""
+_SIGNS = {robot_state_pb2.BatteryState.STATUS_CHARGING: 1, robot_state_pb2.BatteryState.STATUS_DISCHARGING: -1}
 _CELSIUS = (-40.0, 150.0)
 _VOLTS = (10.0, 100.0)
 """Far around a Spot's 42 to 58.8 V, so that only another unit lies beyond."""
@@ -89,6 +91,9 @@ def stream_is_complete(recording: Recording) -> str:
             return f"feet: {list(state.contact_states)}"
         if not (body.HasField("odom_tform_body") and body.HasField("vision_tform_body")):
             return "a frame is missing"
+        rotations = [body.odom_tform_body.rotation, body.vision_tform_body.rotation]
+        if not all(map(is_unit, [*rotations, *(p.odom_rot_link for p in state.inertial_state.packets)])):
+            return "a rotation's length is not 1"
         if bool(state.last_command.user_command_key) != bool(stamp_ns(state.last_command.received_timestamp)):
             return f"last_command: key {state.last_command.user_command_key}, and no time of receipt, or no key"
     return _lack(lambda: (recording.streamed, recording.imu_wxyz))
@@ -99,6 +104,7 @@ def polled_state_is_complete(recording: Recording) -> str:
     """Power, battery, e-stops, the legs' joints by name, frames and feet."""
     state = recording.polls[-1]
     frames = state.kinematic_state.transforms_snapshot.child_to_parent_edge_map
+    edges = frames.values()
     names = [joint.name for joint in state.kinematic_state.joint_states]
     estops = state.estop_states
     wanted: dict[str, Any] = {
@@ -107,6 +113,7 @@ def polled_state_is_complete(recording: Recording) -> str:
         "e-stops with a name, a type and a state": estops and all(e.name and e.type and e.state for e in estops),
         **{f"joint {name} once": names.count(name) == 1 for name in NAMES},
         **{f"frame {name}": name in frames for name in _TREE},
+        "rotations of length 1": all(is_unit(e.parent_tform_child.rotation) for e in edges if e.parent_frame_name),
         "four feet, made or lost": [foot.contact in _CONTACTS for foot in state.foot_state] == [True] * 4,
     }
     missing = [name for name, is_there in wanted.items() if not is_there]
@@ -167,7 +174,7 @@ def stream_agrees_with_poll(recording: Recording) -> str:
         here, there = one.body[frame], other.body[frame]
         for what, off, near in (
             ("is elsewhere", np.linalg.norm(here.position_m[at] - there.position_m, axis=1), _NEAR_M),
-            ("is turned otherwise", _angle(here.wxyz[at], there.wxyz), _NEAR_RAD),
+            ("is turned otherwise", angle(here.wxyz[at], there.wxyz), _NEAR_RAD),
             ("travels otherwise", np.linalg.norm(here.linear_m_s[at] - there.linear_m_s, axis=1), _NEAR_M_S),
             ("turns otherwise", np.linalg.norm(here.angular_rad_s[at] - there.angular_rad_s, axis=1), _NEAR_RAD_S),
         ):
@@ -180,15 +187,15 @@ def stream_agrees_with_poll(recording: Recording) -> str:
 def joint_velocity_is_the_slope(recording: Recording) -> str:
     """Each streamed joint travels as its velocity says."""
     motion = recording.streamed
-    edges = _edges(motion.stamps_s, _PIECE_S["joint"])
+    pieces = edges(motion.stamps_s, _PIECE_S["joint"])
     for i, name in enumerate(NAMES):
-        way = np.diff(motion.position_rad[edges][:, [i]], axis=0)
-        if _strays(motion.stamps_s, motion.velocity_rad_s[:, [i]], edges, way, _NEAR_RAD):
+        way = np.diff(motion.position_rad[pieces][:, [i]], axis=0)
+        if strays(motion.stamps_s, motion.velocity_rad_s[:, [i]], pieces, way, _NEAR_RAD):
             return f"{name} does not travel as its velocity says"
     return ""
 
 
-@law(f"{_POLL}: foot_state", "where the joints put them", AT_REST, motions.STANDING, motions.WALKING)
+@law(f"{_POLL}: foot_state", "where the joints put them", AT_REST, motions.STANDING, motions.LEANING, motions.WALKING)
 def feet_are_where_the_joints_put_them(recording: Recording) -> str:
     """By the legs' kinematics, feet in the order fl, fr, hl, hr."""
     off_m = np.abs(recording.feet_in_body_m - foot_position_in_body_m(recording.polled.position_rad))
@@ -208,17 +215,67 @@ def feet_stand(recording: Recording) -> str:
     return ""
 
 
+@law("contact_states, foot_state.contact", "each foot steps, and carries while it stands", motions.WALKING)
+def feet_step(recording: Recording) -> str:
+    """No contact of a robot that walks stays as it is, and a leg's loads carry more with contact than without."""
+    for motion in recording.motions:
+        made = motion.contacts == robot_state_pb2.FootState.CONTACT_MADE
+        force_n = motion.leg_forces_n()
+        for leg, name in enumerate(LEG_NAMES):
+            stands = made[:, leg]
+            if not _STANCE[0] < stands.mean() < _STANCE[1]:
+                return f"{motion.source}: {name} has contact for {100 * stands.mean():.0f} % of the time"
+            if force_n[stands, leg].mean() < force_n[~stands, leg].mean():
+                return f"{motion.source}: {name} carries more without contact"
+    return ""
+
+
 @law("joint_states.load", "the legs carry the robot", motions.STANDING)
 def loads_carry_the_weight(recording: Recording) -> str:
-    """The force of the ground that the legs' loads balance is about the robot's weight, upwards, in both reports."""
+    """The force of the ground that the legs' loads balance is the robot's weight, upwards, in both reports."""
     for motion in recording.motions:
-        _, jacobian = foot_position_and_jacobian(motion.position_rad.mean(axis=0))
-        load_nm = motion.load_nm.mean(axis=0).reshape(4, 3, 1)
-        upwards_n = -float(np.linalg.solve(np.swapaxes(jacobian, 1, 2), load_nm)[:, 2, 0].sum())
-        share = upwards_n / (TOTAL_MASS_KG * _G_M_S2)
-        if not _WEIGHTS[0] < share < _WEIGHTS[1]:
-            return f"{motion.source}: {share:.2f} of its own weight"
+        if not _WEIGHTS[0] < motion.share_of_weight() < _WEIGHTS[1]:
+            return f"{motion.source}: {motion.share_of_weight():.2f} of its own weight"
     return ""
+
+
+@law("RobotCommand: footprint_R_body", "as it was told to", motions.LEANING, source="basic_command.proto")
+def leans_as_it_is_told(recording: Recording) -> str:
+    """The streamed attitude rolls and pitches to the side that it was told to."""
+    up = rotate_inverse_wxyz(recording.streamed.body["odom"].wxyz, np.array([0.0, 0.0, 1.0])).mean(axis=0)
+    rolled, pitched = math.asin(up[1]), -math.asin(up[0])
+    is_right = all(seen > told / 3.0 for seen, told in zip((rolled, pitched), motions.LEAN_RAD, strict=False))
+    return "" if is_right else f"roll {rolled:.2f} rad, pitch {pitched:.2f} rad"
+
+
+@law(f"{_STREAM}, {_POLL}: every stamp", "as old as what it stands on", motions.WALKING)
+def contents_are_of_their_stamps(recording: Recording) -> str:
+    """What two reports tell of one motion, and what a rate and its path tell, coincides without a shift in time."""
+    one = recording.streamed
+    body = one.body["odom"]
+    pairs = [
+        ("velocities of joints", one.stamps_s, one.velocity_rad_s, slope(one.stamps_s, one.position_rad)),
+        ("velocities of the body", one.stamps_s, body.linear_m_s, slope(one.stamps_s, body.position_m)),
+    ]
+    if recording.packets:
+        rates = np.array([axes(p.angular_velocity_rt_odom_in_link_frame) for p in recording.packets])
+        turning = rotate_wxyz(recording.imu_wxyz, rates)
+        pairs.append(("inertial packets", recording.packet_stamps_s, turning, body.angular_rad_s))
+    if len(recording.motions) > 1:
+        pairs.append(("polled joints", recording.polled.stamps_s, recording.polled.position_rad, one.position_rad))
+    for what, stamps_s, seen, known in pairs:
+        if abs(late := late_s(stamps_s, seen, one.stamps_s, known)) > _OLD_S:
+            return f"{what} are {1e3 * late:.0f} ms late"
+    return ""
+
+
+@law(f"{_STREAM}: every stamp", "a second a second", motions.MOVING)
+def clock_runs_true(recording: Recording) -> str:
+    """From its first to its last tenth, the stamps of a motion go on as fast as this computer's clock."""
+    late_s = np.array(recording.arrived_ns) * 1e-9 - recording.streamed.stamps_s
+    tenth = max(1, len(late_s) // 10)
+    gained = (late_s[:tenth].min() - late_s[-tenth:].min()) / np.ptp(recording.streamed.stamps_s)
+    return "" if abs(gained) < _CLOCK_RATE else f"{100 * gained:.1f} % fast"
 
 
 @law("velocity_of_body", "at rest", AT_REST, motions.STOPPED)
@@ -237,24 +294,24 @@ def body_velocity_is_the_slope(recording: Recording) -> str:
     """The body travels and turns in odom and in vision as its streamed velocities there say."""
     stamps_s = recording.streamed.stamps_s
     for frame, body in recording.streamed.body.items():
-        edges = _edges(stamps_s, _PIECE_S["position"])
-        if _strays(stamps_s, body.linear_m_s, edges, np.diff(body.position_m[edges], axis=0), _NEAR_M):
+        pieces = edges(stamps_s, _PIECE_S["position"])
+        if strays(stamps_s, body.linear_m_s, pieces, np.diff(body.position_m[pieces], axis=0), _NEAR_M):
             return f"the body does not travel in {frame} as its velocity says"
-        edges = _edges(stamps_s, _PIECE_S["turn"])
-        turn = rotate_wxyz(body.wxyz[edges[:-1]], _turns(body.wxyz[edges]))
-        if _strays(stamps_s, body.angular_rad_s, edges, turn, _NEAR_RAD):
+        pieces = edges(stamps_s, _PIECE_S["turn"])
+        turn = rotate_wxyz(body.wxyz[pieces[:-1]], turns(body.wxyz[pieces]))
+        if strays(stamps_s, body.angular_rad_s, pieces, turn, _NEAR_RAD):
             return f"the body does not turn in {frame} as its velocity says"
     return ""
 
 
-@law(f"{_STREAM}: inertial_state", "gravity's reaction, up", AT_REST, motions.STANDING)
+@law(f"{_STREAM}: inertial_state", "gravity's reaction, up", AT_REST, motions.STANDING, motions.LEANING)
 def imu_feels_gravity(recording: Recording) -> str:
     """The mean acceleration, turned into odom, is 9.8 m/s² upwards."""
     if not recording.packets:
         return "no packet"
     felt = np.array([axes(p.acceleration_rt_odom_in_link_frame) for p in recording.packets])
     x, y, z = rotate_wxyz(recording.imu_wxyz, felt).mean(axis=0)
-    return "" if abs(z - _G_M_S2) < 0.5 and math.hypot(x, y) < 1.0 else f"{x:.1f}, {y:.1f}, {z:.1f} m/s²"
+    return "" if abs(z - G_M_S2) < 0.5 and math.hypot(x, y) < 1.0 else f"{x:.1f}, {y:.1f}, {z:.1f} m/s²"
 
 
 @law(f"{_STREAM}: inertial_state", "turns as the body does", motions.WALKING)
@@ -263,15 +320,15 @@ def imu_turns_with_the_body(recording: Recording) -> str:
     if not recording.packets:
         return "no packet"
     wxyz = recording.imu_wxyz
-    stamps_s = np.array([stamp_ns(p.timestamp) for p in recording.packets]) * 1e-9
+    stamps_s = recording.packet_stamps_s
     rate = np.array([axes(p.angular_velocity_rt_odom_in_link_frame) for p in recording.packets])
-    edges = _edges(stamps_s, _PIECE_S["turn"])
-    if _strays(stamps_s, rate, edges, _turns(wxyz[edges]), _NEAR_RAD):
+    pieces = edges(stamps_s, _PIECE_S["turn"])
+    if strays(stamps_s, rate, pieces, turns(wxyz[pieces]), _NEAR_RAD):
         return "it does not turn as its own rate says"
     body = recording.streamed
     at = np.abs(stamps_s[None, :] - body.stamps_s[:, None]).argmin(axis=1)
     mounted = multiply_wxyz(conjugate_wxyz(body.body["odom"].wxyz), wxyz[at])
-    return "" if _angle(mounted, mounted[:1]).max() < 2.0 * _NEAR_RAD else "it turns otherwise than the body"
+    return "" if angle(mounted, mounted[:1]).max() < 2.0 * _NEAR_RAD else "it turns otherwise than the body"
 
 
 @law("RobotCommand: se2_velocity_request", "where it was told to", motions.WALKING, source="basic_command.proto")
@@ -322,9 +379,9 @@ def power_and_behavior_agree(recording: Recording) -> str:
     return "" if is_right else told
 
 
-@law(f"{_POLL}: battery_states, motor_temperatures", "percent, volts, Celsius", AT_REST)
+@law(f"{_POLL}: battery_states, motor_temperatures", "percent, volts, amperes, Celsius", AT_REST, motions.STANDING)
 def units_are_plausible(recording: Recording) -> str:
-    """Charges and voltages at which a robot answers, and motors and batteries as warm as they can be.
+    """Charges, voltages and temperatures that a robot can have, and currents of the sign of their battery's status.
 
     A charge up to 1 is a share of one, a voltage or a temperature beyond the bounds is in another unit.
     """
@@ -339,34 +396,5 @@ def units_are_plausible(recording: Recording) -> str:
     odd = [f"{charge:g} %" for charge in charges if not 1.0 < charge <= 100.0]
     odd += [f"{volt:g} V" for volt in volts if not _VOLTS[0] < volt < _VOLTS[1]]
     odd += [f"{celsius:g} °C" for celsius in warm if not _CELSIUS[0] <= celsius <= _CELSIUS[1]]
+    odd += [f"{b.current.value:g} A" for b in batteries if b.current.value * _SIGNS.get(b.status, 0) < 0]
     return ", ".join(odd)
-
-
-def _edges(stamps_s: Array, piece_s: float) -> Array:
-    """Rows between which pieces of about ``piece_s`` lie."""
-    if len(stamps_s) < 2:
-        raise OpenError("too few states came")
-    if stamps_s[-1] <= stamps_s[0]:
-        raise OpenError("the stamps stand still")
-    count = max(1, round(float(stamps_s[-1] - stamps_s[0]) / piece_s))
-    return np.unique(
-        np.searchsorted(stamps_s, np.linspace(stamps_s[0], stamps_s[-1], count + 1)).clip(max=len(stamps_s) - 1)
-    )
-
-
-def _strays(stamps_s: Array, rate: Array, edges: Array, path: Array, least: float) -> bool:
-    """Whether the path, shape (pieces, n), differs from the integral of its rate by ``_STRAY`` of its length."""
-    travelled = [np.trapezoid(rate[a : b + 1], stamps_s[a : b + 1], axis=0) for a, b in pairwise(edges)]
-    off = float(np.linalg.norm(path - np.array(travelled), axis=1).sum())
-    return off > max(_STRAY * float(np.linalg.norm(path, axis=1).sum()), least)
-
-
-def _turns(wxyz: Array) -> Array:
-    """The small turns from each attitude to the next, as rotation vectors in the turning frame; rad."""
-    turn = multiply_wxyz(conjugate_wxyz(wxyz[:-1]), wxyz[1:])
-    return np.asarray(2.0 * turn[:, 1:] * np.sign(turn[:, :1]))
-
-
-def _angle(a_wxyz: Array, b_wxyz: Array) -> Array:
-    """Between attitudes, rad."""
-    return np.asarray(2.0 * np.arccos(np.abs((a_wxyz * b_wxyz).sum(axis=-1)).clip(max=1.0)))

@@ -11,13 +11,26 @@ import grpc
 from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.server import Made, OpenError, Server, SkippedError, enum_name, header, status_of
+from fake_robot.conformance.recording import Motion, record_rest
+from fake_robot.conformance.server import (
+    CLIENT_NAME,
+    Made,
+    OpenError,
+    Server,
+    SkippedError,
+    enum_name,
+    header,
+    status_of,
+)
 from spot_model.robot.state import Array
 
 POLL_S = 0.1
 SAT_DOWN = "it sat down and is off again"
 CONTROLLED_OFF_S = 15.0
 """For a robot to sit down and switch its motors off."""
+_UNPOWERED = "STATUS_NOT_POWERED_ON"
+_CARRIES = 0.3
+"""Share of its weight that the legs of a robot which stands carry at least; those of one on its belly carry nothing."""
 _TIMED = {"se2_velocity_request", "se2_trajectory_request", "stance_request"}
 CALL_ERRORS = (grpc.RpcError, OpenError, SkippedError)
 """What a call may raise."""
@@ -35,9 +48,10 @@ def is_off(state: robot_state_pb2.RobotState) -> bool:
 
 
 def require_off(server: Server) -> None:
-    """Raise OpenError unless the motors are reported to have no power."""
+    """Raise OpenError unless the motors have no power, as :func:`unpowered` knows it."""
     if not is_off(server.state()):
-        raise OpenError("the motors are not off")
+        with unpowered(server):
+            return
 
 
 def send(
@@ -54,14 +68,13 @@ def send(
     return server.ask("robot-command", "RobotCommand", lease=lease, command=sent, clock_identifier=identifier)
 
 
-def joint_request(server: Server, position_rad: Array, kp: Array, kd: Array, load_nm: Array, *, key: int = 1) -> Any:
-    """A message of joint control that holds every joint at its position, for half a second."""
+def joint_request(server: Server, setpoints: Array, kp: Array, kd: Array, *, key: int = 1) -> Any:
+    """A message of joint control for half a second: positions, velocities and loads, shape (3, 12)."""
     request = robot_command_pb2.JointControlStreamRequest(header=header())
     command = request.joint_command
     command.end_time.CopyFrom(server.robot_stamp(0.5))
-    command.velocity.extend([0.0] * len(position_rad))
-    parts = (command.position, command.load, command.gains.k_q_p, command.gains.k_qd_p)
-    for field, values in zip(parts, (position_rad, load_nm, kp, kd), strict=True):
+    parts = (command.position, command.velocity, command.load, command.gains.k_q_p, command.gains.k_qd_p)
+    for field, values in zip(parts, (*setpoints, kp, kd), strict=True):
         field.extend(values.tolist())
     command.user_command_key = key
     return request
@@ -69,12 +82,16 @@ def joint_request(server: Server, position_rad: Array, kp: Array, kd: Array, loa
 
 @contextlib.contextmanager
 def held(server: Server, resource: str = "body") -> Iterator[lease_pb2.Lease]:
-    """The lease for as long as the block runs; somebody else's is never taken.
+    """The lease for as long as the block runs; somebody else's is never taken, our own is if its return was not heard.
 
     Raises:
         OpenError: Somebody holds it.
     """
     answer = server.ask("lease", "AcquireLease", resource=resource)
+    if answer.status != answer.STATUS_OK:
+        listed = server.ask("lease", "ListLeases").resources
+        if (resource, CLIENT_NAME) in {(r.resource, r.lease_owner.client_name) for r in listed}:
+            answer = server.ask("lease", "TakeLease", resource=resource)
     if answer.status != answer.STATUS_OK:
         raise OpenError(f"the lease is not to be had: {status_of(answer)}")
     try:
@@ -88,17 +105,32 @@ def held(server: Server, resource: str = "body") -> Iterator[lease_pb2.Lease]:
 def unpowered(server: Server) -> Iterator[lease_pb2.Lease]:
     """The lease of a robot without power, by two witnesses: its state, and that it refuses a stop for want of power.
 
-    A stop moves no robot, whatever its power; so a robot whose state is wrong is sent nothing else.
+    A stop moves no robot, whatever its power. Where the two contradict each other, what power there may be is taken
+    away, and the legs' loads are the second witness.
 
     Raises:
         OpenError: The motors have power, or may have.
     """
-    require_off(server)
     with held(server) as lease:
-        seen = stop(server, lease)
-        if seen != "STATUS_NOT_POWERED_ON":
-            raise OpenError(f"the motors may have power: a stop was answered by {seen}")
+        witnesses = {is_off(server.state()), stop(server, lease) == _UNPOWERED}
+    if witnesses == {False}:
+        raise OpenError("the motors are not off, by the robot's state and by its answer to a stop")
+    if witnesses != {True}:
+        server.once(_take_power)
+    with held(server) as lease:
         yield lease
+
+
+def _take_power(server: Server) -> None:
+    """Take away what power there may be. Raises OpenError if the legs still carry the robot then."""
+    cut_power(server)
+    loads = wait_for(lambda: record_rest(server).motions, _carry_nothing, CONTROLLED_OFF_S)
+    if not _carry_nothing(loads):
+        raise OpenError("the motors may have power: the legs carry the robot")
+
+
+def _carry_nothing(motions: list[Motion]) -> bool:
+    return all(abs(motion.share_of_weight()) < _CARRIES for motion in motions)
 
 
 def stop(server: Server, lease: lease_pb2.Lease) -> str:
@@ -143,5 +175,5 @@ def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
             answer = server.ask("power", "PowerCommand", lease=lease, request="REQUEST_OFF_MOTORS")
             if wait_for(has_none, bool, CONTROLLED_OFF_S):
                 return "its motors were switched off"
-            return f"THEY STILL HAVE POWER ({enum_name(answer, 'status')}): press the robot's e-stop"
+            return f"BY ITS STATE THEY STILL HAVE POWER ({enum_name(answer, 'status')}): press the robot's e-stop"
     return "THEY STILL HAVE POWER: press the robot's e-stop"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -14,15 +16,17 @@ from bosdyn.api import lease_pb2, robot_state_pb2, robot_state_service_pb2_grpc
 from bosdyn.client.frame_helpers import ValidateFrameTreeError, get_a_tform_b
 
 from fake_robot.conformance.server import OpenError, Server, header, stamp_ns
-from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES, TOTAL_MASS_KG
+from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.state import Array
 
 NAMES = tuple(name.replace("_", ".") for name in JOINT_NAMES)
 FRAMES = ("odom", "vision")
 AT_REST = "at rest"
+G_M_S2 = 9.81
 POLL_S, _RETAIN_S = 0.02, 1.0
 _STREAM_S = 120.0
-_REST_STATES = 200
+_REST_STATES, _FEWEST = 200, 10
 _REST_S = 5.0
 _UNIT = 1e-3
 _ROWS = ("position", "velocity", "load")
@@ -51,6 +55,16 @@ class Motion:
     """Shape (n, 4), as of the vendor's enumeration."""
     body: dict[str, Pose]
     """By the name of the frame."""
+
+    def leg_forces_n(self) -> Array:
+        """The upward force of the ground on each foot that balances the loads of its leg, shape (n, 4), in the body."""
+        _, jacobian = foot_position_and_jacobian(self.position_rad)
+        load_nm = self.load_nm.reshape(-1, 4, 3, 1)
+        return np.asarray(-np.linalg.solve(np.swapaxes(jacobian, -1, -2), load_nm)[..., 2, 0])
+
+    def share_of_weight(self) -> float:
+        """Of the robot's weight, what its legs carry by their mean loads."""
+        return float(self.leg_forces_n().mean(axis=0).sum()) / (TOTAL_MASS_KG * G_M_S2)
 
 
 @dataclass(frozen=True)
@@ -86,9 +100,14 @@ class Recording:
         return _motion("polled", kinematics, rows, contacts, poses, kinematics)
 
     @property
-    def motions(self) -> tuple[Motion, Motion]:
-        """Both."""
-        return self.streamed, self.polled
+    def motions(self) -> list[Motion]:
+        """Both, or the one that is complete. Raises OpenError if none is."""
+        found = []
+        with contextlib.suppress(OpenError):
+            found.append(self.streamed)
+        with contextlib.suppress(OpenError):
+            found.append(self.polled)
+        return found or [self.polled]
 
     @functools.cached_property
     def feet_in_body_m(self) -> Array:
@@ -99,6 +118,11 @@ class Recording:
     def packets(self) -> list[Any]:
         """The inertial unit's."""
         return [packet for state in self.states for packet in state.inertial_state.packets]
+
+    @functools.cached_property
+    def packet_stamps_s(self) -> Array:
+        """The packets', shape (n,), s."""
+        return np.array([stamp_ns(packet.timestamp) for packet in self.packets]) * 1e-9
 
     @functools.cached_property
     def imu_wxyz(self) -> Array:
@@ -174,19 +198,20 @@ class Recorder:
 
 
 def record_rest(server: Server) -> Recording:
-    """200 states and more of a robot that nobody moves.
+    """200 states and more of a robot that nobody moves, or those of some seconds.
 
     Raises:
-        OpenError: Not so many come.
+        OpenError: Next to none come.
         grpc.RpcError: The stream or a poll failed.
     """
     with Recorder(server) as recorder:
         deadline_s = time.monotonic() + _REST_S
         while min(len(recorder.states), 20 * len(recorder.polls)) < _REST_STATES:
-            recorder.mark()
+            states, polls = recorder.mark()
             if time.monotonic() > deadline_s:
-                states, polls = recorder.mark()
-                raise OpenError(f"within {_REST_S:g} s came {states} streamed and {polls} polled states")
+                if min(states, polls) < _FEWEST:
+                    raise OpenError(f"within {_REST_S:g} s came {states} streamed and {polls} polled states")
+                break
             time.sleep(POLL_S)
         return recorder.since((0, 0), AT_REST)
 
@@ -230,12 +255,18 @@ def _in(kinematics: Any, frame: str) -> Any:
     return pose
 
 
+def is_unit(q: Any) -> bool:
+    """Whether a quaternion's length is 1."""
+    return abs(math.hypot(q.w, q.x, q.y, q.z) - 1.0) < _UNIT
+
+
 def _rotations(what: str, rotations: Sequence[Any]) -> Array:
+    """Rotations of length 1, also where the message's are of another: that has a check of its own."""
     wxyz = np.array([(q.w, q.x, q.y, q.z) for q in rotations]).reshape(-1, 4)
-    off = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0).max(initial=0.0)
-    if not off < _UNIT:
-        raise OpenError(f"{what}: a rotation's length is {off:.3f} off 1")
-    return wxyz
+    length = np.linalg.norm(wxyz, axis=1, keepdims=True)
+    if not length.min(initial=1.0) > _UNIT:
+        raise OpenError(f"{what}: a rotation is missing")
+    return np.asarray(wxyz / length)
 
 
 def axes(vector: Any) -> tuple[float, float, float]:

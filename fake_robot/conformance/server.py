@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import secrets
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
@@ -37,7 +38,8 @@ from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
 Made = TypeVar("Made")
-CLIENT_NAME = "spot-rl-conformance"
+CLIENT_NAME = f"spot-rl-conformance-{secrets.token_hex(4)}"
+"""One for each run, so that its leases are told from those of others."""
 RPC_TIMEOUT_S = 10.0
 FEATURE = "joint_control"
 """The licence's name of joint control."""
@@ -112,6 +114,7 @@ class Server:
     def __init__(self, robot: Robot, stranger: Robot) -> None:
         self.robot, self.stranger = robot, stranger
         self.answered: list[Answered] = []
+        self.may_move = False
         clients = robot.service_client_factories_by_type.values()
         self.types = {client.default_service_name: client.service_type for client in clients}
         self.types["robot-mission"] = "bosdyn.api.mission.MissionService"
@@ -130,9 +133,9 @@ class Server:
         return made
 
     def channel(self, service: str) -> Any:
-        """A channel to a service by the authority that the directory lists, with our token."""
+        """A channel to a service by the authority that the directory lists, or its usual one, with our token."""
         self.require(service)
-        return self.robot.ensure_secure_channel(self.listed[service].authority)
+        return self.robot.ensure_secure_channel(self.listed[service].authority or f"{service}.spot.robot")
 
     @functools.cached_property
     def listed(self) -> dict[str, Any]:
@@ -172,11 +175,7 @@ class Server:
 
     @functools.cached_property
     def sync(self) -> Sync:
-        """Our own time sync, so that one that is wrong can be judged.
-
-        Raises:
-            OpenError: The headers bear no times, so that no round trip can be reported.
-        """
+        """Our own time sync, so that one that is wrong can be judged; by polled states where headers bear no times."""
         answers: list[time_sync_pb2.TimeSyncUpdateResponse] = []
         bounds: list[tuple[int, int]] = []
         fields: dict[str, Any] = {}
@@ -184,12 +183,14 @@ class Server:
             answers.append(self.ask("time-sync", "TimeSyncUpdate", **fields))
             told = self.answered[-1]
             trip = time_sync_pb2.TimeSyncRoundTrip()
+            at = told.header.request_received_timestamp, told.header.response_timestamp
+            if not 0 < stamp_ns(at[0]) <= stamp_ns(at[1]):
+                at = (self.state().kinematic_state.acquisition_timestamp,) * 2
+                told = self.answered[-1]
             trip.client_tx.FromNanoseconds(told.sent_ns)
             trip.client_rx.FromNanoseconds(told.received_ns)
-            trip.server_rx.CopyFrom(told.header.request_received_timestamp)
-            trip.server_tx.CopyFrom(told.header.response_timestamp)
-            if not (trip.server_rx.seconds and trip.server_tx.seconds):
-                raise OpenError("no time sync: the headers of answers bear no times")
+            trip.server_rx.CopyFrom(at[0])
+            trip.server_tx.CopyFrom(at[1])
             fields = {"clock_identifier": answers[-1].clock_identifier, "previous_round_trip": trip}
             bounds.append((stamp_ns(trip.server_tx) - told.received_ns, stamp_ns(trip.server_rx) - told.sent_ns))
             if answers[-1].state.status == time_sync_pb2.TimeSyncState.STATUS_OK:

@@ -1,4 +1,8 @@
-"""The one motion of the suite: power on, stand, walk in a turn, walk to a goal, sit, power off, recorded throughout."""
+"""The one motion of the suite, recorded throughout: stand, lean, walk in a turn and to a goal, small steps, sit.
+
+Where an answer says that the robot got no further, its state is the second witness; and a part that fails leaves the
+others their turn.
+"""
 
 from __future__ import annotations
 
@@ -6,31 +10,57 @@ import contextlib
 import itertools
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from bosdyn.api import lease_pb2, robot_command_service_pb2_grpc
+from bosdyn.api import lease_pb2, robot_command_service_pb2_grpc, robot_state_pb2
 from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
+from bosdyn.geometry import EulerZXY
 
-from fake_robot.conformance.power import CALL_ERRORS, cut_power, held, joint_request, require_off, send, wait_for
+from fake_robot.conformance.power import (
+    CALL_ERRORS,
+    cut_power,
+    has_power,
+    held,
+    joint_request,
+    require_off,
+    send,
+    wait_for,
+)
 from fake_robot.conformance.recording import Recorder, Recording
 from fake_robot.conformance.server import FEATURE, Made, OpenError, Server, enum_name, status_of
 from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD, per_joint
 from spot_model.robot.state import Array
 
 SETTLING, STANDING, WALKING, STOPPED, GOING, OFF = "settling", "standing", "walking", "stopped", "going", "off"
-HOLDING = "held by joint control"
+LEANING, UPRIGHT, MOVING = "leaning", "upright again", "moving"
+HOLDING, EXPIRED = "held by joint control", "after its last command ended"
 PUSH_NM = per_joint(0.0, 0.0, 6.0)
 """Added to the knees' loads: a fiftieth of a radian by the stand's own stiffness, and twice what a load is wrong by."""
-STEP_TIMEOUT_S = 20.0
+LEAN_RAD = (0.12, 0.15, 0.2)
+"""Roll, pitch and yaw of the body over its feet: a wrong sign or frame of gravity makes 2 m/s² and more."""
+_STEP_NM = np.array([[7.0], [5.0], [4.0]])
+"""Steps of positions, velocities and loads: several times a joint's friction, less than motors have to spare."""
+_AGAINST = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]).reshape(N_JOINTS)
+"""Signs by which the legs work against each other, so that the feet stay, the body rests and the errors last."""
+SLOT_MESSAGES = 5
+_STEPPING_S = 3.2
+"""Four times all eight combinations of the three steps."""
+STEP_TIMEOUT_S, _STREAM_S = 20.0, 30.0
 VELOCITY_M_S_RAD_S = (0.3, 0.15, 0.5)
 """Forward, to the left, turning left: slow, and each sign shows; it turns so far that no frame stays aligned."""
 WALK_S, STARTING_S, ENDING_S = 4.0, 1.0, 2.0
 WAY_M = 0.5
 SETTLING_S, STANDING_S = 1.0, 1.0
+_SUNK_RAD = 0.2
+_STANDING = robot_state_pb2.BehaviorState.STATE_STANDING
+
+
+WHILE_STANDING: dict[str, Callable[[Server, lease_pb2.Lease], str]] = {}
+"""What is asked of the robot while it stands, by the name under which the answer is told."""
 
 
 class _EndedError(Exception):
@@ -44,8 +74,8 @@ class Session:
     pieces: dict[str, Recording] = field(default_factory=dict)
     told: dict[str, str] = field(default_factory=dict)
     command_ids: list[int] = field(default_factory=list)
-    held_rad: Array = field(default_factory=lambda: np.zeros(N_JOINTS))
-    """The set-points of joint control."""
+    asked: dict[int, Array] = field(default_factory=dict)
+    """Positions, velocities and loads that joint control asked for, shape (3, 12), by the command's key."""
     ended_by: str = ""
 
     def got(self, parts: Mapping[str, Made], name: str) -> Made:
@@ -62,21 +92,25 @@ def drive(server: Server) -> Session:
         OpenError: The robot is e-stopped, has power already, or somebody holds the lease.
     """
     status = server.ask("estop", "GetEstopSystemStatus").status
-    if enum_name(status, "stop_level") != "ESTOP_LEVEL_NONE":
+    is_pressed = any(estop.state != estop.STATE_NOT_ESTOPPED for estop in server.state().estop_states)
+    if is_pressed and enum_name(status, "stop_level") != "ESTOP_LEVEL_NONE":
         raise OpenError(f"the e-stop is pressed: {status.stop_level_details or 'no reason is told'}")
     require_off(server)
     session = Session()
     with held(server) as lease, Recorder(server, lease) as recorder:
         driver = _Driver(server, lease, recorder, session)
         try:
-            for step in (driver.power_on, driver.stand, driver.walk, driver.go, driver.hold):
-                step()
-        except (_EndedError, *CALL_ERRORS) as error:
-            session.ended_by = str(error) or type(error).__name__
+            if driver.attempt(driver.power_on) and driver.attempt(driver.stand):
+                for part in (driver.lean, driver.ask_refused, driver.walk, driver.go, driver.hold):
+                    driver.attempt(part)
         finally:
             session.told["power_goes"] = cut_power(server, lease)
         with contextlib.suppress(*CALL_ERRORS):
+            session.pieces[MOVING] = recorder.since((0, 0), MOVING)
             driver.record(OFF, 0.5)
+    ids = session.command_ids
+    has_numbers = len(ids) > 1 and len(set(ids) - {0}) == len(ids)
+    session.told["commands_have_numbers"] = "a number each" if has_numbers else f"numbers {ids}"
     return session
 
 
@@ -87,6 +121,15 @@ class _Driver:
     recorder: Recorder
     session: Session
 
+    def attempt(self, part: Callable[[], object]) -> bool:
+        """Do a part of the motion; whether it came to its end."""
+        try:
+            part()
+        except Exception as error:  # noqa: BLE001 - a stranger's answers must not keep the others from their turn
+            self.session.ended_by += f"{part.__name__}: {str(error) or type(error).__name__}; "
+            return False
+        return True
+
     def power_on(self) -> None:
         answer = self.server.ask("power", "PowerCommand", lease=self.lease, request="REQUEST_ON_MOTORS")
         told, wanted = status_of(answer), {"power_command_id": answer.power_command_id}
@@ -96,15 +139,29 @@ class _Driver:
                 return status_of(self.server.ask("power", "PowerCommandFeedback", **wanted))
 
             told = wait_for(ask, lambda seen: seen != "STATUS_IN_PROGRESS", STEP_TIMEOUT_S)
-        self._tell("power_comes", told, "STATUS_SUCCESS")
+        self._tell("power_comes", told, "STATUS_SUCCESS", has_power)
 
     def stand(self) -> None:
         told = self._follow(RobotCommandBuilder.synchro_stand_command(), "stand_feedback.status", "STATUS_IS_STANDING")
-        self._tell("stand_ends", told, "STATUS_IS_STANDING")
+        self._tell("stand_ends", told, "STATUS_IS_STANDING", lambda s: s.behavior_state.state == _STANDING)
         start = self.recorder.mark()
         time.sleep(SETTLING_S)
         self.record(STANDING, STANDING_S)
         self.session.pieces[SETTLING] = self.recorder.since(start, SETTLING)
+
+    def lean(self) -> None:
+        """Turn the body over its feet, and stand as before."""
+        roll, pitch, yaw = LEAN_RAD
+        for part, pose in ((LEANING, EulerZXY(yaw, roll, pitch)), (UPRIGHT, EulerZXY())):
+            number = self._begin(RobotCommandBuilder.synchro_stand_command(footprint_R_body=pose))
+            self._wait(number, "stand_feedback.status", "STATUS_IS_STANDING", 2.0 * SETTLING_S)
+            time.sleep(0.5 * SETTLING_S)
+            self.record(part, 0.5 * STANDING_S)
+
+    def ask_refused(self) -> None:
+        """Send what a robot must refuse, to one that has power; it moves nothing if it is taken."""
+        for name, ask in WHILE_STANDING.items():
+            self.session.told[name] = ask(self.server, self.lease)
 
     def walk(self) -> None:
         command_id = self._begin(RobotCommandBuilder.synchro_velocity_command(*VELOCITY_M_S_RAD_S), WALK_S)
@@ -122,37 +179,45 @@ class _Driver:
         told = self._follow(goal, "se2_trajectory_feedback.status", "STATUS_STOPPED", end_s=STEP_TIMEOUT_S)
         self.session.told["trajectory_arrives"] = told
         self.session.pieces[GOING] = self.recorder.since(start, GOING)
-        ids = self.session.command_ids
-        has_three = len(set(ids) - {0}) == len(ids)
-        self.session.told["commands_have_numbers"] = "three numbers" if has_three else f"numbers {ids}"
 
     def hold(self) -> None:
-        """Hold the stance by joint control, the knees with a load besides, and stand as before."""
+        """Hold the stance by joint control with small steps about it, then let the last command end."""
         if "license" not in self.server.listed:
             return
-        if not self.server.ask("license", "GetFeatureEnabled", feature_codes=[FEATURE]).feature_enabled[FEATURE]:
+        told = self.server.ask("license", "GetFeatureEnabled", feature_codes=[FEATURE]).feature_enabled
+        if not told.get(FEATURE, True):
             return
-        at_rad = np.array(self.recorder.states[-1].joint_states.position[:N_JOINTS])
-        self.session.held_rad = at_rad
-        is_over = threading.Event()
+        at_rad = self._position_rad()
+        is_silent, is_over = threading.Event(), threading.Event()
 
         def requests() -> Iterator[Any]:
             for key in itertools.count(1):
-                yield joint_request(self.server, at_rad, STAND_KP_NM_PER_RAD, STAND_KD_NM_S_PER_RAD, PUSH_NM, key=key)
-                if is_over.wait(0.02):
-                    return
+                if is_silent.is_set():
+                    break
+                setpoints = self.session.asked[key] = _stepped(at_rad, key)
+                yield joint_request(self.server, setpoints, STAND_KP_NM_PER_RAD, STAND_KD_NM_S_PER_RAD, key=key)
+                is_silent.wait(0.02)
+            is_over.wait()
 
         channel = self.server.channel("robot-command-streaming")
         stub = robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub(channel)
-        call = stub.JointControlStream.future(requests(), timeout=STEP_TIMEOUT_S)
+        call = stub.JointControlStream.future(requests(), timeout=_STREAM_S)
         try:
             self._begin(RobotCommandBuilder.joint_command())
-            time.sleep(SETTLING_S)
-            self.record(HOLDING, STANDING_S)
-            self._begin(RobotCommandBuilder.synchro_stand_command())
+            time.sleep(0.5 * SETTLING_S)
+            self.record(HOLDING, _STEPPING_S)
+            is_silent.set()
+            time.sleep(ENDING_S)
+            self.record(EXPIRED, 0.5 * STANDING_S)
+            if np.abs(self._position_rad() - at_rad).max() < _SUNK_RAD:
+                self._begin(RobotCommandBuilder.synchro_stand_command())
         finally:
+            is_silent.set()
             is_over.set()
             call.cancel()
+
+    def _position_rad(self) -> Array:
+        return np.array(self.recorder.states[-1].joint_states.position[:N_JOINTS])
 
     def record(self, part: str, duration_s: float) -> None:
         """Keep what comes for a while as a part of the motion."""
@@ -160,9 +225,9 @@ class _Driver:
         time.sleep(max(0.0, duration_s))
         self.session.pieces[part] = self.recorder.since(start, part)
 
-    def _tell(self, name: str, told: str, wanted: str) -> None:
+    def _tell(self, name: str, told: str, wanted: str, shows: Callable[[Any], bool]) -> None:
         self.session.told[name] = told
-        if told != wanted:
+        if told != wanted and not shows(self.server.state()):
             raise _EndedError(f"{name}: {told}")
 
     def _begin(self, command: Any, end_s: float | None = None) -> int:
@@ -185,3 +250,12 @@ class _Driver:
             return enum_name(answer.feedback.synchronized_feedback.mobility_command_feedback, field)
 
         return wait_for(ask, lambda seen: seen == wanted, timeout_s)
+
+
+def _stepped(at_rad: Array, key: int) -> Array:
+    """Set-points of a command: each step is up or down by one digit of the number of the slot."""
+    slot = key // SLOT_MESSAGES
+    steps_nm = _AGAINST * [[1 - 2 * (slot >> digit & 1)] for digit in (2, 1, 0)] * _STEP_NM
+    ones = np.ones(N_JOINTS)
+    gains = np.array([STAND_KP_NM_PER_RAD, STAND_KD_NM_S_PER_RAD, ones])
+    return np.asarray(np.array([at_rad, 0.0 * ones, PUSH_NM]) + steps_nm / gains)

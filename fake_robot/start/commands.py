@@ -131,7 +131,9 @@ def conformance(
     ] = False,
     with_motion: Annotated[
         bool,
-        typer.Option("--with-motion", help="Also power the motors, stand, walk some 2 m and hold by joint control."),
+        typer.Option(
+            "--with-motion", help="Also power the motors, stand, walk some 2 m and hold by joint control to its end."
+        ),
     ] = False,
     ca_file: Annotated[Path | None, typer.Option(help="Certificate to trust beside the vendor's.")] = None,
     check: Annotated[list[str] | None, typer.Option(help="Name of a check to run; may repeat. All if none.")] = None,

@@ -22,13 +22,17 @@ holds. A host that may be a real robot needs `--i-stand-beside-it`: stand beside
 
 Without `--with-motion` it sends nothing that could give the motors power. Some commands must be refused by a robot
 without power. They are sent only if the state says that the motors are off, and if the robot has refused a stop
-(which moves nothing) for want of power. The motors are looked at before the first check and after each. If they have
-power that they had not, the suite has the robot sit down and switches them off, says so, and sends nothing more.
+(which moves nothing) for want of power. Where the two contradict each other, the suite has the robot sit down and
+switches its motors off. Then it goes on if the legs carry nothing. The motors are looked at before the first check and
+after each. If they have power that they had not, the suite has the robot sit down and switches them off, says so, and
+sends nothing more.
 
-`--with-motion` also asks for power without a lease. Then it powers the motors, stands, and walks for 4 s in a turn to
-the left and 0.5 m ahead. If joint control is licensed, it holds the stance with the gains of the robot's own stand.
-Then it sits and powers off. Leave it 3 m on each side. Ctrl-C and SIGTERM have it sit down and power off first. No
-check presses an e-stop, so none shows that one stops the robot.
+`--with-motion` also asks for power without a lease. Then it powers the motors, stands, leans, and walks for 4 s in a
+turn to the left and 0.5 m ahead. If joint control is licensed, it holds the stance with the gains of the robot's own
+stand, with steps of some hundredths of a radian about it. It lets the last command end without a successor, upon
+which a robot may sink to the ground. Then it sits and powers off. A step that fails leaves the others their turn.
+Leave it 3 m on each side. Ctrl-C and SIGTERM have it sit down and power off first. No check presses an e-stop, so
+none shows that one stops the robot.
 
 | exit code | meaning |
 |---|---|

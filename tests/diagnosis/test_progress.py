@@ -41,9 +41,10 @@ def test_stage_share_and_time_left_in_a_file() -> None:
     progress.stop()
     lines = stream.getvalue().splitlines()
     assert lines[0] == "diagnosis 0 %  reading logs"
-    # A tenth in 10 s: nine tenths, 90 s, are left.
-    assert lines[1] == "diagnosis 10 %  left 1:30  building channels of 3 logs"
-    assert progress.share == pytest.approx(0.1 + 0.15 * 0.5 + 0.25 * 0.075)
+    # A hundredth says nothing of the pace; half of the next eight have come, and as much is left of them.
+    assert lines[1] == "diagnosis 1 %  building channels of 3 logs"
+    assert lines[2] == "diagnosis 5 %  left 3:10  a note"
+    assert progress.share == pytest.approx(0.01 + 0.08 * 0.5)
 
 
 def test_the_share_never_falls() -> None:

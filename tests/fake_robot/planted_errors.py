@@ -62,7 +62,8 @@ class PlantedError:
     Attributes:
         name: Unique.
         what: What is wrong with the server.
-        source: ``outside`` if others planted it and it was missed; ``own`` otherwise.
+        source: ``outside`` or, later, ``named`` if others planted it and it was missed; ``sibling`` if it is a relative
+            of one that was, ``own`` otherwise.
         needs_motion: Whether it shows only on a robot with power.
         asks: What it changes in requests before the right server sees them, by method.
         answers: What it changes in answers and streams, by method.
@@ -667,6 +668,264 @@ def service_faults_stay(_request: Any, answer: Any, memory: dict[str, Any]) -> N
         faults.add().ParseFromString(kept)
 
 
+# ---- missed by the suite later, in the words of those who planted them ----
+
+NAMED, SIBLING = "named", "sibling"
+
+
+@planted(STREAM, source=NAMED, needs_motion=True)
+def acceleration_in_odom(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The inertial unit's acceleration is expressed in odom, not in its link."""
+    for packet in answer.inertial_state.packets:
+        a = packet.acceleration_rt_odom_in_link_frame
+        a.x, a.y, a.z = _rotated(packet.odom_rot_link, a, back=False)
+
+
+@planted(STREAM, source=NAMED, needs_motion=True)
+def acceleration_negated_sideways(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The inertial unit's horizontal accelerations have the other sign."""
+    for packet in answer.inertial_state.packets:
+        a = packet.acceleration_rt_odom_in_link_frame
+        a.x, a.y = -a.x, -a.y
+
+
+@planted(STREAM, source=NAMED, needs_motion=True)
+def packets_60_ms_old(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
+    """Inertial packets tell what was 60 ms ago, under present stamps."""
+    told = memory.setdefault("packets", [])
+    stamps = [packet.timestamp.ToNanoseconds() for packet in answer.inertial_state.packets]
+    told.append(answer.inertial_state.SerializeToString())
+    answer.inertial_state.ParseFromString(told[-21] if len(told) > 20 else told[0])
+    for packet, stamp in zip(answer.inertial_state.packets, stamps, strict=True):
+        packet.timestamp.FromNanoseconds(stamp)
+
+
+@planted(STREAM, source=NAMED)
+def packets_come_60_ms_late(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """Inertial packets are of 60 ms ago, and say so."""
+    for packet in answer.inertial_state.packets:
+        _shift(packet.timestamp, -0.06)
+
+
+@planted(ESTOP_CHECK_IN, source=NAMED)
+def estop_response_unchecked(request: Any, answer: Any, memory: dict[str, Any]) -> None:
+    """The e-stop knows its challenges, and accepts any response to them."""
+    if memory.get("challenge") == request.challenge:
+        answer.status = estop_pb2.EstopCheckInResponse.STATUS_OK
+    memory["challenge"] = answer.challenge
+
+
+@planted(COMMAND, source=NAMED, needs_motion=True)
+def expired_commands_with_power(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
+    """The server looks at power first, and then at end times not at all."""
+    kinds = robot_command_pb2.RobotCommandResponse
+    if answer.status in {kinds.STATUS_EXPIRED, kinds.STATUS_TOO_DISTANT, kinds.STATUS_UNKNOWN_FRAME}:
+        if not memory.get("on"):
+            answer.status = kinds.STATUS_NOT_POWERED_ON
+        elif answer.status == kinds.STATUS_EXPIRED:
+            answer.status = kinds.STATUS_OK
+
+
+@planted(POWER, of="expired_commands_with_power")
+def _power_is_known(request: Any, _answer: Any, memory: dict[str, Any]) -> None:
+    memory["on"] = request.request == power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
+
+
+@planted(COMMAND, source=NAMED)
+def stops_without_power(request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """A stop is accepted while the motors are off."""
+    if request.command.full_body_command.HasField("stop_request"):
+        answer.status = robot_command_pb2.RobotCommandResponse.STATUS_OK
+
+
+@planted(asks=JOINTS, source=NAMED, needs_motion=True)
+def gains_six_tenths(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
+    """Joints are driven with 0.6 of the stiffness and of the damping that were asked for."""
+    for gains in (request.joint_command.gains.k_q_p, request.joint_command.gains.k_qd_p):
+        gains[:] = [0.6 * gain for gain in gains]
+
+
+@planted(asks=JOINTS, source=NAMED, needs_motion=True)
+def no_damping(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
+    """Joints are driven without damping."""
+    gains = request.joint_command.gains.k_qd_p
+    gains[:] = [0.0 for _ in gains]
+
+
+@planted(asks=JOINTS, source=NAMED, needs_motion=True)
+def joint_commands_never_end(request: Any, _answer: Any, memory: dict[str, Any]) -> None:
+    """A joint command of a robot with power holds past its end time."""
+    if memory.get("on"):
+        _shift(request.joint_command.end_time, 9.0)
+
+
+planted(POWER, of="joint_commands_never_end")(_power_is_known)
+
+
+@planted(f"{STATE} {STREAM}", source=NAMED, needs_motion=True)
+def contact_stuck(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The left front foot always has contact."""
+    if hasattr(answer, "robot_state"):
+        answer.robot_state.foot_state[0].contact = robot_state_pb2.FootState.CONTACT_MADE
+    else:
+        answer.contact_states[0] = robot_state_pb2.FootState.CONTACT_MADE
+
+
+def _scaled(name: str, what: str, values: str, factor: float, *, source: str) -> None:
+    """Enter an error of both reports: one row of the joints is scaled."""
+
+    def scale(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+        if hasattr(answer, "robot_state"):
+            for joint in _joint_states(answer):
+                getattr(joint, values).value *= factor
+        else:
+            told = getattr(answer.joint_states, values)
+            told[:] = [factor * value for value in told]
+
+    scale.__name__, scale.__doc__ = name, what
+    planted(f"{STATE} {STREAM}", source=source, needs_motion=True)(scale)
+
+
+_scaled("loads_halved", "Joint loads are half of what they are.", "load", 0.5, source=NAMED)
+
+# ---- siblings of those, of our own invention, entered before it was known which are found ----
+
+_scaled("joint_velocities_scaled", "Joint velocities are 0.7 of what they are.", "velocity", 0.7, source=SIBLING)
+
+
+@planted(f"{STATE} {STREAM}", source=SIBLING, needs_motion=True)
+def body_velocities_scaled(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The body's linear velocity is 0.7 of what it is."""
+    for velocity in _velocities(answer):
+        v = velocity.linear
+        v.x, v.y, v.z = 0.7 * v.x, 0.7 * v.y, 0.7 * v.z
+
+
+@planted(STREAM, source=SIBLING, needs_motion=True)
+def joints_one_state_late(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
+    """Streamed joints are those of the state before, under present stamps."""
+    stamp = answer.joint_states.acquisition_timestamp.ToNanoseconds()
+    now = answer.joint_states.SerializeToString()
+    answer.joint_states.ParseFromString(memory.get("joints", now))
+    answer.joint_states.acquisition_timestamp.FromNanoseconds(stamp)
+    memory["joints"] = now
+
+
+@planted(STATE, source=SIBLING, needs_motion=True)
+def polls_80_ms_old(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
+    """Polled kinematics are those of four polls before, under present stamps."""
+    kinematics, told = answer.robot_state.kinematic_state, memory.setdefault("polls", [])
+    stamp = kinematics.acquisition_timestamp.ToNanoseconds()
+    told.append(kinematics.SerializeToString())
+    kinematics.ParseFromString(told[-5] if len(told) > 4 else told[0])
+    kinematics.acquisition_timestamp.FromNanoseconds(stamp)
+
+
+@planted(f"{STATE} {STREAM}", source=SIBLING, needs_motion=True)
+def quaternions_conjugated(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """All attitudes are those of the frames in the body, not of the body in the frames."""
+    if hasattr(answer, "robot_state"):
+        edges = answer.robot_state.kinematic_state.transforms_snapshot.child_to_parent_edge_map
+        turns = [edges[frame].parent_tform_child.rotation for frame in ("odom", "vision")]
+    else:
+        told = answer.kinematic_state
+        turns = [told.odom_tform_body.rotation, told.vision_tform_body.rotation]
+        turns += [packet.odom_rot_link for packet in answer.inertial_state.packets]
+    for q in turns:
+        q.x, q.y, q.z = -q.x, -q.y, -q.z
+
+
+@planted(STATE, source=SIBLING, needs_motion=True)
+def feet_in_a_level_frame(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """Feet are told in a frame at the body that stays level and does not turn."""
+    edges = answer.robot_state.kinematic_state.transforms_snapshot.child_to_parent_edge_map
+    for foot in answer.robot_state.foot_state:
+        at = foot.foot_position_rt_body
+        at.x, at.y, at.z = _rotated(edges["odom"].parent_tform_child.rotation, at, back=True)
+
+
+@planted(f"{STATE} {STREAM}", source=SIBLING, needs_motion=True)
+def clock_two_percent_fast(_request: Any, answer: Any, memory: dict[str, Any]) -> None:
+    """Stamps of states are of a clock that runs 2 % fast."""
+    stamps = [_kinematics(answer).acquisition_timestamp]
+    if not hasattr(answer, "robot_state"):
+        stamps += [answer.joint_states.acquisition_timestamp, *(p.timestamp for p in answer.inertial_state.packets)]
+    first_ns = memory.setdefault("first", stamps[0].ToNanoseconds())
+    for stamp in stamps:
+        _shift(stamp, 0.02e-9 * (stamp.ToNanoseconds() - first_ns))
+
+
+@planted(asks=JOINTS, source=SIBLING, needs_motion=True)
+def stiffness_of_one_joint(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
+    """One knee is driven with a weak stiffness of its own."""
+    if request.joint_command.gains.k_q_p:
+        request.joint_command.gains.k_q_p[5] = 150.0
+
+
+@planted(asks=JOINTS, source=SIBLING, needs_motion=True)
+def velocity_setpoints_ignored(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
+    """Velocity set-points count as zero."""
+    request.joint_command.velocity[:] = [0.0 for _ in request.joint_command.velocity]
+
+
+@planted(asks=JOINTS, source=SIBLING, needs_motion=True)
+def load_setpoints_halved(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
+    """Half of the load set-point acts."""
+    request.joint_command.load[:] = [0.5 * load for load in request.joint_command.load]
+
+
+@planted(STREAM, source=SIBLING)
+def packets_duplicated(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The second packet of each state is the first once more."""
+    answer.inertial_state.packets[1].CopyFrom(answer.inertial_state.packets[0])
+
+
+@planted(STREAM, source=SIBLING)
+def packets_repeated_under_new_stamps(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """All packets of a state tell what the first tells, each under its own stamp."""
+    first, *others = answer.inertial_state.packets
+    for packet in others:
+        stamp = packet.timestamp.ToNanoseconds()
+        packet.CopyFrom(first)
+        packet.timestamp.FromNanoseconds(stamp)
+
+
+@planted(f"{STATE} {STREAM}", source=SIBLING, needs_motion=True)
+def contacts_exchanged(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The contacts of the front feet are exchanged."""
+    if hasattr(answer, "robot_state"):
+        one, other, *_ = answer.robot_state.foot_state
+        one.contact, other.contact = other.contact, one.contact
+    else:
+        answer.contact_states[:2] = answer.contact_states[1::-1]
+
+
+@planted(STREAM, source=SIBLING, needs_motion=True)
+def gyro_in_odom(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The inertial unit's turn rate is expressed in odom, not in its link."""
+    for packet in answer.inertial_state.packets:
+        v = packet.angular_velocity_rt_odom_in_link_frame
+        v.x, v.y, v.z = _rotated(packet.odom_rot_link, v, back=False)
+
+
+@planted(STREAM, source=SIBLING, needs_motion=True)
+def receipt_in_another_clock(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """The time at which the last command was received is 199 s off the robot's clock."""
+    if answer.last_command.user_command_key:
+        _shift(answer.last_command.received_timestamp, CLOCK_ERROR_S)
+
+
+@planted(RETURN, source=SIBLING)
+def leases_are_never_returned(_request: Any, answer: Any, _memory: dict[str, Any]) -> None:
+    """A lease that was returned stays with its owner."""
+    answer.status = lease_pb2.ReturnLeaseResponse.STATUS_OK
+
+
+@planted(asks=RETURN, of="leases_are_never_returned")
+def _returns_nothing(request: Any, _answer: Any, _memory: dict[str, Any]) -> None:
+    request.lease.epoch = "another"
+
+
 # ---- one field ----
 
 
@@ -730,4 +989,12 @@ _changed("service_faults_not_shown", "A fault that a service raised is not in th
          STATE, "robot_state.service_fault_state.faults", None)
 _changed("service_faults_without_a_time", "A service's fault does not say since when.",
          STATE, "robot_state.service_fault_state.faults.*.onset_timestamp", None)
+_changed("battery_current_negated", "The battery's current is positive while it discharges.",
+         STATE, "robot_state.battery_states.*.current.value", lambda x: -x, source=NAMED)
+_changed("battery_in_kelvin", "The motors' temperatures are in kelvins.",
+         STATE, "robot_state.system_state.motor_temperatures.*.temperature", lambda x: x + 273.15, source=SIBLING)
+_changed("power_never_comes", "The feedback never says that the motors have got power.",
+         POWER_FEEDBACK, "status", power_pb2.STATUS_IN_PROGRESS, source=SIBLING, needs_motion=True)
+_changed("estop_always_pressed", "The e-stop's status is a cut, whatever its endpoints ask for.",
+         ESTOP_STATUS, "status.stop_level", estop_pb2.ESTOP_LEVEL_CUT, source=SIBLING)
 # fmt: on

@@ -11,10 +11,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from bosdyn.api import power_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client.exceptions import Error as SdkError
@@ -23,6 +25,7 @@ from bosdyn.client.robot import Robot as SdkRobot
 from typer.testing import CliRunner
 
 from benchmarks import conformance_errors
+from fake_robot.conformance import paths
 from fake_robot.conformance import server as server_module
 from fake_robot.conformance import session as session_module
 from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict
@@ -39,13 +42,14 @@ from fake_robot.conformance.command import (
 from fake_robot.conformance.power import has_power, held, is_off
 from fake_robot.conformance.recording import Recorder, Recording
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server
-from fake_robot.conformance.session import Session, drive
+from fake_robot.conformance.session import EXPIRED, HOLDING, Session, drive
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
 from fake_robot.services.auth import Credentials
 from fake_robot.start.commands import app
 from fake_robot.start.server import FakeServer
 from spot_model.errors import BadInputError
+from spot_model.robot.facts import STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD
 from tests.fake_robot.planted_errors import ERRORS, STATE, STREAM, PlantedError
 from tests.fake_robot.planted_server import RIGHT, PlantedServer
 
@@ -157,18 +161,51 @@ def test_a_suite_without_motion_sends_nothing_that_could_give_power(start: Start
     assert not {"PowerService/PowerCommand", "PowerService/PowerCommandFeedback"} & {key for key, _ in planted.asked}
 
 
-def test_a_robot_that_hides_its_power_is_sent_stops_alone(start: Start, certificates: Any) -> None:
+def test_a_robot_that_hides_its_power_loses_it_before_anything_is_sent_that_could_move_it(
+    start: Start, certificates: Any
+) -> None:
     server, planted = start(BRISK)
     with held(server) as lease:
         session_module._Driver(server, lease, Recorder(server), Session()).power_on()
     planted.plant(ERRORS["motor_state_always_off"])
-    results = list(run_checks(log_in(planted, certificates), Needs.LEASE))
-    verdicts = {r.check.name: r.verdict for r in results}
-    assert verdicts["power_is_as_told"] is Verdict.FAIL
-    assert verdicts["stand_without_power"] is verdicts["stream_while_inactive"] is Verdict.OPEN
+    names = ("power_is_as_told", "stand_without_power", "stream_while_inactive")
+    results = list(run_checks(log_in(planted, certificates), Needs.LEASE, names))
+    assert [r.verdict for r in results] == [Verdict.FAIL, Verdict.PASS, Verdict.PASS], results
     commands = [request.command for key, request in planted.asked if key == "RobotCommandService/RobotCommand"]
-    assert {command.full_body_command.WhichOneof("command") for command in commands} == {"stop_request"}
-    assert not any(key.endswith("JointControlStream") for key, _ in planted.asked)
+    sent = [command.full_body_command.WhichOneof("command") for command in commands]
+    taken = sent.index("safe_power_off_request")
+    assert set(sent[:taken]) == {"stop_request"}
+    planted.plant(RIGHT)
+    assert is_off(server.state())
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["motor_state_always_on", "commands_without_power", "stops_without_power", "header_without_times"],
+)
+def test_one_error_leaves_the_other_checks_their_way(
+    planted: PlantedServer, certificates: Any, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """What a check needs, it gets from a second witness."""
+    monkeypatch.setattr("fake_robot.conformance.power.CONTROLLED_OFF_S", 1.0)
+    planted.plant(ERRORS[name])
+    results = list(run_checks(log_in(planted, certificates), Needs.LEASE))
+    assert [f"{r.check.name}: {r.seen}" for r in results if r.verdict is Verdict.OPEN] == []
+    assert Verdict.FAIL in {r.verdict for r in results}
+
+
+def test_a_robot_whose_two_witnesses_say_that_it_has_power_is_left_alone(start: Start) -> None:
+    server, planted = start(BRISK)
+    with held(server) as lease:
+        session_module._Driver(server, lease, Recorder(server), Session()).power_on()
+    (result,) = run_checks(server, Needs.LEASE, ("stand_without_power",))
+    assert (result.verdict, has_power(server.state())) == (Verdict.OPEN, True)
+    assert "the motors are not off" in result.seen
+    assert all(
+        request.command.full_body_command.HasField("stop_request")
+        for key, request in planted.asked
+        if key[-13:] == "/RobotCommand"
+    )
 
 
 def test_power_that_nobody_asked_for_is_taken_away_and_told(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,6 +257,14 @@ def test_the_exit_code_says_whether_all_was_judged() -> None:
 
 AT_REST = {
     "motor_state_always_on": "power_is_as_told",
+    "stops_without_power": "power_is_as_told",
+    "battery_current_negated": "units_are_plausible",
+    "battery_in_kelvin": "units_are_plausible",
+    "estop_response_unchecked": "estop_wrong_response",
+    "estop_always_pressed": "estop_is_the_most_restrictive",
+    "packets_come_60_ms_late": "stamps_are_robot_time",
+    "packets_duplicated": "stamps_rise",
+    "leases_are_never_returned": "returned_lease",
     "packet_stamps_in_another_clock": "stamps_are_robot_time",
     "contacts_inverted_in_stream": "stream_agrees_with_poll",
     "contacts_inverted_in_poll": "stream_agrees_with_poll",
@@ -302,12 +347,27 @@ IN_MOTION = {
     "gyro_in_degrees": "imu_turns_with_the_body_in_motion",
     "joints_frozen": "joint_velocity_is_the_slope_in_motion",
     "command_key_not_echoed": "servo_law",
+    "acceleration_in_odom": "imu_feels_gravity_in_motion",
+    "acceleration_negated_sideways": "imu_feels_gravity_in_motion",
+    "gyro_in_odom": "imu_turns_with_the_body_in_motion",
+    "packets_60_ms_old": "contents_are_of_their_stamps_in_motion",
+    "polls_80_ms_old": "contents_are_of_their_stamps_in_motion",
+    "contact_stuck": "feet_step_in_motion",
+    "contacts_exchanged": "feet_step_in_motion",
+    "loads_halved": "loads_carry_the_weight_in_motion",
+    "joint_velocities_scaled": "joint_velocity_is_the_slope_in_motion",
+    "body_velocities_scaled": "body_velocity_is_the_slope_in_motion",
+    "quaternions_conjugated": "leans_as_it_is_told_in_motion",
+    "feet_in_a_level_frame": "feet_are_where_the_joints_put_them_in_motion",
+    "clock_two_percent_fast": "clock_runs_true_in_motion",
 }
 """The same of a robot that moves, by a right robot's recording in which the messages are changed."""
 
 
 def test_every_error_is_one_of_those_that_are_found_or_is_known_to_stay_hidden() -> None:
     hidden = {"estop_in_the_state_never_stopped", "estop_always_released"}  # no check presses a stop
+    hidden |= {"joints_one_state_late"}  # 3 ms, as estimators have
+    hidden |= {"packets_repeated_under_new_stamps", "receipt_in_another_clock"}
     elsewhere = {"power_for_anybody", "power_feedback_of_nothing_succeeds"}
     assert set(AT_REST) | set(IN_MOTION) | set(LIVE) | elsewhere == set(ERRORS) - hidden
 
@@ -335,7 +395,7 @@ def changed(session: Session, error: PlantedError) -> Session:
                     error.answers[key](None, message, memories[key])
         answers = [answer.robot_state for answer in polls]
         pieces[part] = Recording(part, states, answers, right.arrived_ns, right.polled_ns)
-    return Session(pieces, session.told, session.command_ids, session.held_rad)
+    return replace(session, pieces=pieces)
 
 
 @IN_REAL_TIME
@@ -357,6 +417,14 @@ LIVE = {
     "never_stands": "stand_ends",
     "load_setpoint_negated": "servo_law",
     "gains_halved": "servo_law",
+    "gains_six_tenths": "servo_law",
+    "no_damping": "servo_law",
+    "stiffness_of_one_joint": "servo_law",
+    "velocity_setpoints_ignored": "servo_law",
+    "load_setpoints_halved": "servo_law",
+    "joint_commands_never_end": "stream_command_ends",
+    "expired_commands_with_power": "expired_command",
+    "power_never_comes": "power_comes",
 }
 
 
@@ -368,13 +436,14 @@ LIVE = {
         ("velocity_command_never_ends", "walks_to_the_other_side"),
         ("command_ids_alike", "stands_at_once"),
         ("never_stands",),
+        ("power_never_comes", "joint_commands_never_end", "expired_commands_with_power", "no_damping"),
     ],
     ids=" ".join,
 )
 def test_errors_of_commands_are_found(start: Start, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...]) -> None:
     """Errors of different calls are planted at once."""
     server, planted = start(BRISK | {"motion": {"stand_s": 2.5, "sit_s": 0.8}})
-    if names == ("never_stands",):
+    if {"never_stands", "power_never_comes"} & set(names):
         monkeypatch.setattr(session_module, "STEP_TIMEOUT_S", 4.0)
     both = PlantedError("both", "", "own", needs_motion=True)
     for error in (ERRORS[name] for name in names):
@@ -386,6 +455,70 @@ def test_errors_of_commands_are_found(start: Start, monkeypatch: pytest.MonkeyPa
     results = list(run_checks(server, Needs.MOTION, tuple(LIVE[name] for name in names)))
     assert {r.check.name for r in results if r.verdict is Verdict.FAIL} == {LIVE[name] for name in names}
     assert not has_power(server.state())
+
+
+def held_by(kp: float, kd: float, load: float) -> Server:
+    """A motion in which the servos have these shares of the gains that were asked for, by the law and without noise."""
+    session, rng = Session(), np.random.default_rng(0)
+    at_rad = np.tile([0.1, 0.8, -1.5], 4)
+    states = []
+    for key in range(1, 161):
+        session.asked[key] = asked = session_module._stepped(at_rad, key)
+        for _ in range(7):
+            position_rad, velocity_rad_s = at_rad + rng.normal(0, 2e-3, 12), rng.normal(0, 0.1, 12)
+            measured_nm = kp * STAND_KP_NM_PER_RAD * (asked[0] - position_rad) + load * asked[2]
+            measured_nm += kd * STAND_KD_NM_S_PER_RAD * (asked[1] - velocity_rad_s)
+            state = robot_state_pb2.RobotStateStreamResponse(contact_states=[1] * 4)
+            state.joint_states.position.extend(position_rad)
+            state.joint_states.velocity.extend(velocity_rad_s)
+            state.joint_states.load.extend(measured_nm)
+            state.last_command.user_command_key = key
+            for pose in (state.kinematic_state.odom_tform_body, state.kinematic_state.vision_tform_body):
+                pose.rotation.w = 1.0
+            states.append(state)
+    session.pieces = {
+        HOLDING: Recording(HOLDING, states, [], [], []),
+        EXPIRED: Recording(EXPIRED, states[-7:], [], [], []),
+    }
+    server: Any = Server(SimpleNamespace(service_client_factories_by_type={}), None)
+    server._kept[drive] = session
+    return server
+
+
+@pytest.mark.parametrize(
+    ("shares", "seen"),
+    [
+        ((1.0, 1.0, 1.0), "the servo law, and the command's key"),
+        ((0.6, 1.0, 1.0), "fl.hx: 0.60 of the stiffness"),
+        ((1.0, 0.1, 1.0), "fl.hx: 0.10 of the damping"),
+        ((1.0, 1.0, 0.5), "fl.hx: 0.50 of the load"),
+    ],
+)
+def test_small_steps_tell_the_gains(shares: tuple[float, float, float], seen: str) -> None:
+    (item,) = checks("servo_law")
+    assert item.probe(held_by(*shares)) == seen
+
+
+def test_a_command_that_is_followed_past_its_end_is_found() -> None:
+    (item,) = checks("stream_command_ends")
+    assert item.probe(held_by(1.0, 1.0, 1.0)) == "still followed"
+    assert item.probe(held_by(0.0, 0.0, 0.0)) == "no longer followed"
+
+
+def test_steps_ask_for_less_than_motors_have_and_for_each_part_apart() -> None:
+    asked = np.array([session_module._stepped(np.zeros(12), key) for key in range(40)])
+    of_nm = asked * np.array([STAND_KP_NM_PER_RAD, STAND_KD_NM_S_PER_RAD, np.ones(12)])
+    steps_nm = of_nm - of_nm.mean(axis=0)
+    assert np.abs(steps_nm.sum(axis=1)).max() == pytest.approx(16.0)
+    assert np.einsum("kpj,kqj->pq", steps_nm, steps_nm) / 480 == pytest.approx(np.diag([49.0, 25.0, 16.0]))
+
+
+@pytest.mark.parametrize("late_s", [-0.06, 0.0, 0.04])
+def test_the_age_of_a_report_is_told_by_its_content(late_s: float) -> None:
+    stamps_s = np.arange(0.0, 3.0, 3e-3)
+    motion = lambda t: np.stack([np.sin(9.0 * t), np.cos(13.0 * t)], axis=1)  # noqa: E731
+    seen = motion(stamps_s - late_s) + np.random.default_rng(0).normal(0.0, 0.3, (len(stamps_s), 2))
+    assert paths.late_s(stamps_s, seen, stamps_s, motion(stamps_s)) == pytest.approx(late_s, abs=0.004)
 
 
 # ---- what is no error ----
@@ -429,7 +562,8 @@ def test_polled_joints_may_come_in_any_order_and_a_battery_bay_may_be_empty(
 
     names = ("polled_state_is_complete", "stream_agrees_with_poll", "units_are_plausible", "stamps_are_robot_time")
     results = run_checks(answered(planted, certificates, STATE, change), Needs.LEASE, names)
-    assert {r.check.name: r.verdict for r in results} == dict.fromkeys(names, Verdict.PASS)
+    results = list(results)
+    assert {r.check.name: r.verdict for r in results} == dict.fromkeys(names, Verdict.PASS), wrong(results)
 
 
 @pytest.mark.parametrize("looks_at_clocks", [False, True])
@@ -486,7 +620,7 @@ def test_a_call_that_is_not_answered_in_time_leaves_the_check_open(
     planted.plant(RIGHT)
     server = log_in(planted, certificates)
     server.require("directory")
-    monkeypatch.setattr(server_module, "RPC_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(server_module, "RPC_TIMEOUT_S", -1.0)
     (result,) = run_checks(server, Needs.LEASE, ("unknown_service",))
     assert (result.verdict, result.seen) == (Verdict.OPEN, "no answer: DEADLINE_EXCEEDED")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from itertools import pairwise
 
 from rich.console import Console
 
@@ -60,3 +61,36 @@ def test_on_a_terminal_it_is_a_bar_that_is_left_at_its_last_state():
     with Progress("cases", 4, console=console) as progress:
         progress.update(4, "[not markup]")
     assert "4/4" in out.getvalue()
+
+
+def test_the_time_left_never_stands_still_and_a_late_part_never_counts_as_done():
+    """A part that the pace so far gives 20 s takes twenty minutes."""
+    console, out = plain()
+    clock = Clock()
+    with Progress("diagnosis", console=console, clock=clock) as progress:
+        clock.now_s += 80.0
+        progress.update(80, "weighing", ahead=18)
+        for _ in range(60):
+            clock.now_s += 20.0
+            progress._show()
+    lines = out.getvalue().splitlines()
+    left_s = [60 * int(m) + int(s) for m, s in (line.split()[4].split(":") for line in lines)]
+    shares = [int(line.split()[1]) for line in lines]
+    assert left_s[0] == 20
+    assert all(a != b for a, b in pairwise(left_s))
+    assert abs(left_s[-1] - 242) <= 1  # a fifth of what the part has taken, and 2 s for what comes after it
+    assert shares == sorted(shares)
+    assert shares[-1] == 97
+
+
+def test_time_alone_moves_it_on(monkeypatch):
+    console, out = plain()
+    monkeypatch.setattr("spot_model.console.progress.TICK_S", 0.001)
+    clock = Clock()
+    with Progress("cases", 10, console=console, clock=clock) as progress:
+        clock.now_s += 10.0
+        progress.update(1, "first")
+        clock.now_s += 20.0
+        while out.getvalue().count("left") < 2:
+            pass
+    assert out.getvalue().splitlines()[1] == "cases 1/10  left 1:24  first"
