@@ -321,6 +321,8 @@ class Verdict(Settings):
     """Date of the earlier diagnosis whose corrected model is the nominal one (`--history`); empty for other models."""
     robot: str = ""
     """The robot's serial number or name; empty where the logs do not tell."""
+    no_model: str = ""
+    """Why there is no corrected model file, and what to do instead; empty where there is one."""
     held: tuple[str, ...] = ()
     """Fitted numbers that lie at the end of what is physically possible and are held there, a sentence each."""
     notes: tuple[str, ...] = ()

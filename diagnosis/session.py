@@ -41,6 +41,9 @@ STAGES: Final = (
     ("writing the report", 0.02),
 )
 """How the first message of each stage begins, and its mean share of the time, over six short logs and six long ones."""
+NO_MODEL: Final = (
+    "no model file: only Spot can be simulated here; verdict.json has the numbers for a simulator of your own"
+)
 
 
 class Inputs(Settings):
@@ -165,7 +168,8 @@ def run_session(
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
         differences = tuple(d.model_copy(update={"split": None}) for d in verdict.differences)
-        verdict = verdict.model_copy(update={"differences": differences})
+        notes = (*verdict.notes, NO_MODEL)
+        verdict = verdict.model_copy(update={"differences": differences, "no_model": NO_MODEL, "notes": notes})
     result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     say("writing the report")
     paths = write_all(result, out, library)

@@ -31,7 +31,8 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
         ("invisible", ", ".join(map(words.plain, v.invisible))),
         ("to decide", "".join(splits[:1])),
         ("advice", "".join(v.log_advice[:1])),
-        *((name, str(paths.get(name, "-"))) for name in ("model", "report")),
+        ("model", str(paths.get("model", v.no_model or "-"))),
+        ("report", str(paths.get("report", "-"))),
     ]
     return [f"{name:<12}{told}" for name, told in lines if told]
 

@@ -30,9 +30,10 @@ class _Robots(VecEnv):
 
 env = spot_rl.make_vec_env(256, raw_actions=True)
 network = {"class_name": "MLPModel", "hidden_dims": [128, 64], "activation": "elu"}
+# The export takes the whole actor: with its normaliser, if it has one ("obs_normalization": True).
 actor = {**network, "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 1.0}}
 groups = {"actor": ["policy"], "critic": ["policy"]}
 ppo = {"algorithm": {"class_name": "PPO"}, "num_steps_per_env": 24, "save_interval": 1000, "obs_groups": groups}
 runner = OnPolicyRunner(_Robots(env), {**ppo, "actor": actor, "critic": network}, log_dir=None)
 runner.learn(3)  # 1000 or more for a robot that walks
-print("policy:", spot_rl.export(runner.alg.actor.mlp, sys.argv[1] if sys.argv[1:] else "rsl_rl.onnx", env=env))
+print("policy:", spot_rl.export(runner.alg.actor, sys.argv[1] if sys.argv[1:] else "rsl_rl.onnx", env=env))

@@ -87,7 +87,8 @@ def export(
 
     Args:
         run: A run folder, a checkpoint, or a network that another library trained: a ``torch.nn.Module`` of linear
-            layers with ELU between them, from the 48 observations to the 12 actions.
+            layers with ELU between them, from the 48 observations to the 12 actions. Of rsl_rl, give the whole actor:
+            its normaliser goes into the file.
         out: The file to write; never overwritten.
         name: The policy's name; the config's by default.
         env: With a network: the environment it was trained in, which says what its actions mean.

@@ -9,9 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spot_log.format.events import EventName
-from spot_model.policy.contract import PolicyContract, PolicyError, gait_sentence
+from spot_model.policy.contract import PolicyContract, PolicyError, gait_doubts, gait_sentence
 from spot_model.policy.signature import check_signature
-from spot_model.robot.gait import HOPS
 from spot_runtime.config import ServiceConfig
 
 
@@ -53,6 +52,6 @@ def check_scripts_allowed(config: ServiceConfig) -> None:
 
 
 def gait_event(contract: PolicyContract) -> tuple[EventName, str]:
-    """What a run tells of the gait before it moves: a warning where the policy hops, falls or states no gait."""
-    is_sound = bool(contract.gait) and not {stated.name for stated in contract.gait} & (HOPS | {"fall"})
+    """What a run tells of the gait before it moves: a warning where it hops, falls, stays behind or is not stated."""
+    is_sound = bool(contract.gait) and not gait_doubts(contract)
     return EventName.GAIT if is_sound else EventName.GAIT_DOUBTFUL, gait_sentence(contract)

@@ -44,7 +44,7 @@ class Inputs:
 class BodyModel:
     """Spot's rigid body with the masses, centres of mass and inertias that a robot model's effects edit.
 
-    Their friction and armature do not count, since loads are measured behind them.
+    Their friction and rotor inertia do not count, since loads are measured behind them.
     """
 
     def __init__(self, effects: Sequence[Effect] = ()) -> None:

@@ -62,9 +62,9 @@ ALL_OF_IT: Final = Coefficient("share", "1", 1.0, 1.0)
 class LibraryEffect(ABC):
     """One effect of the library.
 
-    An entry of a torque effect, or of a model effect that changes friction, damping or armature of the joints, needs no
-    formula: its columns are the effect's own, evaluated on the logged motion, and its coefficients are named after the
-    effect's parameters.
+    An entry of a torque effect, or of a model effect that changes friction, damping or rotor inertia of the joints,
+    needs no formula: its columns are the effect's own, evaluated on the logged motion, and its coefficients are named
+    after the effect's parameters.
 
     ``columns`` of a joint set is the sum over its joints, so that one coefficient is shared by the set. In a channel
     of ``separable``, joint j touches row j alone; there the columns of one joint are those of all joints, row j.

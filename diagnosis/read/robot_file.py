@@ -44,7 +44,7 @@ class RobotFile(Settings):
     torque_limit_nm: PerJoint | None = None
     """No load of this robot is much larger; one that is has another unit."""
     mjcf: str | None = None
-    """Rigid bodies with these joints, beside this file; friction and armature in it do not count."""
+    """Rigid bodies with these joints, beside this file; friction and rotor inertia in it do not count."""
     load: Literal["measured", "from_motion"] = "measured"
     """``from_motion``: loads are what the MJCF needs for the motion; for a robot on a stand, with no torque sensors
     at its links."""

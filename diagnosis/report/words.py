@@ -362,11 +362,14 @@ def next_step(v: Verdict) -> str:
     if v.warnings:
         return "read the warnings"
     if v.status == "cannot_tell":
-        return "record more"
+        off = v.channels.get("set_point_to_load", "").removeprefix("off: ")
+        from_motion = "; with 'load: from_motion' and an MJCF, --robot computes loads" if v.no_model else ""
+        return f"see why no channel shows forces ({off}){from_motion}" if off not in ("", "used") else "record more"
     if is_unchanged(v):
         return f"keep the model of {v.since}"
     if v.status == "no_gap" and not v.differences:
-        return "train on the nominal model" if is_near(v) else "record more"
+        use = "keep your simulator as it is" if v.no_model else "train on the nominal model"
+        return use if is_near(v) else "record more"
     if splits:
         split, group = splits[0]
         what = split.text.split(":")[0].rstrip(".")
@@ -375,8 +378,9 @@ def next_step(v: Verdict) -> str:
     if v.probability_unknown > LIKELY or v.status == "unknown_effect":
         return f"look at the robot{_where(v)}"
     if is_good(v):
-        return "train on the corrected model" + (", and look further" if is_far(v) else "")
-    return "record more before training on the corrected model"
+        use = "take the numbers over into your simulator" if v.no_model else "train on the corrected model"
+        return use + (", and look further" if is_far(v) else "")
+    return f"record more before {'these numbers are used' if v.no_model else 'training on the corrected model'}"
 
 
 def probabilities(v: Verdict) -> str:

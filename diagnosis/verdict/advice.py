@@ -44,7 +44,7 @@ def advice(
 ) -> tuple[str, ...]:
     """Sentences, the most useful first."""
     out = [
-        f"To tell {', '.join(effect.group)} apart: {effect.split.text} {effect.split.by_hand}".strip()
+        f"To tell {_titles(effect.group)} apart: {effect.split.text} {effect.split.by_hand}".strip()
         for effect in differences
         if effect.split is not None
     ]
@@ -87,6 +87,10 @@ def advice(
             "--add-effect module:Class."
         )
     return tuple(out)
+
+
+def _titles(names: Sequence[str]) -> str:
+    return ", ".join(LIBRARY[name].title if name in LIBRARY else name for name in names)
 
 
 def cannot_show(board: Evidence, library: Mapping[str, LibraryEffect] = LIBRARY) -> tuple[str, ...]:

@@ -72,7 +72,7 @@ Put it into a file of its own, not into the script that uses it. In a file `my_e
 wherever an effect is named, if the file's folder is on `PYTHONPATH`, in full. In Python, `spot_rl.load_model(MODEL,
 effects=[OilDrag(joints=("knees",), drag_nm_s2_per_rad2=0.1)])` adds it to a model, and `spot_rl.diagnose(...,
 add_effects=[OilDrag])` looks for it in logs. The diagnosis can look for torque effects, and for model effects that edit
-friction, damping or armature.
+friction, damping or rotor inertia.
 """
 
 

@@ -16,7 +16,7 @@ class EventName(Enum):
 
     RUN_STARTED = (Severity.INFO, "the run began")
     GAIT = (Severity.INFO, "the gait that the policy's file states")
-    GAIT_DOUBTFUL = (Severity.WARNING, "the policy's file states that it hops or falls, or states no gait")
+    GAIT_DOUBTFUL = (Severity.WARNING, "the policy's file states no gait, or that it hops, falls or stays behind")
     CONNECTED = (Severity.INFO, "the robot answered, and the lease is ours")
     CONNECTION_FAILED = (Severity.ERROR, "the robot cannot be used; the text says why")
     REAL_TIME_REFUSED = (Severity.WARNING, "the system refused real-time settings")

@@ -53,8 +53,8 @@ def page_html(run: Run) -> str:
 def _title(info: LogInfo) -> str:
     header, distance = info.header, info.motion.distance_m
     what = f"{header['policy_name'] or 'No policy'}, {header['command_sequence'] or 'steered by hand'}"
-    walked = f"{distance:.1f} m in {info.duration_s:.0f} s" if math.isfinite(distance) else f"{info.duration_s:.0f} s"
-    return f"{what}: {walked}"
+    walked = f"{distance:.1f} m in " if math.isfinite(distance) else ""
+    return f"{what}: {walked}{info.motion.control_s:.0f} s"
 
 
 def _head(info: LogInfo, told: dict[str, str]) -> str:

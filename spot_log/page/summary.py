@@ -56,7 +56,8 @@ def _motion_text(info: LogInfo) -> str:
     motion = info.motion
     if not math.isfinite(motion.distance_m):
         return "not known: the log has no pose of the body"
-    text = f"{motion.distance_m:.2f} m walked, mean speed {number(motion.mean_speed_m_s, '.2f')} m/s, "
+    text = f"{motion.distance_m:.2f} m walked in {motion.control_s:.1f} s, "
+    text += f"mean speed {number(motion.mean_speed_m_s, '.2f')} m/s, "
     text += f"largest tilt {number(math.degrees(motion.tilt_max_rad), '.1f')}°"
     if motion.tracking_rms and all(math.isfinite(value) for value in motion.tracking_rms):
         vx, vy, wz = motion.tracking_rms

@@ -79,7 +79,10 @@ class PowerInfo:
 class MotionInfo:
     """What the body did."""
 
+    control_s: float
+    """Time under the policy's control, or the whole log's where it has no ticks."""
     distance_m: float
+    """Path of the body in that time."""
     mean_speed_m_s: float
     tracking_rms: list[float]
     """Root mean square errors of V_x, V_y (m/s) and ω_z (rad/s), over the ticks."""
@@ -220,14 +223,15 @@ def _motion(run: Run) -> MotionInfo:
     states = run.states
     error = measures.tracking_error(run)
     error = error[np.isfinite(error).all(axis=1)]
-    distance = measures.distance_m(run)
+    distance, (begin_s, end_s) = measures.distance_m(run), measures.control_span_s(run)
     tilt = tilt_rad(states.odom_from_body_wxyz)
     tilt = tilt[np.isfinite(tilt)]
     names = run.header.joint_names
     peaks = [Spread.of(np.abs(states.load_nm[:, j])).largest for j in range(len(names))]
     return MotionInfo(
+        control_s=end_s - begin_s,
         distance_m=distance,
-        mean_speed_m_s=distance / run.duration_s if run.duration_s else float("nan"),
+        mean_speed_m_s=distance / (end_s - begin_s) if end_s > begin_s else float("nan"),
         tracking_rms=np.sqrt(np.mean(error**2, axis=0)).tolist() if len(error) else [],
         tilt_max_rad=float(tilt.max()) if len(tilt) else float("nan"),
         load_peak_nm=dict(zip(names, peaks, strict=True)),

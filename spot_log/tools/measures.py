@@ -220,15 +220,26 @@ def dropped(run: Run) -> dict[str, int]:
     return {"state": int(sequence.max() + 1 - len(sequence)) if len(sequence) else 0}
 
 
+def control_span_s(run: Run) -> tuple[float, float]:
+    """From the first to the last tick, without standing up and sitting down; the whole log where it has no ticks."""
+    stamps = run.ticks.robot_stamp_ns if len(run.ticks) > 1 else run.states.robot_stamp_ns
+    first, last = seconds(run, stamps[[0, -1]]) if len(stamps) else (0.0, 0.0)
+    return float(first), float(last)
+
+
 def distance_m(run: Run) -> float:
-    """Length of the body's path over the ground, sampled every 0.1 s so that sway counts little; NaN without a pose."""
+    """Length of the body's path over the ground under control; NaN without a pose.
+
+    It is sampled every 0.1 s, so that sway counts little.
+    """
     if len(run.states) < 2:
         return 0.0
     if not np.isfinite(run.states.position_of_body_in_odom_m).any():
         return float("nan")
+    begin_s, end_s = control_span_s(run)
     time_s = seconds(run, run.states.robot_stamp_ns)
-    rows = np.unique(np.searchsorted(time_s, np.arange(0.0, time_s[-1], 0.1)))
-    rows = np.unique(np.append(rows[rows < len(time_s)], len(time_s) - 1))
+    rows = np.unique(np.searchsorted(time_s, np.append(np.arange(begin_s, end_s, 0.1), end_s)))
+    rows = rows[rows < len(time_s)]
     path = run.states.position_of_body_in_odom_m[rows, :2]
     return float(np.nansum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
 

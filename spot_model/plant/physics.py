@@ -85,6 +85,10 @@ class Physics(Protocol):
         """Number of the first such simulation, and what is wrong with it."""
         ...
 
+    def contacts_lost(self) -> float:
+        """Share of contacts, or of simulations' constraints, without room at the fullest step since the last call."""
+        ...
+
 
 class CorePhysics:
     """On the cores, by ``mujoco.batch``; the result is bit-identical at any number of threads."""
@@ -135,6 +139,10 @@ class CorePhysics:
     def standing(self) -> NDArray[np.bool_]:
         """Whether each foot touches the ground, shape (n_sims, 4)."""
         return self.foot_contact()
+
+    def contacts_lost(self) -> float:
+        """None: on the cores, MuJoCo takes the memory that it needs."""
+        return 0.0
 
     def is_recording(self) -> bool:
         """Never, on the cores."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from array_api_compat import device
 
 from spot_model.effects.base import BodyEstimate, JointReading
 from spot_model.plant.model_fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
-from spot_model.plant.physics import FOOT_SENSOR_SIZE, Physics
+from spot_model.plant.physics import FOOT_SENSOR_SIZE, Physics, PlantDivergedError
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, namespace_of
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m
@@ -14,6 +16,8 @@ from spot_model.robot.rotation import AnyArray, cross, rotate_inverse_wxyz, rota
 
 _TORQUE_AXIS = [{"hx": 0, "hy": 1, "kn": 1}[name[3:]] for name in facts.JOINT_NAMES]
 _N_FOOT_VALUES = FOOT_SENSOR_SIZE * facts.N_LEGS
+MOST_LOST: Final = 0.01
+"""Share of contacts that may find no room: a robot that stands on four feet is then without one in one step of 25."""
 
 
 class PlantState:
@@ -162,3 +166,17 @@ class PlantState:
         reset.
         """
         return self.physics.diverged()
+
+    def check_room(self) -> float:
+        """Share of contacts that found no room since the last call: on a GPU, all simulations share what there is.
+
+        Raises:
+            PlantDivergedError: It is more than :data:`MOST_LOST`.
+        """
+        lost = self.physics.contacts_lost()
+        if lost > MOST_LOST:
+            raise PlantDivergedError(
+                f"{lost:.1%} of the contacts of {self.n_sims} robots found no room (allowed: {MOST_LOST:.0%}): on a "
+                "GPU, robots that lie on the ground take those of others; end episodes sooner, or use --device cpu"
+            )
+        return lost

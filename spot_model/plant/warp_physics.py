@@ -26,6 +26,7 @@ CONTACTS: Final = 24
 CONSTRAINTS: Final = 128
 TRIED: Final = 64
 """Robots by which it is estimated how many fit."""
+_CONSTRAINTS_FULL: Final = mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ
 UNUSED: Final = ("dof_M0", "dof_length", "bvh_aabb")
 """Derived fields that ``mujoco_warp`` has not and does not use."""
 _BODY: Final = facts.N_LEGS
@@ -66,6 +67,10 @@ class WarpPhysics:
         self.sensordata: Tensor = wp.to_torch(self._data.sensordata)
         self._warmstart: Tensor = wp.to_torch(self._data.qacc_warmstart)
         self._contacts = _GroundContacts(model, self._data, n_sims, self.device)
+        # Contacts and pairs that may touch, with those beyond the room that all simulations share.
+        self._counts: list[Tensor] = [wp.to_torch(self._data.nacon), wp.to_torch(self._data.ncollision)]
+        self._fullest = torch.zeros_like(self._counts[0])
+        self._overflow: Tensor = wp.to_torch(self._data.overflow)
         self._model: Any = None
         self._graph: Any = None
         self.build = 0
@@ -100,6 +105,16 @@ class WarpPhysics:
                     mjw.step(self._model, self._data)
             else:
                 wp.capture_launch(self._graph)
+        for count in self._counts:
+            self._fullest.copy_(torch.maximum(self._fullest, count))
+
+    def contacts_lost(self) -> float:
+        """Share of contacts, or of simulations' constraints, without room at the fullest step since the last call."""
+        found, narrow = int(self._fullest), (self._overflow & int(_CONSTRAINTS_FULL)) != 0
+        lost = max(1.0 - self._data.naconmax / max(found, 1), float(narrow.float().mean()))
+        self._fullest.zero_()
+        self._overflow.zero_()
+        return float(max(0.0, lost))
 
     def restart(self, mask: Tensor) -> None:
         """Forget velocities, torques and the solver's last solution."""

@@ -56,7 +56,7 @@ class StoredPair(Settings):
 
 
 class StatedGait(Settings):
-    """The gait at one forward speed, measured in simulation at export; see :class:`spot_model.robot.gait.Gait`."""
+    """The gait at one forward speed, measured in simulation; see :class:`spot_model.robot.gait.Gait`."""
 
     v_x_m_s: float
     """Commanded."""
@@ -72,6 +72,8 @@ class StatedGait(Settings):
     """The highest such share of the other pairs."""
     flight_share: float = Field(ge=0.0, le=1.0)
     """Share of time with no foot on the ground."""
+    v_x_held_m_s: float | None = None
+    """Forward speed that it held; None if it fell, or that was not measured."""
     turn_commanded_rad_s: float | None = None
     """A turn that was commanded at this speed, too; None if that was not measured."""
     turn_held_rad_s: float | None = None
@@ -216,16 +218,33 @@ def gait_sentence(contract: PolicyContract) -> str:
         else:
             spans.append((stated.name, stated.v_x_m_s, stated.v_x_m_s))
     told = ", ".join(f"{name} at {_speeds(low, high)}" for name, low, high in spans)
-    hops = sorted({name for name, *_ in spans} & HOPS)
-    if not hops:
-        return f"policy {contract.name}, measured in simulation at export: {told}{_turns(contract)}"
-    return (
-        f"warning: policy {contract.name} hops ({' and '.join(hops)}): {told}. The feet of a pair leave the ground "
-        "together, which is hard on a robot's legs and on what it carries; a trot is what the policies here do"
-        f"{_turns(contract)}"
-    )
+    doubts = gait_doubts(contract)
+    if not doubts:
+        return f"policy {contract.name}, measured in simulation: {told}{_turns(contract)}"
+    why = _HOP if doubts[0].startswith("hops") else ""
+    return f"warning: policy {contract.name} {', '.join(doubts)}; measured in simulation: {told}{why}{_turns(contract)}"
 
 
+def gait_doubts(contract: PolicyContract) -> list[str]:
+    """What speaks against walking a robot with this policy, by its own statement: it hops, falls or stays behind."""
+    hops = sorted({stated.name for stated in contract.gait} & HOPS)
+    falls = [f"{g.v_x_m_s:g}" for g in contract.gait if g.name == FALL]
+    told = {"stand": 0.0}  # of files in which no speed was measured
+    held = [(g.v_x_m_s, told.get(g.name) if g.v_x_held_m_s is None else g.v_x_held_m_s) for g in contract.gait]
+    slow = [f"{asked:g}" for asked, v in held if v is not None and v < WALKS * asked]
+    doubts = [f"hops ({' and '.join(hops)})"] if hops else []
+    doubts += [f"falls at {', '.join(falls)} m/s"] if falls else []
+    return doubts + ([f"does not walk at {', '.join(slow)} m/s"] if slow else [])
+
+
+_HOP: Final = (
+    ". The feet of a pair leave the ground together, which is hard on a robot's legs and on what it carries; a trot is "
+    "what the policies here do"
+)
+FALL: Final = "fall"
+"""In place of a gait: the robot fell on the straight."""
+WALKS: Final = 0.5
+"""Share of a commanded speed that a policy must hold to be said to walk: nearer to it than to standing."""
 TURNS: Final = 0.9
 """Share of a commanded turn that a policy must hold for its turning to go without saying."""
 
@@ -235,7 +254,7 @@ def _turns(contract: PolicyContract) -> str:
     told: dict[float, list[str]] = {}
     for stated in contract.gait:
         asked, held = stated.turn_commanded_rad_s, stated.turn_held_rad_s
-        if asked is not None and (held is None or held < TURNS * asked):
+        if stated.name != FALL and asked is not None and (held is None or held < TURNS * asked):
             what = "falls" if held is None else f"turns at {held:.2f} rad/s"
             told.setdefault(asked, []).append(f"{what} at {stated.v_x_m_s:g} m/s")
     return "".join(f"; commanded to turn at {asked:g} rad/s, it {', '.join(words)}" for asked, words in told.items())

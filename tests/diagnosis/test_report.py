@@ -180,6 +180,12 @@ def test_the_first_line_says_what_it_does_and_what_to_do() -> None:
     worse = sure.model_copy(update={"consequences": told.consequences})
     assert not words.is_good(worse)
     assert words.headline(worse) == f"{does}; next: record more before training on the corrected model"
+    foreign = {"no_model": "why"}
+    assert words.headline(sure.model_copy(update=foreign)) == f"{does}; next: take the numbers over into your simulator"
+    assert words.next_step(worse.model_copy(update=foreign)) == "record more before these numbers are used"
+    off = {"status": "cannot_tell", "channels": {"set_point_to_load": "off: no measured joint torque"}}
+    assert words.next_step(told.model_copy(update=off)) == "see why no channel shows forces (no measured joint torque)"
+    assert words.next_step(told.model_copy(update=off | foreign)).endswith("--robot computes loads")
     warned = sure.model_copy(update={"warnings": ("it leans",)})
     assert words.headline(warned) == f"{does}; next: read the warnings"
     assert words.headline(told).endswith(

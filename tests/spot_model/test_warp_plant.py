@@ -26,7 +26,7 @@ from spot_model.robot.mjcf import MjcfOptions
 from .test_effects import ACTIVE
 
 torch = pytest.importorskip("torch")
-pytest.importorskip("mujoco_warp")
+warp_physics = pytest.importorskip("spot_model.plant.warp_physics", exc_type=ImportError)
 
 MJCF = MjcfOptions(timestep_s=0.0015, cone="elliptic", link_torque_sensors=True, visuals=False)
 PERIODS, STEPS = 10, 13
@@ -168,6 +168,26 @@ def test_a_policy_walks_alike() -> None:
         seen.append((on_host(ticks[-1].action), on_host(plant.joint_position_rad)))
     np.testing.assert_allclose(seen[1][0], seen[0][0], atol=1e-4)
     np.testing.assert_allclose(seen[1][1], seen[0][1], atol=SAME_RAD)
+
+
+@pytest.mark.parametrize("device", ["cpu", "warp-cpu"])
+def test_no_contact_is_lost_where_there_is_room(device: str) -> None:
+    plant = Plant((), 2, PlantOptions(mjcf=MJCF, device=device, n_threads=1))
+    walk(plant)
+    assert plant.check_room() == 0.0
+
+
+@pytest.mark.parametrize("room", [("CONTACTS", 1), ("CONSTRAINTS", 4)])
+def test_contacts_that_find_no_room_are_told_once_and_refused(
+    room: tuple[str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two robots on eight feet, with room for two contacts, or for four constraints each."""
+    monkeypatch.setattr(warp_physics, *room)
+    plant = Plant((), 2, PlantOptions(mjcf=MJCF, device="warp-cpu", n_threads=1))
+    walk(plant)
+    with pytest.raises(PlantDivergedError, match=r"of the contacts of 2 robots found no room \(allowed: 1%\)"):
+        plant.check_room()
+    assert plant.check_room() == 0.0  # nothing came since
 
 
 @pytest.mark.parametrize("device", ["cpu", "warp-cpu"])

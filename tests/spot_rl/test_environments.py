@@ -15,6 +15,7 @@ import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from tensordict import TensorDict
 
 import spot_rl
 from spot_model.errors import BadInputError
@@ -172,6 +173,18 @@ def test_a_network_of_another_library_becomes_a_policy(tmp_path: Path) -> None:
     with pytest.raises(spot_rl.SpotRlError, match=r"env = None; allowed: the environment"):
         spot_rl.export(torch.nn.Sequential(*parts), tmp_path / "other.onnx")
     assert not (tmp_path / "other.onnx").exists()
+
+
+def test_the_normaliser_of_an_rsl_rl_actor_goes_into_the_file(tmp_path: Path) -> None:
+    models = pytest.importorskip("rsl_rl.models")
+    torch.manual_seed(0)
+    seen = TensorDict({"policy": 3.0 * torch.randn(64, 48) + torch.linspace(-2.0, 2.0, 48)}, batch_size=[64])
+    actor = models.MLPModel(seen, {"actor": ["policy"]}, "actor", 12, [8], "elu", obs_normalization=True)
+    actor.obs_normalizer.update(seen["policy"])
+    policy = spot_rl.load_policy(spot_rl.export(actor, tmp_path / "mine.onnx", name="mine", env=spot_rl.make_env()))
+    with torch.no_grad():
+        wanted = actor(seen)[0].numpy()
+    np.testing.assert_allclose(policy.act(seen["policy"][0].numpy()), ACTION_BOUND * wanted, atol=1e-4)
 
 
 def test_observation_bounds_have_a_number_for_each_column() -> None:

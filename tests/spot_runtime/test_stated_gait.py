@@ -65,6 +65,17 @@ def test_a_fall_and_no_statement_are_doubtful_and_a_trot_is_not() -> None:
     assert gait_event(contract((0.5, "trot")))[0] is EventName.GAIT
 
 
+def test_a_policy_that_does_not_walk_is_a_warning_that_names_the_speeds() -> None:
+    event, told = gait_event(contract((0.5, "stand"), (1.0, "fall")))
+    assert event is EventName.GAIT_DOUBTFUL
+    assert told.startswith("warning: policy walk falls at 1 m/s, does not walk at 0.5 m/s; measured in simulation: ")
+    shuffles = contract((0.5, "trot"), (1.0, "trot"))
+    held = [g.model_copy(update={"v_x_held_m_s": v}) for g, v in zip(shuffles.gait, (0.24, 0.6), strict=True)]
+    event, told = gait_event(shuffles.model_copy(update={"gait": tuple(held)}))
+    assert event is EventName.GAIT_DOUBTFUL
+    assert "does not walk at 0.5 m/s; measured" in told
+
+
 @pytest.mark.parametrize("name", ["walk", "fast", "baseline"])
 def test_our_policies_state_a_trot_up_to_one_metre_a_second(name: str) -> None:
     stated = {g.v_x_m_s: g for g in load_policy(POLICIES / f"{name}.onnx").contract.gait}

@@ -43,6 +43,7 @@ def test_train_export_end_to_end(tmp_path: Path) -> None:
         commands(), ["export", str(run), "--out", str(out), "--networks", str(tmp_path / "n.pt")]
     )
     assert result.exit_code == 0, result.output
+    assert "warning: policy walk falls at" in result.output
     assert out.is_file()
     assert (tmp_path / "n.pt").is_file()
 

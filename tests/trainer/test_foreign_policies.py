@@ -25,6 +25,7 @@ import yaml
 from onnx import TensorProto, helper, numpy_helper
 from typer.testing import CliRunner
 
+from spot_log.format.events import EventName
 from spot_model.errors import BadInputError
 from spot_model.plant.closed_loop import ClosedLoop
 from spot_model.plant.plant import Plant
@@ -33,10 +34,12 @@ from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz
 from spot_model.robot.state import RobotState
+from spot_runtime.admission import gait_event
 from trainer.evaluate.export_command import export
 from trainer.foreign import isaac_lab, mjlab, spot_rl_example
 from trainer.foreign.description import checked
 from trainer.foreign.import_command import import_policy
+from trainer.simulate import stated_gait
 
 WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
 ISAAC = [f"{leg}_{joint}" for joint in ("hx", "hy", "kn") for leg in ("fl", "fr", "hl", "hr")]
@@ -208,6 +211,15 @@ def refused(path: Path, *words: str, like: str = "isaac-lab") -> str:
     return str(told.exception)
 
 
+MEASURED: Final = stated_gait.stated_gaits
+
+
+@pytest.fixture(autouse=True)
+def _unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two seconds of simulation an import, spared where a test is not about them."""
+    monkeypatch.setattr(stated_gait, "stated_gaits", lambda *_: ())
+
+
 @pytest.fixture
 def run(tmp_path: Path) -> Callable[..., Path]:
     """Lay out a training run as Isaac Lab leaves it; returns the exported policy."""
@@ -377,6 +389,237 @@ def test_mjlab_before_and_since_it_names_histories(tmp_path: Path) -> None:
     terms[6] |= {"scale": 2.0}
     made = imported(new, like="mjlab")
     assert_same_setpoints(made, TheirRobot(new, terms, joints, pose_of(joints)), dict.fromkeys(joints, 0.25))
+
+
+def as_mjlab_writes(values: list[Any]) -> str:
+    """A list as the ``list_to_csv_str`` of mjlab 1.6.0 writes it: numbers and flags with three decimals."""
+
+    def entry(value: Any) -> str:
+        if isinstance(value, (list, tuple)):
+            return ";".join(map(entry, value))
+        return f"{value:.3f}" if isinstance(value, (int, float)) else str(value)
+
+    return ",".join(map(entry, values))
+
+
+def mjlab_160(history: float = 0, flattened: bool = True) -> dict[str, str]:
+    """The metadata of a policy that mjlab 1.6.0 exported, of all keys that it writes."""
+    n, joints = 7, list(facts.JOINT_NAMES)
+    return mjlab_metadata(
+        joints,
+        command_names=as_mjlab_writes(["twist"]),
+        observation_terms_scale=as_mjlab_writes([1.0, [2.0, 2.0, 0.25], *[1.0] * (n - 2)]),
+        observation_terms_flatten_history_dim=as_mjlab_writes([flattened] * n),
+        observation_terms_history_length=as_mjlab_writes([history] * n),
+        observation_terms_clip=as_mjlab_writes([[-np.inf, np.inf]] * n),
+        action_scale="0.25",
+    )
+
+
+@pytest.mark.parametrize("history", [0, 1, 3])
+def test_metadata_as_mjlab_1_6_0_itself_writes_them(tmp_path: Path, history: int) -> None:
+    assert mjlab_160(3)["observation_terms_history_length"].startswith("3.000,")
+    assert mjlab_160(3)["observation_terms_flatten_history_dim"].startswith("1.000,")
+    path = with_metadata(network(tmp_path / "p.onnx", 48 * max(1, history)), mjlab_160(history))
+    names = ("base_lin_vel", "base_ang_vel", "projected_gravity", "joint_pos", "joint_vel", "actions", "command")
+    terms: list[dict[str, Any]] = [{"of": name, "history": history} for name in names]
+    terms[1]["scale"] = [2.0, 2.0, 0.25]
+    joints = list(facts.JOINT_NAMES)
+    made = imported(path, like="mjlab")
+    assert_same_setpoints(made, TheirRobot(path, terms, joints, pose_of(joints)), dict.fromkeys(joints, 0.25))
+
+
+def test_a_history_of_mjlab_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = network(tmp_path / "p.onnx", 48 * 2)
+    for history in (-1, 2.5, 51, np.inf):
+        assert "at most 50, a whole number" in refused(with_metadata(path, mjlab_160(history)), like="mjlab")
+    assert "gets its ticks as rows" in refused(with_metadata(path, mjlab_160(2, flattened=False)), like="mjlab")
+
+
+class TheirStack:
+    """A robot whose framework keeps whole frames, as legged_gym's descendants do."""
+
+    def __init__(self, path: Path, history: int, is_newest_first: bool) -> None:
+        self.robot = TheirRobot(path, TERMS, ISAAC, pose_of(ISAAC))
+        self.pose, self.session = self.robot.pose, self.robot.session
+        self.robot.session = self  # the frame that would go to the network comes here
+        self.frames: deque[Any] = deque(maxlen=history)
+        self.is_newest_first = is_newest_first
+
+    def run(self, names: list[str], fed: dict[str, Any]) -> Any:
+        frame = fed["obs"][0]
+        while len(self.frames) < (self.frames.maxlen or 1) - 1:
+            self.frames.append(frame)
+        self.frames.append(frame)
+        seen = reversed(self.frames) if self.is_newest_first else self.frames
+        return self.session.run(names, {"obs": np.concatenate(list(seen))[None]})
+
+    def act(self, state: RobotState, command: Any) -> dict[str, float]:
+        return self.robot.act(state, command)
+
+
+@pytest.mark.parametrize("is_newest_first", [False, True])
+def test_a_history_of_whole_frames(run: Callable[..., Path], is_newest_first: bool) -> None:
+    env = environment()
+    env["observations"]["policy"] |= {
+        "history_length": 3,
+        "history_layout": "frames",
+        "history_newest_first": is_newest_first,
+    }
+    path = run(env, width=48 * 3)
+    told = invoke("import", str(path), "--like", "isaac-lab", "--yes").output
+    assert "ticks before the newest: 1" in told
+    assert "assumed: the history" not in told
+    made = load_policy(path.with_suffix(".spot.onnx"))
+    assert_same_setpoints(made, TheirStack(path, 3, is_newest_first), dict.fromkeys(ISAAC, 0.2))
+
+
+def test_terms_with_the_newest_tick_first(run: Callable[..., Path]) -> None:
+    env = environment(base_lin_vel=None, joint_vel={"history_length": 2})
+    env["observations"]["policy"] |= {"history_layout": "terms", "history_newest_first": True}
+    path = run(env, width=45 + 12)
+    terms = isaac_lab.describe(env, "p").terms
+    assert [term.ages for term in terms] == [(0,), (0,), (0,), (0,), (0, 1), (0,)]
+    assert imported(path).contract.observation_history == 2
+
+
+def test_a_history_that_was_written_by_hand_is_told(run: Callable[..., Path]) -> None:
+    env = environment()
+    env["observations"]["policy"]["history_length"] = 3
+    path = run(env, width=48 * 3)
+    told = invoke("import", str(path), "--like", "isaac-lab", "--yes").output
+    assert "assumed: the history as Isaac Lab stacks it" in told
+    assert "'history_layout: frames' names" in told
+    assert "the same, if the training did what is assumed above" in told
+    described = isaac_lab.describe(env | {}, "p")
+    assert any("history" in what for what in described.assumed)
+    env["observations"]["policy"]["flatten_history_dim"] = True  # as Isaac Lab dumps it
+    assert not any("history" in what for what in isaac_lab.describe(env, "p").assumed)
+    env["observations"]["policy"]["flatten_history_dim"] = False
+    with pytest.raises(BadInputError, match="gets its ticks as rows"):
+        isaac_lab.describe(env, "p")
+    env["observations"]["policy"] |= {"history_length": None, "history_layout": "frames"}
+    env["observations"]["policy"]["joint_vel"]["history_length"] = 2
+    with pytest.raises(BadInputError, match="histories of several lengths"):
+        isaac_lab.describe(env, "p")
+
+
+NORMALISED: Final = (
+    {"empirical_normalization": True},
+    {"empirical_normalization": None, "policy": {"actor_obs_normalization": True}},
+    {"actor": {"obs_normalization": True}},
+    {"params": {"config": {"normalize_input": True}}},
+    {"agent": {"state_preprocessor": "RunningStandardScaler"}},
+)
+
+
+@pytest.mark.parametrize("agent", NORMALISED)
+def test_a_normaliser_that_the_training_had_and_the_file_has_not_is_refused(
+    run: Callable[..., Path], agent: dict[str, Any]
+) -> None:
+    path = run(environment())
+    side_file = path.parent.parent / "params" / "agent.yaml"
+    side_file.write_text(yaml.dump(agent))
+    told = refused(path)
+    assert "the observation was normalised" in told
+    assert "export it together with the normaliser" in told
+    plain = path.read_bytes()
+    normalised(path, np.zeros(48))  # of a training that never used it
+    assert "normalised" in refused(path)
+    path.write_bytes(plain)
+    normalised(path, np.linspace(-1.0, 1.0, 48))
+    assert_same_setpoints(imported(path), TheirRobot(path, TERMS, ISAAC, pose_of(ISAAC)), dict.fromkeys(ISAAC, 0.2))
+
+
+def normalised(path: Path, mean: Any) -> None:
+    """Put (observation − mean) / (deviation + 0.01) before a network, as rsl-rl exports it."""
+    model = onnx.load(path)
+    for name, value in (("mean", mean), ("deviation", np.ones(48)), ("eps", np.array(0.01))):
+        model.graph.initializer.append(numpy_helper.from_array(value.astype(np.float32), name))
+    model.graph.node[0].input[0] = "scaled"
+    for node in (
+        helper.make_node("Div", ["centred", "divisor"], ["scaled"]),
+        helper.make_node("Add", ["deviation", "eps"], ["divisor"]),
+        helper.make_node("Sub", ["obs", "mean"], ["centred"]),
+    ):
+        model.graph.node.insert(0, node)
+    onnx.save(model, path)
+
+
+def recurrent(path: Path, kind: str, layout: int) -> None:
+    """A network of one recurrent operator, without its state as input, whichever axis is time."""
+    gates, rng = {"LSTM": 4, "GRU": 3, "RNN": 1}[kind], np.random.default_rng(0)
+    weights = {"w": (1, gates * 12, 48), "r": (1, gates * 12, 12)}
+    graph = helper.make_graph(
+        [
+            helper.make_node("Unsqueeze", ["obs", "axis"], ["x"]),
+            helper.make_node(kind, ["x", "w", "r"], ["y"], hidden_size=12, layout=layout),
+            helper.make_node("Reshape", ["y", "row"], ["actions"]),
+        ],
+        "theirs",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, 48])],
+        [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [1, 12])],
+        [
+            *(numpy_helper.from_array(rng.normal(size=s).astype(np.float32), name) for name, s in weights.items()),
+            numpy_helper.from_array(np.array([0], dtype=np.int64), "axis"),
+            numpy_helper.from_array(np.array([1, 12], dtype=np.int64), "row"),
+        ],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+
+
+@pytest.mark.parametrize("kind", ["LSTM", "GRU", "RNN"])
+@pytest.mark.parametrize("layout", [0, 1])
+def test_a_recurrent_operator_without_its_state_is_refused_by_name(
+    run: Callable[..., Path], kind: str, layout: int
+) -> None:
+    path = run(environment())
+    recurrent(path, kind, layout)
+    assert f"the network is recurrent (operator {kind})" in refused(path)
+
+
+def test_limits_are_those_of_the_command_that_the_observation_names(run: Callable[..., Path]) -> None:
+    env = environment(velocity_commands={"params": {"command_name": "gait"}})
+    slow = {"lin_vel_x": [-0.3, 0.4], "lin_vel_y": [-0.2, 0.2], "ang_vel_z": [-0.5, 0.5]}
+    env["commands"] |= {"gait": {"ranges": slow}}
+    described = isaac_lab.describe(env, "p")
+    assert (described.command_low, described.command_high) == ((-0.3, -0.2, -0.5), (0.4, 0.2, 0.5))
+    del env["observations"]["policy"]["velocity_commands"]["params"]["command_name"]
+    with pytest.raises(BadInputError, match="commands base_velocity, gait, and its observation names none"):
+        isaac_lab.describe(env, "p")
+    path = run(environment(velocity_commands={"params": {"command_name": "other"}}))
+    assert "has commands base_velocity, and its observation names other; name one as" in refused(path)
+
+
+def test_the_action_is_the_output_that_says_so(run: Callable[..., Path]) -> None:
+    path = run(environment())
+    alone = Path(shutil.copy(path, path.with_name("alone.onnx")))
+    model = onnx.load(path)
+    model.graph.node.append(helper.make_node("Neg", ["actions"], ["deviation"]))
+    model.graph.output.insert(0, helper.make_tensor_value_info("deviation", TensorProto.FLOAT, [1, 12]))
+    onnx.save(model, path)
+    theirs = functools.partial(TheirRobot, alone, TERMS, ISAAC, pose_of(ISAAC))
+    assert_same_setpoints(imported(path), theirs(), dict.fromkeys(ISAAC, 0.2))
+    path.with_suffix(".spot.onnx").unlink()
+    model.graph.node[-2].output[0] = model.graph.node[-1].input[0] = model.graph.output[1].name = "mean"
+    onnx.save(model, path)
+    told = "outputs: deviation of 12 numbers, mean of 12 numbers; name the one of 12 that is the action with --action-"
+    assert told in refused(path)
+    assert told in refused(path, "--action-output", "x")
+    assert_same_setpoints(imported(path, "--action-output", "mean"), theirs(), dict.fromkeys(ISAAC, 0.2))
+
+
+def test_an_import_states_the_gait_that_it_measures(run: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A random network lets the robot fall: import and run say so before the motors get power."""
+    monkeypatch.setattr(stated_gait, "stated_gaits", MEASURED)
+    env = environment()
+    env["commands"]["base_velocity"]["ranges"]["lin_vel_x"] = [-0.5, 0.5]
+    path = run(env)
+    told = invoke("import", str(path), "--like", "isaac-lab", "--yes", "--out", str(path.with_name("mine.onnx")))
+    assert "warning: policy mine falls at 0.3, 0.5 m/s" in told.output
+    event, sentence = gait_event(load_policy(path.with_name("mine.onnx")).contract)
+    assert event is EventName.GAIT_DOUBTFUL
+    assert sentence.startswith("warning: policy mine falls at 0.3, 0.5 m/s; measured in simulation: fall at")
 
 
 def test_the_vendors_example_and_back(tmp_path: Path) -> None:
@@ -678,7 +921,7 @@ def test_networks_that_do_not_fit_are_refused(run: Callable[..., Path]) -> None:
     path = run(environment(), width=45)
     assert "sees 45 numbers" in refused(path)
     network(path, 48, extra_input="h_in")
-    assert "recurrent" in refused(path)
+    assert "inputs obs, h_in; allowed: one" in refused(path)
 
 
 def test_a_missing_side_file_or_key_is_named(tmp_path: Path) -> None:

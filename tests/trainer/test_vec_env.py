@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from spot_model.plant.physics import PlantDivergedError
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.vec_env import TaskVecEnv
 from trainer.task import task
@@ -61,3 +62,15 @@ def test_statistics_are_means_over_all_parts_episodes(config: TrainConfig) -> No
     assert drained["episodes"] == 2
     assert drained["episode_length"] == 4.0
     assert drained["fall_share"] == 1.0
+
+
+def test_lost_contacts_are_told_each_iteration_and_refused_beyond_a_share(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots = TaskVecEnv(task.make_tasks(config, "cpu"), 6)
+    physics = robots.parts[1].backend.plant.physics
+    monkeypatch.setattr(physics, "contacts_lost", lambda: 0.005)
+    assert robots.drain_stats() == {"command_share": 1.0, "contacts_lost": 0.005}
+    monkeypatch.setattr(physics, "contacts_lost", lambda: 0.02)
+    with pytest.raises(PlantDivergedError, match=r"2\.0% of the contacts"):
+        robots.drain_stats()

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from spot_model.io.model_file import RobotModel
 from spot_model.io.models_file import load_models
 from spot_model.io.whole import check_new, whole_file
-from spot_model.policy.contract import PolicyContract, StatedGait, TrainingRecord
-from spot_model.policy.policy import Policy, load_policy, policy_from_bytes
+from spot_model.policy.contract import PolicyContract, TrainingRecord
+from spot_model.policy.policy import load_policy
 from trainer.config.train_config import TrainConfig
-from trainer.evaluate.setting import Setting
 from trainer.ppo.checkpoint import find_checkpoint
 from trainer.ppo.checkpoint_policy import (
     Layers,
@@ -24,43 +22,7 @@ from trainer.ppo.checkpoint_policy import (
     read_actor,
     read_layers,
 )
-from trainer.simulate.walks import hold
-
-SPEEDS_M_S = (0.3, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
-TURN_RAD_S = 1.0
-"""Commanded at each speed, or the policy's most if that is less."""
-RAMP_S, SETTLE_S, WATCH_S = 4.0, 2.0, 4.0
-
-
-def stated_gaits(policy: Policy, model: RobotModel) -> tuple[StatedGait, ...]:
-    """Walk two robots a speed, up to the policy's own, one straight and one turning, and measure.
-
-    A robot that falls on the straight has the gait "fall".
-    """
-    top = policy.contract.velocity_command_high[0]
-    speeds = [v for v in SPEEDS_M_S if v <= top + 1e-9]
-    if not speeds:
-        return ()
-    turn = min(TURN_RAD_S, policy.contract.velocity_command_high[2])
-    target = np.array([[v, 0.0, yaw_rate] for yaw_rate in (0.0, turn) for v in speeds])
-    steady_s = RAMP_S + SETTLE_S
-    plant = Setting(policy=policy, model=model).plant(len(target))
-    recording = hold(policy, plant, target, RAMP_S, steady_s + WATCH_S)
-    span = recording.ticks(steady_s, steady_s + WATCH_S)
-    turns = recording.mean_velocity(span)[len(speeds) :, 2]
-    stated = []
-    for robot, speed in enumerate(speeds):
-        figures = recording.gait(span, robot)
-        stated.append(
-            StatedGait(
-                v_x_m_s=speed,
-                name=figures["gait"] if recording.survived[robot] else "fall",
-                turn_commanded_rad_s=turn,
-                turn_held_rad_s=round(float(turns[robot]), 3) if recording.survived[len(speeds) + robot] else None,
-                **{key: figures[key] for key in StatedGait.model_fields if key in figures},
-            )
-        )
-    return tuple(stated)
+from trainer.simulate.stated_gait import with_gait
 
 
 def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
@@ -110,8 +72,7 @@ def export_network(
 
 
 def _written(layers: Layers, contract: PolicyContract, model: RobotModel, out: Path) -> Path:
-    measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), model)
-    data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
+    data = with_gait(onnx_bytes(layers, contract), model)
     check_agreement(layers, data)
     with whole_file(out) as part:
         part.write_bytes(data)

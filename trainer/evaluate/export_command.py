@@ -39,6 +39,8 @@ def export(
             typer.echo(f"{path} ({path.stat().st_size} bytes)")
         return
     from spot_model.io.whole import check_new
+    from spot_model.policy.contract import gait_sentence
+    from spot_model.policy.policy import load_policy
 
     check_new(out, *(() if networks is None else (networks,)))
     typer.echo("loading torch …", err=True)
@@ -49,4 +51,5 @@ def export(
     path = export_policy(run, out, name)
     if networks is not None:
         save_networks(find_checkpoint(run), networks)
+    typer.echo(gait_sentence(load_policy(path).contract))
     typer.echo(f"policy {path} ({path.stat().st_size} bytes)")

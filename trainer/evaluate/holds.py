@@ -216,5 +216,6 @@ def _walk(
             plant.reset(like(plant.joint_position_rad, fell) > 0.0)
         if tick.index >= first:
             velocity += on_host(plant.linear_vel_of_body_in_body_m_s)[:, :2] / (n_ticks - first)
+    plant.check_room()
     planar = command[:, :2]
     return alive, np.asarray((velocity * planar).sum(axis=-1) / np.maximum(np.square(planar).sum(axis=-1), 1e-9))

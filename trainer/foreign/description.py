@@ -18,14 +18,14 @@ from spot_model.policy.observation import N_OBSERVATION, OBSERVATION
 from spot_model.robot import facts
 
 # In the order of our observation: a field more or less fails here.
-_LINEAR, _ANGULAR, _GRAVITY, _COMMAND, _POSITION, _VELOCITY, LAST_ACTION = (f.name for f in OBSERVATION)
+_LINEAR, _ANGULAR, _GRAVITY, COMMAND, _POSITION, _VELOCITY, LAST_ACTION = (f.name for f in OBSERVATION)
 ABSOLUTE: Final = "joint_pos_abs"
 """Joint positions themselves; under every other name the default pose is taken off."""
 THEIR_NAMES: Final = {
     _LINEAR: ("base_lin_vel", "base_linear_velocity", "imu_lin_vel"),
     _ANGULAR: ("base_ang_vel", "base_angular_velocity", "imu_ang_vel"),
     _GRAVITY: ("projected_gravity",),
-    _COMMAND: ("command", "velocity_commands", "velocity_command", "generated_commands", "commands", "twist"),
+    COMMAND: ("command", "velocity_commands", "velocity_command", "generated_commands", "commands", "twist"),
     _POSITION: ("joint_pos", "joint_pos_rel", ABSOLUTE),
     _VELOCITY: ("joint_vel", "joint_vel_rel"),
     LAST_ACTION: ("actions", "last_action", "action"),
@@ -72,13 +72,20 @@ class Term:
     """One factor, or one a number."""
     clip: tuple[float, float] = (-math.inf, math.inf)
     """Applied before the scale."""
-    history: int = 1
-    """How many ticks it holds, the oldest first."""
+    command: str | None = None
+    """Name of the velocity command that it shows, where the file tells it."""
+    ages: tuple[int, ...] = (0,)
+    """The ticks that it holds, in their order: 0 is the newest."""
 
     @property
     def width(self) -> int:
         """Numbers a tick."""
         return _WIDTHS[self.field]
+
+    @property
+    def history(self) -> int:
+        """Ticks back to the oldest that it holds."""
+        return 1 + max(self.ages)
 
 
 @dataclass(frozen=True)
@@ -97,13 +104,15 @@ class ForeignPolicy:
     command_high: tuple[float, float, float]
     action_clip: float = math.inf
     """The training's wrapper kept actions within plus and minus this; so did the last action that it observed."""
+    normaliser: str = ""
+    """Where the learner's file says that it normalised the observation; empty where it does not."""
     assumed: tuple[str, ...] = ()
     """What no file said, and what was taken instead."""
 
     @property
     def width(self) -> int:
         """Numbers that the network sees."""
-        return sum(term.width * term.history for term in self.terms)
+        return sum(term.width * len(term.ages) for term in self.terms)
 
     @property
     def history(self) -> int:

@@ -9,7 +9,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import yaml
 from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -62,8 +62,10 @@ class ObservationTerm(FilePart):
     asset: Joints | None = Field(default=None, validation_alias=AliasPath("params", "asset_cfg"))
     scale: Number | tuple[Number, ...] | None = None
     clip: tuple[Number, Number] | None = None
+    flatten_history_dim: Any = None
     history_length: Annotated[int, Field(ge=0, le=MAX_HISTORY)] | None = None
     modifiers: Any = None
+    command_name: str | None = Field(default=None, validation_alias=AliasPath("params", "command_name"))
 
 
 class ObservationGroup(FilePart):
@@ -76,6 +78,10 @@ class ObservationGroup(FilePart):
     enable_corruption: Any = None
     flatten_history_dim: Any = None
     history_length: Annotated[int, Field(ge=0, le=MAX_HISTORY)] | None = None
+    history_layout: Literal["terms", "frames"] | None = None
+    """Ours, for files that are written by hand: each term's ticks together, or whole frames one after the other."""
+    history_newest_first: bool = False
+    """Ours, too."""
 
 
 class Action(Joints):
@@ -139,14 +145,26 @@ class Environment(FilePart):
             raise BadInputError(f"{where} has no {key} of {', '.join(missing)}")
         return tuple(found[joint] for joint in joints)
 
-    def command_bounds(self) -> tuple[Bounds, Bounds, tuple[str, ...]]:
-        """Least and largest velocity command, and what was assumed where no command names a range."""
-        commands = (self.commands or {}).items()
-        named = ((name, c["ranges"]) for name, c in commands if isinstance(c, Mapping) and c.get("ranges"))
-        name, data = next(named, ("", None))
-        if data is None:
-            told = "velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: no file names a range"
+    def command_bounds(self, observed: str | None = None) -> tuple[Bounds, Bounds, tuple[str, ...]]:
+        """Least and largest velocity command, and what was assumed where no command names a range.
+
+        Args:
+            observed: Name of the command that the policy observes, where the file tells it.
+
+        Raises:
+            BadInputError: There is no such command, or there are several and nothing tells which is observed.
+        """
+        commands = {name: c for name, c in (self.commands or {}).items() if observed in (None, name)}
+        given = {n: c["ranges"] for n, c in commands.items() if isinstance(c, Mapping) and c.get("ranges")}
+        if len(given) > 1 or (self.commands and not commands):
+            raise BadInputError(
+                f"the environment file has commands {', '.join(self.commands or ())}, and its observation names "
+                f"{observed or 'none of them'}; name one as params.command_name of the observation's term"
+            )
+        if not given:
+            told = "velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: no file names a range; --commands does"
             return (*DEFAULT_COMMANDS, (told,))
+        ((name, data),) = given.items()
         ranges = parsed(CommandRanges, data, f"commands.{name}.ranges")
         low, high = zip(ranges.lin_vel_x, ranges.lin_vel_y, ranges.ang_vel_z, strict=True)
         return low, high, ()
@@ -165,6 +183,25 @@ class Agent(FilePart):
         """Groups of observations that the actor sees, one after the other."""
         groups = self.obs_groups or {}
         return groups.get("actor") or groups.get("policy") or ["policy"]
+
+
+NOT_FLAT: Final = "{where} is false, so the network gets its ticks as rows; a network here gets one row of numbers"
+_NORMALISERS: Final = (
+    *("empirical_normalization", "policy.actor_obs_normalization", "actor.obs_normalization"),
+    *("params.config.normalize_input", "normalize_input", "agent.state_preprocessor", "agent.observation_preprocessor"),
+)
+"""Where rsl-rl (three spellings), rl_games, Stable-Baselines3 and skrl say that the observation is normalised."""
+
+
+def normaliser_of(agent: Mapping[str, Any]) -> str:
+    """Where the learner's file says that the actor's observation was normalised; empty where it does not."""
+    for place in _NORMALISERS:
+        value: Any = agent
+        for key in place.split("."):
+            value = value.get(key) if isinstance(value, Mapping) else None
+        if value:
+            return f"{place}: {value!s:.40}"
+    return ""
 
 
 PartT = TypeVar("PartT", bound=FilePart)

@@ -49,26 +49,37 @@ def import_policy(
     commands: Annotated[
         str, typer.Option(help="Lower and upper limits of V_x,V_y,ω_z as 'a,b,c:d,e,f', if no file names them.")
     ] = "",
+    action_output: Annotated[
+        str, typer.Option(help="The network's output that is the action, if it has several without a usual name.")
+    ] = "",
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
 ) -> None:
     """Import a policy of another framework, and check that its network gives the same actions."""
+    from spot_model.io.model_file import load_model
     from spot_model.io.whole import check_new, whole_file
+    from spot_model.policy.contract import gait_sentence
     from spot_model.policy.policy import load_policy
     from trainer.foreign.network import ours_from, read_network
+    from trainer.simulate.stated_gait import with_gait
 
     target = out or policy.with_name(f"{policy.stem}.spot.onnx")
     check_new(target)
     order = tuple(word for word in joint_order.split(",") if word)
-    described = describe_file(policy, like.value, env, name or policy.stem, order)
+    described = describe_file(policy, like.value, env, name or (out or policy).stem, order)
     described = checked(_with_options(described, rate_hz, commands))
     typer.echo(text_of(described))
     if not yes and not typer.confirm("Is this what the policy was trained with?"):
         raise BadInputError("nothing was written; correct the side file, or name it with --env")
     network = read_network(policy, described.width)
-    data = ours_from(network, described, revision=f"{like.value}/{policy.name}")
+    data = ours_from(network, described, revision=f"{like.value}/{policy.name}", action=action_output)
+    typer.echo("measuring gait and turning at each speed", err=True)
+    data = with_gait(data, load_model("paper_identified"))
     with whole_file(target) as part:
         part.write_bytes(data)
-    typer.echo(f"policy {target}: SHA-256 {load_policy(target).sha256}; the network's actions are the same")
+    made = load_policy(target)
+    typer.echo(gait_sentence(made.contract))
+    told = ", if the training did what is assumed above" if described.assumed else ""
+    typer.echo(f"policy {target}: SHA-256 {made.sha256}; the network's actions are the same{told}")
 
 
 def text_of(policy: ForeignPolicy) -> str:
@@ -76,7 +87,7 @@ def text_of(policy: ForeignPolicy) -> str:
     lines = [f"{policy.name}: {policy.rate_hz:g} Hz, {policy.width} numbers in, 12 joints out", "", "observation"]
     for term in policy.terms:
         parts = [f"  {term.field} ({term.width})"]
-        parts += [f"{term.history} ticks, the oldest first"] if term.history > 1 else []
+        parts += [f"ticks before the newest: {' '.join(map(str, term.ages))}"] if term.ages != (0,) else []
         parts += ["absolute"] if term.is_absolute else []
         parts += [f"× {', '.join(f'{v:g}' for v in term.scale)}"] if set(term.scale) != {1.0} else []
         parts += [f"clipped to {term.clip[0]:g} … {term.clip[1]:g}"] if term.clip != type(term).clip else []

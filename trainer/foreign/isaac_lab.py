@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 from spot_model.errors import BadInputError
 from trainer.foreign.description import (
     ABSOLUTE,
     BREADTH_FIRST,
+    COMMAND,
     JOINT_FIELDS,
     LAST_ACTION,
     ForeignPolicy,
@@ -22,6 +24,7 @@ from trainer.foreign.description import (
     field_of,
 )
 from trainer.foreign.environment import (
+    NOT_FLAT,
     Action,
     Agent,
     Environment,
@@ -29,12 +32,17 @@ from trainer.foreign.environment import (
     ObservationGroup,
     ObservationTerm,
     by_joint,
+    normaliser_of,
     parsed,
 )
 
 _ABSOLUTE: Final = "joint_pos"
 """The function that gives joint positions as they are; the term of that name usually calls ``joint_pos_rel``."""
 _ACTION: Final = "JointPositionAction"
+_ASSUMED_LAYOUT: Final = (
+    "the history as Isaac Lab stacks it: each term's ticks together, the oldest first; in the group of observations "
+    "'history_layout: frames' names whole frames, 'terms' this, and 'history_newest_first: true' the other direction"
+)
 _ASSUMED_ORDER: Final = "joints breadth first (all hx, all hy, all kn); --joint-order names another order"
 
 
@@ -62,7 +70,10 @@ def describe(
     natural += _others(environment.pose)
     joints, terms = _read_in(environment, learner, natural)
     is_told = _read_in(environment, learner, natural[::-1]) == (joints, terms)
-    low, high, assumed = environment.command_bounds()
+    keys = {key for name in learner.actor_groups for key in environment.observations[name]}
+    is_by_hand = any(term.history > 1 for term in terms) and not keys & {"history_layout", "flatten_history_dim"}
+    low, high, assumed = environment.command_bounds(next((term.command for term in terms if term.command), None))
+    assumed = (*((_ASSUMED_LAYOUT,) if is_by_hand else ()), *assumed)
     return ForeignPolicy(
         name=name,
         terms=terms,
@@ -75,6 +86,7 @@ def describe(
         command_low=low,
         command_high=high,
         action_clip=learner.clip_actions or math.inf,
+        normaliser=normaliser_of(agent or {}),
         assumed=(*(() if joint_order or is_told else (_ASSUMED_ORDER,)), *assumed),
     )
 
@@ -112,12 +124,17 @@ def _read_in(
         given = {key: term for key, term in (group.model_extra or {}).items() if term is not None}
         if not given:
             raise BadInputError(f"{where} has no terms")
-        terms += [_term(f"{where}.{key}", term, group.history_length, natural, acted) for key, term in given.items()]
+        own = [_term(f"{where}.{key}", term, group, natural, acted) for key, term in given.items()]
+        if group.history_layout == "frames":
+            if len({term.ages for term in own}) > 1:
+                raise BadInputError(f"{where}.history_layout is frames; its terms have histories of several lengths")
+            own = [replace(term, ages=(age,)) for age in own[0].ages for term in own]
+        terms += own
     return acted, tuple(terms)
 
 
 def _term(
-    where: str, term: ObservationTerm, of_all: int | None, natural: tuple[str, ...], acted: tuple[str, ...]
+    where: str, term: ObservationTerm, group: ObservationGroup, natural: tuple[str, ...], acted: tuple[str, ...]
 ) -> Term:
     """One term; the last action has the joints of the action, ``acted``, the others those of the robot, ``natural``."""
     if term.modifiers:
@@ -129,13 +146,18 @@ def _term(
     if field in JOINT_FIELDS - {LAST_ACTION}:
         joints = _ordered(term.asset or Joints(), natural, where)
     scale = 1.0 if term.scale is None else term.scale
+    asked = term if group.history_length is None else group
+    ages = range(max(1, asked.history_length or 1))
+    if len(ages) > 1 and asked.flatten_history_dim is False:
+        raise BadInputError(NOT_FLAT.format(where=f"{where}: flatten_history_dim"))
     return Term(
         field,
         joint_names=joints,
         is_absolute=named == ABSOLUTE,
         scale=scale if isinstance(scale, tuple) else (scale,),
         clip=term.clip or Term.clip,
-        history=max(1, (term.history_length if of_all is None else of_all) or 1),
+        command=term.command_name if field == COMMAND else None,
+        ages=tuple(ages if group.history_newest_first else reversed(ages)),
     )
 
 

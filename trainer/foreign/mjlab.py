@@ -24,7 +24,7 @@ from trainer.foreign.description import (
     canonical_joints,
     field_of,
 )
-from trainer.foreign.environment import Agent, parsed
+from trainer.foreign.environment import NOT_FLAT, Agent, normaliser_of, parsed
 
 REQUIRED: Final = (
     "joint_names",
@@ -62,6 +62,7 @@ def describe(metadata: Mapping[str, str], name: str, *, agent: Mapping[str, Any]
         command_low=DEFAULT_COMMANDS[0],
         command_high=DEFAULT_COMMANDS[1],
         action_clip=parsed(Agent, agent or {}, "agent.yaml").clip_actions or math.inf,
+        normaliser=normaliser_of(agent or {}),
         assumed=(
             "50 Hz: mjlab's metadata name no rate; --rate-hz names another",
             "velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: mjlab's metadata name no range; --commands does",
@@ -93,25 +94,31 @@ _OF_TERMS: Final = (
     ("observation_terms_scale", "1.0"),
     ("observation_terms_clip", "-inf;inf"),
     ("observation_terms_history_length", "0"),
+    ("observation_terms_flatten_history_dim", "True"),
 )
+_FLAGS: Final = {"True": "1", "False": "0"}
+"""mjlab 1.6.0 writes all that is no text as a number with three decimals, flags too; a file of ours holds words."""
 
 
-def _term(name: str, scale: str, clip: str, history: str, *, joints: tuple[str, ...]) -> Term:
+def _term(name: str, scale: str, clip: str, history: str, flattened: str, *, joints: tuple[str, ...]) -> Term:
     field = field_of(name.strip(), "observation_names")
     limits = _floats(clip.split(";"), "observation_terms_clip")
     if len(limits) != 2:
         raise BadInputError(f"observation_terms_clip holds {clip!r:.60}; an entry is two numbers, 'low;high'")
-    if not (history.isdecimal() and int(history) <= MAX_HISTORY):
+    (ticks,) = _floats([history], "observation_terms_history_length")
+    if not (ticks.is_integer() and 0 <= ticks <= MAX_HISTORY):
         raise BadInputError(
             f"observation_terms_history_length holds {history!r:.60}; allowed: at most {MAX_HISTORY}, a whole number"
         )
+    if ticks and not _floats([_FLAGS.get(flattened, flattened)], "observation_terms_flatten_history_dim")[0]:
+        raise BadInputError(NOT_FLAT.format(where=f"observation_terms_flatten_history_dim of {name}"))
     return Term(
         field,
         joint_names=joints if field in JOINT_FIELDS else (),
         is_absolute=name.strip() == ABSOLUTE,
         scale=_floats(scale.split(";"), "observation_terms_scale"),
         clip=(limits[0], limits[1]),
-        history=max(1, int(history)),
+        ages=tuple(reversed(range(max(1, int(ticks))))),
     )
 
 

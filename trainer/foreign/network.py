@@ -30,6 +30,7 @@ from spot_model.policy.observation import COLUMNS, N_OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot import facts
 from trainer.foreign.description import JOINT_FIELDS, LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
+from trainer.foreign.inspection import action_output, check_no_memory, check_normaliser, observation_input
 
 Array = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def observation_steps(policy: ForeignPolicy) -> list[Step]:
     start = 0
     default = dict(zip(policy.joint_names, policy.default_position_rad, strict=True))
     for term in policy.terms:
-        for age in reversed(range(term.history)):
+        for age in term.ages:
             columns = slice(start, start + term.width)
             rows = _rows(term, policy.joint_names) + age * N_OBSERVATION
             matrix[rows, np.arange(columns.start, columns.stop)] = _weights(term, policy)
@@ -189,15 +190,21 @@ def policy_bytes(policy: Path) -> bytes:
         raise BadInputError(f"policy {policy} cannot be read: {error}") from error
 
 
-def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
+def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str, action: str = "") -> bytes:
     """The file that our runtime loads.
+
+    Args:
+        network: The ONNX file's bytes.
+        policy: What the network means.
+        revision: Where it came from.
+        action: Name of the output that is the action, where the network has several.
 
     Raises:
         BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
             not give the foreign network's actions.
     """
     with _words_for_the_network():
-        return _ours_from(network, policy, revision)
+        return _ours_from(network, policy, revision, action)
 
 
 @contextmanager
@@ -215,9 +222,11 @@ def _words_for_the_network() -> Iterator[None]:
         ) from error
 
 
-def _ours_from(network: bytes, policy: ForeignPolicy, revision: str) -> bytes:
+def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str) -> bytes:
     theirs = onnx.load_from_string(network)
-    source, target = _ends(theirs, policy)
+    check_no_memory(theirs.graph)
+    source, target = observation_input(theirs, policy), action_output(theirs, action)
+    check_normaliser(theirs.graph, source, policy.normaliser)
     before, after = observation_steps(policy), action_steps(policy)
     session = onnxruntime.InferenceSession(network, providers=["CPUExecutionProvider"])
     ours = np.random.default_rng(48).normal(size=(PROOFS, policy.history * N_OBSERVATION)).astype(np.float32)
@@ -238,34 +247,6 @@ def _ours_from(network: bytes, policy: ForeignPolicy, revision: str) -> bytes:
     if not error <= TOLERANCE:
         raise BadInputError(f"the file that was made differs from the network by {error:g}; allowed: {TOLERANCE:g}")
     return data
-
-
-def _ends(model: onnx.ModelProto, policy: ForeignPolicy) -> tuple[str, str]:
-    """Names of the network's one input and of its action."""
-    weights = {tensor.name for tensor in model.graph.initializer}
-    inputs = [value for value in model.graph.input if value.name not in weights]
-    states = [value.name for value in inputs if value.name.startswith(("h_in", "c_in", "hidden", "cell"))]
-    if states:
-        raise BadInputError(
-            f"the network is recurrent (input {', '.join(states)}); only networks without memory are run"
-        )
-    if len(inputs) != 1:
-        raise BadInputError(f"the network has inputs {', '.join(v.name for v in inputs)}; one observation is expected")
-    width = _width(inputs[0])
-    if width != policy.width:
-        raise BadInputError(
-            f"the network sees {width} numbers, and its terms have {policy.width}: "
-            f"{', '.join(f'{t.field} {t.width}×{t.history}' for t in policy.terms)}; the side file is another run's"
-        )
-    action = next((v for v in model.graph.output if v.name in {"actions", "action", "output"}), model.graph.output[0])
-    if _width(action) not in (facts.N_JOINTS, 0):
-        raise BadInputError(f"the network's output {action.name!r} has {_width(action)} numbers; 12 joints are moved")
-    return inputs[0].name, action.name
-
-
-def _width(value: onnx.ValueInfoProto) -> int:
-    shape = value.type.tensor_type.shape.dim
-    return int(shape[-1].dim_value) if shape else 0
 
 
 def surrounded(

@@ -41,7 +41,8 @@ def describe(data: Mapping[str, Any], name: str) -> ForeignPolicy:
     joints, environment = BREADTH_FIRST, parsed(Environment, data, "the environment file")
     if "scale" not in environment.action.model_fields_set:
         raise BadInputError("the environment file has no actions.joint_pos.scale; the example needs it")
-    low, high, assumed = environment.command_bounds()
+    usual = "base_velocity" if "base_velocity" in (environment.commands or {}) else None
+    low, high, assumed = environment.command_bounds(usual)
     if environment.commands is None:
         assumed = ()
     if environment.rate_hz is None:

@@ -12,6 +12,7 @@ import numpy as np
 import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
+from rsl_rl.models import MLPModel
 
 from spot_model.errors import BadInputError
 from spot_model.io.models_file import load_models
@@ -76,9 +77,14 @@ def actor_layers(state: dict[str, torch.Tensor]) -> Layers:
 def layers_of(network: torch.nn.Module) -> Layers:
     """The linear layers of a network of ours: ELU between them, 48 numbers in, 12 out.
 
+    The normaliser of an rsl-rl actor goes into the first layer.
+
     Raises:
         BadInputError: The network is of another kind.
     """
+    if isinstance(network, MLPModel):
+        layers_of(network.mlp)
+        return actor_layers({name: value.detach().cpu() for name, value in network.state_dict().items()})
     modules = [m for _, m in network.named_modules(remove_duplicate=False)]
     parts = [m for m in modules if not any(m.children()) and not isinstance(m, IGNORED)]
     linear = [m for m in parts[::2] if isinstance(m, torch.nn.Linear)]

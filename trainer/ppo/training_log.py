@@ -126,4 +126,5 @@ def _summary(metrics: dict[str, float]) -> str:
     parts = [f"{metrics['steps_per_s']:,.0f} steps/s"]
     shown = (("reward", "return {:.2f}"), ("episode_length", "{:.0f} ticks an episode"), ("fall_share", "{:.0%} fell"))
     parts += [words.format(metrics[key]) for key, words in shown if key in metrics]
+    parts += [f"{metrics['contacts_lost']:.2%} of contacts lost"] if metrics.get("contacts_lost") else []
     return "  ".join(parts)

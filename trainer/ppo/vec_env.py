@@ -111,12 +111,17 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         self.steps += self._steps_per_iteration
 
     def drain_stats(self) -> dict[str, float]:
-        """Share of the command ranges in use, and means over all episodes that ended since the last call, if any."""
+        """Since the last call: share of the command ranges in use and of lost contacts, means over ended episodes.
+
+        Raises:
+            PlantDivergedError: Too many contacts found no room.
+        """
         drained = [stats for stats in (part.stats.drain() for part in self.parts) if stats]
         total = sum(stats["episodes"] for stats in drained)
         names = drained[0] if drained else {}
         means = {name: sum(s[name] * s["episodes"] for s in drained) / total for name in names}
-        share = {"command_share": self.parts[0].commands.share}
+        lost = max(part.backend.plant.check_room() for part in self.parts)
+        share = {"command_share": self.parts[0].commands.share} | ({"contacts_lost": lost} if lost else {})
         return {**share, **means, "episodes": total} if drained else share
 
     def check_finite(self, observations: Tensor, rewards: Tensor) -> None:

@@ -298,6 +298,7 @@ def record_walks(
         )
         contact.clear()
         descent.clear()
+    plant.check_room()
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     commands, velocities, contacts, descents, powers, lives = columns
     return WalkRecord(

@@ -72,13 +72,26 @@ def test_power(run):
 
 def test_motion(run):
     motion = log_info(run).motion
-    assert motion.distance_m == pytest.approx(0.8 * 1.998)
+    assert motion.control_s == pytest.approx(1.98)
+    assert motion.distance_m == pytest.approx(0.8 * 1.98)
     assert motion.mean_speed_m_s == pytest.approx(0.8)
     # Command (1, 0, 0.1) against (0.8, 0, 0.05), but for a tilt of 0.02 rad.
     assert motion.tracking_rms == pytest.approx([0.2, 0.0, 0.05], abs=2e-3)
     assert motion.tilt_max_rad == pytest.approx(0.02, abs=1e-6)
     assert motion.falls == []
     assert motion.load_peak_nm["fl_hx"] == pytest.approx(20.0, abs=0.01)
+
+
+def test_speed_counts_neither_standing_up_nor_sitting_down(run):
+    """A second of ticks within two seconds of log; without ticks the whole log."""
+    part = replace(run, ticks=run.ticks.rows(slice(25, 76)))
+    motion = log_info(part).motion
+    assert motion.control_s == pytest.approx(1.0, abs=0.002)
+    assert motion.mean_speed_m_s == pytest.approx(0.8)
+    assert "0.80 m walked in 1.0 s" in summarise(part)
+    whole = log_info(replace(run, ticks=run.ticks.rows(slice(0)))).motion
+    assert whole.control_s == pytest.approx(run.duration_s)
+    assert whole.distance_m == pytest.approx(0.8 * 1.998)
 
 
 def test_a_fall_by_tilt(synthetic_run, tmp_path):
