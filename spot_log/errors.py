@@ -55,6 +55,16 @@ class MissingHeaderError(LogReadError):
         )
 
 
+class ManyRunsError(LogReadError):
+    """A file holds more than one run, as merging or appending makes it."""
+
+    def __init__(self, path: Path, runs: list[str]) -> None:
+        super().__init__(
+            f"{path} holds {len(runs)} runs, which no reading as one log could tell apart: "
+            f"{', '.join(f'run {run}' for run in runs)}; give the logs that it was made from, one at a time"
+        )
+
+
 class SchemaVersionError(LogReadError):
     """A log was written with other records than this program reads."""
 
