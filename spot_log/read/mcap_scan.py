@@ -29,7 +29,7 @@ RECORD_HEAD: Final = struct.Struct("<BQ")
 CHUNK_HEAD: Final = struct.Struct("<QQQII")
 COMPRESSIONS: Final = ("zstd", "lz4", "")
 MAX_CHUNK_BYTES: Final = 1 << 26
-"""What any chunk may hold; a larger one must have the bytes for it, or a few could ask for all of a computer's memory."""
+"""What any chunk may hold; a larger one must have the bytes for it: a few could ask for all of a computer's memory."""
 
 PARSE_ERRORS: Final = (struct.error, ValueError, OverflowError, zstandard.ZstdError, MemoryError, McapError)
 _U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
@@ -303,7 +303,7 @@ class _Scanner:
         if end - start < _MESSAGE_HEAD.size:
             return False
         _, size, _, place = _MESSAGE_HEAD.unpack_from(self._data, start)
-        return size + 6 == end - start and size % 16 == 0 and place < MAX_CHUNK_BYTES
+        return bool(size + 6 == end - start and size % 16 == 0 and place < MAX_CHUNK_BYTES)
 
     def _chunk_record(self, offset: int) -> tuple[int, bool] | None:
         chunk = read_chunk(self._data, offset, self._budget)

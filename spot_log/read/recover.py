@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from mcap.records import Attachment, Metadata
+
 from spot_log.errors import ASIDE_SUFFIX, LogError, LogReadError, MissingHeaderError, NotAnMcapError
 from spot_log.format.codec import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
@@ -197,7 +199,8 @@ def _write(file: McapFile, messages: list[RawMessage], scan: Scan) -> None:
     """Write all messages, also those of topics that are not ours, and what lies outside the chunks."""
     header = next(message for message in messages if message.topic == HEADER.name)
     file.attach(HEADER_ATTACHMENT, "application/x-protobuf", header.data, header.log_ns)
-    for record in (*(a for a in scan.attachments if a.name != HEADER_ATTACHMENT), *scan.metadata):
+    others: list[Attachment | Metadata] = [a for a in scan.attachments if a.name != HEADER_ATTACHMENT]
+    for record in others + scan.metadata:
         file.keep(record)
     channels = {(topic.name, topic.schema_name): topic.channel_id for topic in ALL_TOPICS}
     foreign = [key for key in dict.fromkeys((m.topic, m.schema_name) for m in messages) if key not in channels]
