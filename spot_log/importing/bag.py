@@ -2,7 +2,8 @@
 
 Each message is flattened: ``/odom.twist.twist.linear`` is an array of three columns, ``/odom.twist.twist.linear.x`` one
 of them, and ``/joint_states.position.NAME`` a joint by its name. ``TOPIC.stamp`` is the header's stamp and
-``TOPIC.time`` the receipt, both in ns. Between its messages a topic keeps its last value, for ten times the usual.
+``TOPIC.time`` the receipt, both in ns. Between its messages a topic of the state keeps its last value, for ten of its
+steps; commands come once a message, at the next row.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.format.codec import HEADER
-from spot_log.importing.mapping import Mapping as ImportMapping
+from spot_log.importing.mapping import Mapping, record_of
 from spot_log.read.mcap_scan import scan_mcap
 from spot_model.errors import BadInputError
 
@@ -45,17 +46,18 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in (".mcap", ".db3") or (path / "metadata.yaml").is_file()
 
 
-def read_rows(path: Path, mapping: ImportMapping) -> dict[str, NDArray[Any]]:
+def read_rows(path: Path, mapping: Mapping) -> dict[str, NDArray[Any]]:
     """The fields that a mapping names, at the stamps of its time.
 
     Raises:
         BadInputError: It is no bag, or the time is not a topic's; ``rosbags`` is missing.
         OSError: It cannot be read.
     """
-    sources = [spec.source for spec in mapping.signals.values()] + [mapping.time.source]
-    names = [name for source in sources for name in ((source,) if isinstance(source, str) else source or ())]
-    topics = read_topics(path, {name.partition(".")[0] for name in names})
+    fields = {name: [s] if isinstance(s := spec.source, str) else s or () for name, spec in mapping.signals.items()}
+    topic_of = {name: {field.partition(".")[0] for field in some} for name, some in fields.items()}
+    state = set().union(*(some for name, some in topic_of.items() if record_of(name) == "state"))
     base = (mapping.time.source or "").partition(".")[0]
+    topics = read_topics(path, state.union({base}, *topic_of.values()))
     if base not in topics:
         have = ", ".join(f"{name}.stamp" for name in topics) or "none of the topics that the mapping names"
         raise BadInputError(f"{path}: time 'from: {mapping.time.source}' is not a topic's stamp; the bag has {have}")
@@ -66,15 +68,17 @@ def read_rows(path: Path, mapping: ImportMapping) -> dict[str, NDArray[Any]]:
         stamps, wanted = columns[clock][order], topics[base].columns[clock]
         row = np.searchsorted(stamps, wanted, side="right") - 1
         held_ns = HELD_STEPS * np.median(np.diff(stamps)) if len(stamps) > 1 else np.inf
-        is_old = wanted - stamps[np.maximum(row, 0)] > held_ns
+        is_new = np.diff(row, prepend=-1) > 0
+        has = (row >= 0) & (wanted - stamps[np.maximum(row, 0)] <= held_ns) & (is_new | (topic in state))
         for field, values in columns.items():
-            if topic == base or field in ("stamp", "time"):
-                arrays[f"{topic}.{field}"] = values
-                continue
-            held = values[order][np.maximum(row, 0)].astype(np.float64)
-            held[(row < 0) | is_old] = np.nan
-            arrays[f"{topic}.{field}"] = held
+            same = topic == base or field in ("stamp", "time")
+            arrays[f"{topic}.{field}"] = values if same else _where(has, values[order][np.maximum(row, 0)])
     return arrays
+
+
+def _where(has: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.float64]:
+    """The values, blank in other rows."""
+    return np.where(has.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
 
 
 def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, Topic]:
@@ -84,6 +88,8 @@ def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
         BadInputError: It is no bag, or damaged; ``rosbags`` is missing.
         OSError: It cannot be read.
     """
+    if not path.exists():
+        raise BadInputError(f"{path} does not exist; give a recording")
     try:
         from rosbags.highlevel import AnyReaderError
         from rosbags.serde import SerdeError

@@ -158,13 +158,15 @@ def _held(
     recording: Recording, name: str, of: str, wanted: Array, given: Array, loose: float, *, must_follow: bool = True
 ) -> Iterator[Doubt]:
     """Hold a signal, shape (n, J), against what must be proportional to it, with a factor of 1/loose to loose."""
+    if len(wanted) < MIN_ROWS:
+        return
     spread, other = wanted.std(axis=0), given.std(axis=0)
     position = recording.signal("position")
     # A joint whose unit is in doubt may seem to move less.
-    least = MOVES_RAD * UNITS["angle"].get(recording.mapping.signals["position"].unit or "", 1.0)
-    moves = (spread > 1e-6 * np.abs(wanted).max(initial=1e-9)) & (other > 1e-6 * np.abs(given).max(initial=1e-9))
-    columns = np.flatnonzero(moves & (position[_whole(position)].std(axis=0) > min(least, MOVES_RAD)))
-    if len(wanted) < MIN_ROWS or not len(columns):
+    least = MOVES_RAD * min(1.0, UNITS["angle"].get(recording.mapping.signals["position"].unit or "", 1.0))
+    moves = (spread > 1e-6 * np.abs(wanted).max()) & (other > 1e-6 * np.abs(given).max())
+    columns = np.flatnonzero(moves & (position[_whole(position)].std(axis=0) > least))
+    if not len(columns):
         return
     names = [recording.mapping.joint_names[i] for i in columns]
     scaled = [(v[:, columns] - v[:, columns].mean(axis=0)) / v[:, columns].std(axis=0) for v in (wanted, given)]

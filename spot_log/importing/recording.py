@@ -277,7 +277,8 @@ class Recording:
 
     def _find(self, arrays: Arrays, name: str, where: str, file: str | None) -> NDArray[Any]:
         if name not in arrays:
-            found = ", ".join(sorted(arrays)[:30])
+            topic = name.partition(".")[0]
+            found = ", ".join(sorted(arrays, key=lambda other: (other.partition(".")[0] != topic, other))[:30])
             raise BadInputError(f"{where}: {file or self.path.name} has no {name!r}; it has: {found}")
         array = arrays[name]
         if array.dtype.kind not in "fiub":
@@ -353,7 +354,7 @@ def _scalar_first(values: Array, spec: SignalMapping) -> Array:
         raise BadInputError("signal odom_from_body: 'order' is missing; allowed: wxyz, xyzw")
     ordered = values if spec.order == "wxyz" else values[:, [3, 0, 1, 2]]
     norm = np.linalg.norm(ordered, axis=1)
-    bad = np.flatnonzero(~(np.abs(norm - 1.0) < 0.01))
+    bad = np.flatnonzero(np.abs(norm - 1.0) >= 0.01)  # a blank one is none
     if len(bad):
         raise BadInputError(f"signal odom_from_body: row {int(bad[0])} has norm {norm[bad[0]]:.3g}; expected 1")
     return ordered
