@@ -129,6 +129,7 @@ class Mapping(_Strict):
     schema_name: Literal["spot-rl/import/1"] = Field(alias="schema")
     time: TimeMapping
     signals: dict[str, SignalMapping]
+    """Where each signal is, by its name; see below."""
     joint_names: tuple[str, ...] = JOINT_NAMES
     """Joints in the log's order."""
     source_joint_names: tuple[str, ...] | None = None

@@ -40,7 +40,7 @@ def vector(*xyz: float, kind: str = "Vector3"):
 
 
 def messages():
-    """States at 200 Hz with the joints in turns of order; commands at 50 Hz, received 1 ms later; others beside them."""
+    """States at 200 Hz, the joints in turns of order; commands at 50 Hz, received 1 ms later; others beside them."""
     layout = make("std_msgs/MultiArrayLayout", dim=[], data_offset=0)
     for k in range(N):
         ns, order = START_NS + k * 5_000_000, [0, 1] if k % 2 else [1, 0]
