@@ -49,10 +49,10 @@ FILE is the bag's folder, or one `.db3` or `.mcap` file; the extra `ros` is need
 
 | message | names |
 |---|---|
-| `sensor_msgs/JointState` | `/joint_states.position.NAME`, `.velocity.NAME`, `.effort.NAME`: joints by name, whatever their order |
-| `nav_msgs/Odometry` | `/odom.pose.pose.position`, `/odom.pose.pose.orientation` (`order: xyzw`), `/odom.twist.twist.linear`, `.angular` |
+| `sensor_msgs/JointState` | `/joint_states.position.NAME`, `.velocity.NAME`, `.effort.NAME`: joints by name |
+| `nav_msgs/Odometry` | `/odom.pose.pose.position`, `.pose.pose.orientation` (xyzw), `.twist.twist.linear` and `.angular` |
 | `sensor_msgs/Imu` | `/imu.linear_acceleration`, `/imu.angular_velocity`, `/imu.orientation` |
-| `geometry_msgs/Twist` | `/cmd_vel.linear.x`, `.linear.y`, `.angular.z`; of a `TwistStamped`, `/cmd_vel.twist.linear.x` |
+| `geometry_msgs/Twist` | `/cmd_vel.linear.x`, `.linear.y`, `.angular.z`; `TwistStamped`: `/cmd_vel.twist.linear.x` |
 | `std_msgs/Float64MultiArray` | `/NAME.data`, all columns in their order |
 
 Other messages work the same way. `TOPIC.stamp` is the header's stamp, `TOPIC.time` the receipt, in ns. The topic of
@@ -79,7 +79,7 @@ def mapping_page() -> str:
             keys_table(TimeMapping),
             f"## signals\n\n{plain(SignalMapping.__doc__ or '')}\n",
             keys_table(SignalMapping),
-            "### Names, quantities and units\n\n`position` is needed. The log is in the first unit of each row, shares in %.\n",
+            "### Names, quantities and units\n\n`position` is needed. The log has the first unit of each row.\n",
             table(("signal", "quantity", "columns", "record", "units"), signals),
             DOUBTS,
             BAGS,

@@ -59,8 +59,9 @@ def read_rows(path: Path, mapping: Mapping) -> dict[str, NDArray[Any]]:
     base = (mapping.time.source or "").partition(".")[0]
     topics = read_topics(path, state.union({base}, *topic_of.values()))
     if base not in topics:
-        have = ", ".join(f"{name}.stamp" for name in topics) or "none of the topics that the mapping names"
-        raise BadInputError(f"{path}: time 'from: {mapping.time.source}' is not a topic's stamp; the bag has {have}")
+        have = ", ".join(f"{name} ({topic.kind})" for name, topic in read_topics(path).items()) or "no topic"
+        told = f"{path}: time 'from: {mapping.time.source}' is not TOPIC.stamp or TOPIC.time of a topic"
+        raise BadInputError(f"{told}; the bag has {have}; 'spot-rl log import --suggest {path}' writes a mapping")
     arrays: dict[str, NDArray[Any]] = {}
     for topic, (_, columns) in topics.items():
         clock = "stamp" if {"stamp"} <= columns.keys() & topics[base].columns.keys() else "time"

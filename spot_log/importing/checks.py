@@ -44,8 +44,9 @@ def doubts_of(recording: Recording) -> list[Doubt]:
     """All doubts, the certain ones first. Raises BadInputError where a signal cannot be read at all."""
     signals = {name: recording.signal(name) for name in recording.mapping.signals}
     time_s = (recording.stamps_ns - recording.stamps_ns[0]) * 1e-9
-    found = [*_blanks(recording, signals), *_spacing(time_s), *_stops(recording, signals["position"])]
-    found += [*_motion(recording, signals, time_s), *_turned(recording, signals, time_s)]
+    with np.errstate(all="ignore"):  # numbers beyond all sense compare as such
+        found = [*_blanks(recording, signals), *_spacing(time_s), *_stops(recording, signals["position"])]
+        found += [*_motion(recording, signals, time_s), *_turned(recording, signals, time_s)]
     return sorted(found, key=lambda doubt: not doubt.is_certain)
 
 

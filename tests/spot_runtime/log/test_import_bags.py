@@ -195,7 +195,7 @@ def test_a_log_goes_out_as_a_bag_and_comes_back(synthetic_log: Path, tmp_path: P
     [
         (
             ("/joint_states.stamp", "/nothing.stamp"),
-            r"'from: /nothing.stamp' is not a topic's stamp; the bag has .*/odom.stamp",
+            r"'from: /nothing.stamp' is not TOPIC.stamp .*; the bag has .*/odom .nav_msgs",
         ),
         (("/targets.data", "/targets.date"), r"has no '/targets.date'; it has: /targets.data"),
         (("/targets.data", "/gone.data"), r"has no '/gone.data'"),
