@@ -50,7 +50,7 @@ FILE is the bag's folder, or one `.db3` or `.mcap` file; the extra `ros` is need
 | message | names |
 |---|---|
 | `sensor_msgs/JointState` | `/joint_states.position.NAME`, `.velocity.NAME`, `.effort.NAME`: joints by name |
-| `nav_msgs/Odometry` | `/odom.pose.pose.position`, `.pose.pose.orientation` (xyzw), `.twist.twist.linear` and `.angular` |
+| `nav_msgs/Odometry` | `/odom.pose.pose.position`, `.pose.pose.orientation` (xyzw), `.twist.twist.linear` and others |
 | `sensor_msgs/Imu` | `/imu.linear_acceleration`, `/imu.angular_velocity`, `/imu.orientation` |
 | `geometry_msgs/Twist` | `/cmd_vel.linear.x`, `.linear.y`, `.angular.z`; `TwistStamped`: `/cmd_vel.twist.linear.x` |
 | `std_msgs/Float64MultiArray` | `/NAME.data`, all columns in their order |
