@@ -8,8 +8,8 @@ from spot_log.importing.recording import UNITS
 from .words import keys_table, page, plain, table
 
 ABOUT = """\
-A mapping says which array or column of a recording is which signal, and in which unit (degrees or radians), order of
-the joints and of a quaternion (wxyz or xyzw), and clock. `spot-rl log import MAPPING FILE --out LOG.mcap` reads it. The
+A mapping says which array or column of a recording is which signal. It gives units (degrees or radians), the order of
+joints and of a quaternion (wxyz or xyzw), and the clock. `spot-rl log import MAPPING FILE --out LOG.mcap` reads it. The
 recording is a CSV file (commas, semicolons or tabs; decimal commas), NPZ, Parquet, HDF5, or a ROS 2 bag.
 `spot-rl log import --suggest FILE` writes a mapping to start from. Whole examples, by name in place of a file: {names}.
 

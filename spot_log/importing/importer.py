@@ -188,7 +188,7 @@ def _commands(recording: Recording) -> list[Record]:
     if not columns:
         return []
     columns |= _columns(recording, GAIN_FIELDS)
-    columns["key"] = range(1, len(recording.stamps_ns) + 1)
+    columns["key"] = np.cumsum(recording.rows_with(*SET_POINT_FIELDS)).tolist()
     return _records(log_pb2.Command, recording, SET_POINT_FIELDS, columns)
 
 
@@ -196,7 +196,7 @@ def _ticks(recording: Recording) -> list[Record]:
     columns = _columns(recording, TICK_FIELDS)
     if not columns:
         return []
-    columns["index"] = range(len(recording.stamps_ns))
+    columns["index"] = (np.cumsum(recording.rows_with(*TICK_FIELDS)) - 1).clip(0).tolist()
     unknown = {"state_age_s": math.nan, "inference_s": math.nan, "compute_s": math.nan}
     return _records(log_pb2.Tick, recording, TICK_FIELDS, columns, mode="imported", **unknown)
 

@@ -89,7 +89,8 @@ def _read_csv(path: Path) -> Arrays:
         try:
             head = file.readline()
             file.seek(0)
-            rows = list(csv.reader(file, delimiter=max(",;\t", key=head.count)))
+            delimiter = max(",;\t", key=head.count)
+            rows = list(csv.reader(file, delimiter=delimiter))
         except (csv.Error, UnicodeDecodeError) as error:
             raise BadInputError(f"{path} cannot be read as CSV: {error}") from error
     while rows and not rows[-1]:
@@ -104,19 +105,20 @@ def _read_csv(path: Path) -> Arrays:
         if len(row) != len(names):
             raise BadInputError(f"{path}: line {number} has {len(row)} values, the first line names {len(names)}")
     columns = zip(*rows[1:], strict=True)
-    return {name: _numbers(column) for name, column in zip(names, columns, strict=True)}
+    return {name: _numbers(column, delimiter) for name, column in zip(names, columns, strict=True)}
 
 
-def _numbers(column: tuple[str, ...]) -> NDArray[Any]:
-    numbers = [_number(text) for text in column]
+def _numbers(column: tuple[str, ...], delimiter: str) -> NDArray[Any]:
+    """A column; between semicolons or tabs a comma is a decimal one, between commas it could divide thousands."""
+    numbers = [_number(text if delimiter == "," else text.replace(",", ".")) for text in column]
     return np.array(column, dtype=np.str_) if None in numbers else np.array(numbers, dtype=np.float64)
 
 
 def _number(text: Any) -> float | None:
-    """A cell; blank is NaN, and a comma is a decimal one, as between semicolons. None where it is no number."""
+    """A cell; NaN where it is blank, None where it is no number."""
     try:
-        return float(str(text).replace(",", ".")) if str(text).strip() else math.nan
-    except ValueError:
+        return float(text) if str(text).strip() else math.nan
+    except (ValueError, TypeError):
         return None
 
 
@@ -283,9 +285,9 @@ class Recording:
         array = arrays[name]
         if array.dtype.kind not in "fiub":
             told = f"{where}: {name!r} in {file or self.path.name} holds no numbers"
-            wrong = next(((i, text) for i, text in enumerate(array.tolist()) if _number(text) is None), None)
-            line = f"row {wrong[0]} (line {wrong[0] + 2} of a CSV)" if wrong else ""
-            raise BadInputError(f"{told}: {line} has {wrong[1]!r}" if wrong else told)
+            cells = list(enumerate(map(str, array.tolist())))
+            wrong = [cell for cell in cells if _number(cell[1].replace(",", ".")) is None] or cells or [(0, "")]
+            raise BadInputError(f"{told}: row {wrong[0][0]} (line {wrong[0][0] + 2} of a CSV) has {wrong[0][1]!r}")
         return array
 
     def _arrays(self, file: str | None) -> Arrays:

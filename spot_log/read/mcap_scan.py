@@ -101,8 +101,8 @@ def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
 
 def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> bytes:
     """Decompress at most ``size`` bytes. What is known to be wrong before costs nothing; all else is paid for."""
-    if compression == "" or not size:  # an empty chunk may hold an empty frame, or none
-        return data if compression == "" else b""
+    if compression == "" or not data:  # an empty chunk may hold an empty frame, or none
+        return data
     if compression == "zstd":
         declared = zstandard.get_frame_parameters(data).content_size
         is_known = declared != zstandard.CONTENTSIZE_UNKNOWN
@@ -264,8 +264,10 @@ class _Scanner:
                 self._in_index = True
                 return end, False
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                if length not in (4, 20):
+                    return None
                 self._check_data(opcode, start)
-                return (end, True) if length in (4, 20) else None
+                return end, True
             is_good = self._other_record(opcode, start, end)
         except PARSE_ERRORS:
             return None

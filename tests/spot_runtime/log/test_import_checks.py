@@ -188,6 +188,7 @@ def test_two_topics_in_one_table_are_each_at_their_own_rate(tmp_path) -> None:
     assert (len(run.states), len(run.commands)) == (400, 400)
     assert np.isfinite(run.states.position_rad).all()
     assert np.isfinite(run.commands.position_rad).all()
+    assert run.commands.key.tolist() == list(range(1, 401))
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
@@ -202,6 +203,11 @@ def test_a_cell_that_is_no_number_is_named(tmp_path) -> None:
         BadInputError, match=r"'q_hip' in a\.csv holds no numbers: row 1 \(line 3 of a CSV\) has '1\.2\.3'"
     ):
         imported_csv(tmp_path, "t,q_hip,set_hip\n0,1,1\n1,1.2.3,1\n")
+
+
+def test_a_comma_within_quotes_is_not_taken_for_a_decimal_one(tmp_path) -> None:
+    with pytest.raises(BadInputError, match=r"'q_hip' .*: row 0 \(line 2 of a CSV\) has '1,234'"):
+        imported_csv(tmp_path, 't,q_hip,set_hip\n0,"1,234",1\n1,"2,345",1\n')
 
 
 def test_examples_are_in_the_package_by_name(tmp_path) -> None:
