@@ -25,9 +25,7 @@ from spot_log.read.mcap_scan import scan_mcap
 from spot_model.errors import BadInputError
 
 # What rosbags raises on files that are damaged, or that are no bags.
-_BAG_ERRORS: Final = (ValueError, KeyError, IndexError, TypeError, AssertionError, struct.error, sqlite3.Error)
-
-
+_DAMAGE: Final = (ValueError, LookupError, TypeError, AssertionError, struct.error, sqlite3.Error, FileNotFoundError)
 HELD_STEPS: Final = 10
 """A topic is silent after so many of its usual steps."""
 
@@ -43,7 +41,7 @@ class Topic(NamedTuple):
 
 def is_bag(path: Path) -> bool:
     """Whether it looks like a ROS 2 bag."""
-    return path.suffix.lower() in (".mcap", ".db3") or (path / "metadata.yaml").is_file()
+    return path.suffix.lower() in (".mcap", ".db3") or path.is_dir()
 
 
 def read_rows(path: Path, mapping: Mapping) -> dict[str, NDArray[Any]]:
@@ -72,14 +70,12 @@ def read_rows(path: Path, mapping: Mapping) -> dict[str, NDArray[Any]]:
         is_new = np.diff(row, prepend=-1) > 0
         has = (row >= 0) & (wanted - stamps[np.maximum(row, 0)] <= held_ns) & (is_new | (topic in state))
         for field, values in columns.items():
-            same = topic == base or field in ("stamp", "time")
-            arrays[f"{topic}.{field}"] = values if same else _where(has, values[order][np.maximum(row, 0)])
+            held = values
+            if topic != base and field not in ("stamp", "time"):
+                held = values[order][np.maximum(row, 0)].astype(np.float64)
+                held[~has] = np.nan
+            arrays[f"{topic}.{field}"] = held
     return arrays
-
-
-def _where(has: NDArray[np.bool_], values: NDArray[Any]) -> NDArray[np.float64]:
-    """The values, blank in other rows."""
-    return np.where(has.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
 
 
 def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, Topic]:
@@ -103,7 +99,7 @@ def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
         for topic, kind, log_ns, message in (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, wanted):
             kinds[topic] = kind
             rows[topic].append({"time": log_ns, **dict(_fields(message))})
-    except (*_BAG_ERRORS, AnyReaderError, SerdeError, TypesysError) as error:
+    except (*_DAMAGE, AnyReaderError, SerdeError, TypesysError) as error:
         raise BadInputError(f"{path} cannot be read as a ROS 2 bag: {str(error) or type(error).__name__}") from error
     return {topic: Topic(kinds[topic], _columns(f"{path}: {topic}", found)) for topic, found in rows.items()}
 
@@ -147,8 +143,7 @@ def _fields(message: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """The numbers of a message, by dotted names."""
     values = {f.name: getattr(message, f.name) for f in dataclasses.fields(message) if f.name != "__msgtype__"}
     if path == "header" and hasattr(values.get("stamp"), "nanosec"):
-        stamp_ns = values["stamp"].sec * 10**9 + values["stamp"].nanosec
-        yield from [("stamp", stamp_ns)] if stamp_ns else []
+        yield "stamp", values["stamp"].sec * 10**9 + values["stamp"].nanosec
         return
     names = values.get("name")
     for field, value in values.items():
@@ -174,9 +169,7 @@ def _columns(where: str, rows: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
         if len(sizes) > 1:
             raise BadInputError(f"{where}.{name} has messages of different lengths: {sorted(sizes)}")
         missing = np.full(sizes.pop(), np.nan)
-        is_whole = all(name in row for row in rows)
-        dtype = np.int64 if name in ("stamp", "time") and is_whole else np.float64
-        columns[name] = np.array([row.get(name, missing) for row in rows], dtype=dtype)
-    if "stamp" in columns and columns["stamp"].dtype != np.int64:
+        columns[name] = np.array([row.get(name, missing) for row in rows])
+    if not columns.get("stamp", np.ones(1)).all():
         del columns["stamp"]  # some messages have none
     return columns

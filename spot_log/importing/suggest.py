@@ -27,6 +27,12 @@ _FILLERS: Final = {"dof", "joint", "joints", "motor", "rad", "deg", "s", "nm", "
     *(words for _, words in _WORDS.values())
 )
 _FIELDS: Final = """
+JointState position position.{joint} unit: rad
+JointState velocity velocity.{joint} unit: rad/s
+JointState load effort.{joint} unit: N·m
+wanted setpoint_position position.{joint} unit: rad
+wanted setpoint_velocity velocity.{joint} unit: rad/s
+wanted feedforward effort.{joint} unit: N·m
 Odometry position_of_body_in_odom pose.pose.position unit: m
 Odometry odom_from_body pose.pose.orientation order: xyzw
 Odometry linear_vel_of_body_in_body twist.twist.linear unit: m/s
@@ -45,20 +51,17 @@ def suggest(path: Path) -> str:
 
 def _of_bag(topics: dict[str, Topic]) -> Iterator[str]:
     kinds = {name: topic.kind.rpartition("/")[2].removesuffix("Stamped") for name, topic in topics.items()}
-    joints = [name for name, kind in kinds.items() if kind == "JointState"]
-    joints.sort(key=lambda name: (_is_wanted(name), -len(topics[name].columns["time"])))
-    base = joints[0] if joints else next(iter(topics), "TOPIC")
+    first = {"wanted" if kind == "JointState" and _is_wanted(name) else kind: name for name, kind in kinds.items()}
+    base = first.get("JointState", next(iter(topics), "TOPIC"))
     columns = topics[base].columns if topics else {}
     yield from _names([field.partition(".")[2] for field in columns if field.startswith("position.")])
     yield f"time: {{from: {base}.{'stamp' if 'stamp' in columns else 'time'}, unit: ns, clock: unix}}"
     yield "signals:"
-    for topic in joints[:1] + [name for name in joints[1:] if _is_wanted(name)][:1]:
-        for signal, field in (("position", "position"), ("velocity", "velocity"), ("load", "effort")):
-            if any(name.startswith(f"{field}.") for name in topics[topic].columns):
-                yield f'  {_signal(topic, signal)}: {{from: "{topic}.{field}.{{joint}}", unit: {_WORDS[signal][0]}}}'
-    first = {kind: name for name, kind in reversed(kinds.items())}
     for kind, signal, field, unit in (line.split(maxsplit=3) for line in _FIELDS.split("\n")[1:]):
-        yield from [f"  {signal}: {{from: {first[kind]}.{field}, {unit}}}"] if kind in first else []
+        if kind in first and any(
+            name.startswith(field.removesuffix("{joint}")) for name in topics[first[kind]].columns
+        ):
+            yield f'  {signal}: {{from: "{first[kind]}.{field}", {unit}}}'
     if "Twist" in first:
         start = first["Twist"] + ".twist" * topics[first["Twist"]].kind.endswith("Stamped")
         yield f"  velocity_command: {{from: [{start}.linear.x, {start}.linear.y, {start}.angular.z]}}"

@@ -220,5 +220,8 @@ def test_what_is_no_bag_is_said(take, tmp_path: Path, synthetic_log: Path) -> No
     (tmp_path / "a.db3").write_bytes(b"no database")
     with pytest.raises(BadInputError, match=r"a\.db3 cannot be read as a ROS 2 bag"):
         take(tmp_path / "a.db3")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadInputError, match=r"cannot be read as a ROS 2 bag: .*metadata"):
+        take(tmp_path / "empty")
     with pytest.raises(BadInputError, match=r"missing\.mcap.*does not exist"):
         take(tmp_path / "missing.mcap")
