@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -86,7 +87,7 @@ def _of_arrays(arrays: dict[str, NDArray[Any]]) -> Iterator[str]:
     largest = max((float(np.nanmax(np.abs(arrays[name]), initial=0.0)) for name in found), default=0.0)
     for signal, columns in signals.items():
         unit = next((unit for kind, (unit, _) in _WORDS.items() if kind in signal), "N·m")
-        source = f"[{', '.join(columns)}]" if len(columns) == size else (columns or ["NAME"])[0]
+        source = _listed(columns) if len(columns) == size else _listed(columns)[1:-1]
         if sizes[signal] == size:
             yield f"  {signal}: {{from: {source}, unit: {unit.replace('rad', 'deg') if largest > 7 else unit}}}"
     yield f"# The file has: {', '.join(arrays)}"[:300]
@@ -101,7 +102,7 @@ def _names(joints: Sequence[str]) -> Iterator[str]:
         other = [f"{text}: {joint}" for joint, text in ours.items() if text in JOINT_NAMES and text != joint]
         yield from [f"names_in_source: {{{', '.join(other)}}}"] if other else []
     else:
-        yield from [f"joint_names: [{', '.join(joints)}]", "foot_names: []"]
+        yield from [f"joint_names: {_listed(joints)}", "foot_names: []"]
 
 
 def _time(name: str, stamps: NDArray[Any]) -> str:
@@ -110,7 +111,13 @@ def _time(name: str, stamps: NDArray[Any]) -> str:
     said = next((word for word in _words(name) if word in UNITS["time"]), "")
     dated = next((unit for unit, least in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8)) if first > least), "")
     stepped = next((unit for unit, least in (("ns", 1e5), ("us", 500), ("ms", 0.6)) if step > least), "s")
-    return f"time: {{from: {name}, unit: {said or dated or stepped}{', clock: unix' * bool(dated)}}}"
+    return f"time: {{from: {_listed([name])[1:-1]}, unit: {said or dated or stepped}{', clock: unix' * bool(dated)}}}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names as a list of YAML; quoted where they would be something else."""
+    plain = re.compile(r"[A-Za-z_][\w.]*")
+    return f"[{', '.join(name if plain.fullmatch(name) else json.dumps(name) for name in names) or 'NAME'}]"
 
 
 def _words(name: str) -> list[str]:

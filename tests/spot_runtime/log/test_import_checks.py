@@ -232,6 +232,22 @@ def test_a_suggestion_imports_its_recording(tmp_path, capsys) -> None:
     np.testing.assert_allclose(read_run(tmp_path / "out.mcap").states.position_rad, swing, atol=1e-9)
 
 
+@pytest.mark.parametrize("names", ["t,q0,q1", "t,joint 0: q,joint 1: q", "time stamp,q 0,q [1]"])
+def test_a_suggestion_is_a_mapping_whatever_names_are_like(tmp_path, names) -> None:
+    (tmp_path / "a.csv").write_text(f"{names}\n0,1,2\n5,1,2\n10,1,2\n")
+    main_ok("log", "import", "--suggest", str(tmp_path / "a.csv"), "--out", str(tmp_path / "m.yaml"))
+    assert import_log(load_mapping(tmp_path / "m.yaml"), tmp_path / "a.csv", tmp_path / "out.mcap").rows == 3
+
+
+def test_a_suggestion_without_positions_leaves_a_place_for_their_names(tmp_path, capsys) -> None:
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n5,2\n")
+    main_ok("log", "import", "--suggest", str(tmp_path / "a.csv"))
+    text = capsys.readouterr().out
+    assert "joint_names: [NAME]" in text
+    assert "position: {from: [NAME], unit: rad}" in text
+    assert "# The file has: t, x" in text
+
+
 def main_ok(*words: str) -> None:
     with pytest.raises(SystemExit) as left:
         main(list(words))
