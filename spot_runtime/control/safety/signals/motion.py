@@ -58,13 +58,13 @@ def resting(window: Window) -> NDArray[np.bool_]:
 def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
     """The memory after one more window."""
     first, last = window.first, window.last
-    fade = np.maximum(0.0, 1.0 - window.duration_s / _MEMORIES_S)
+    fades = np.maximum(0.0, 1.0 - window.duration_s / _MEMORIES_S)
     moved = last.position_rad - first.position_rad
-    slope = memory.slope_rad * fade + (moved - window.travel_rad)
-    change = memory.change_rad_s * fade + (last.velocity_rad_s - first.velocity_rad_s)
+    slope = memory.slope_rad * fades + (moved - window.travel_rad)
+    change = memory.change_rad_s * fades + (last.velocity_rad_s - first.velocity_rad_s)
     # In a hole a rate may have been any of those at its ends.
     open_s = 0.5 * window.hole_s
-    blur = np.maximum(memory.blur_rad * fade, (bounds.SLOPE_BEND_S + open_s) * window.velocity_range_rad_s)
+    blur = np.maximum(memory.blur_rad * fades, (bounds.SLOPE_BEND_S + open_s) * window.velocity_range_rad_s)
     allowed = _BOUNDS_RAD + bounds.SLOPE_LAG_S * np.abs(change) + blur
     fade = max(0.0, 1.0 - window.duration_s / bounds.TURN_MEMORY_S)
     turn = turned_rad(first.odom_from_body_wxyz, last.odom_from_body_wxyz) - window.turn_rad
