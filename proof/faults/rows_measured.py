@@ -165,14 +165,21 @@ class MiswiredHal(FaultyHal):
 
     error = ""
 
-    def _read(self, joints: np.ndarray) -> np.ndarray:
+    def _read(self, joints: np.ndarray) -> Any:
         return readings(joints)[NAMES.index(self.error)]
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Report every joint wrong."""
-        names = ("position_rad", "velocity_rad_s", "load_nm")
-        states = super().receive(until_robot_ns, timeout_s)
-        return [replace(s, **{name: self._read(getattr(s, name)) for name in names}) for s in states]
+        read = self._read
+        return [
+            replace(
+                state,
+                position_rad=read(state.position_rad),
+                velocity_rad_s=read(state.velocity_rad_s),
+                load_nm=read(state.load_nm),
+            )
+            for state in super().receive(until_robot_ns, timeout_s)
+        ]
 
     def begin_joint_control(self, first: JointCommand) -> None:
         """Send the first command wrong."""

@@ -113,12 +113,11 @@ def _after_window(
     carried_n = None
     if lives.all():
         carried_n = ground_forces_n(last.position_rad, last.load_nm) @ window.odom_from_body[2]
-    load_windows, answered, held, carrying, wired = (
+    load_windows, answered, held, carrying = (
         _NO_COUNTS,
         AnswerMemory(),
         HoldMemory(),
         WeightMemory(),
-        WiringMemory(),
     )
     received = sum(command.key <= last.last_command_key for command in memory.commands)
     if situation.is_driven and memory.commands:
@@ -133,8 +132,6 @@ def _after_window(
             held = answer.after_hold_window(memory.hold, states, newest, is_measured)
     if situation.is_driven and carried_n is not None:
         carrying = ground.after_weight_window(memory.weight, window, carried_n)
-    if any(situation):
-        wired = wiring.after_window(memory.wiring, window, carried_n)
     is_stance_wrong = situation.is_standing and legs.is_stance_wrong(window)
     resting = motion.resting(window) & situation.is_driven
     return SignalMemory(
@@ -144,7 +141,7 @@ def _after_window(
         ground.after_window(memory.ground, window, carried_n),
         motion.after_imu_window(memory.imu, window),
         carrying,
-        wired,
+        wiring.after_window(memory.wiring, window, carried_n) if any(situation) else WiringMemory(),
         answered,
         held,
         still.still_windows(memory.still, first, last, resting, has_loads=has_loads),

@@ -7,7 +7,7 @@ would slide. Only such an error that is named, and makes those feet stand, count
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -21,40 +21,30 @@ from spot_runtime.control.safety.signals.legs import feet, sole_speeds_m_s, stan
 from spot_runtime.control.safety.signals.window import Window
 from spot_runtime.control.safety.states import is_between
 
-_JOINTS: Final = range(facts.N_JOINTS)
-_LEGS: Final = {"left": (0, 2), "right": (1, 3), "front": (0, 1), "hind": (2, 3)}
+_JOINTS: Final[NDArray[np.int64]] = np.arange(facts.N_JOINTS).reshape(facts.N_LEGS, -1)
+_ENDS: Final = {"left": [0, 2], "right": [1, 3], "front": [0, 1], "hind": [2, 3]}
 
 
-def _joints_of(*legs: int) -> list[int]:
-    return [3 * leg + kind for leg in legs for kind in range(3)]
-
-
-def _mirrored() -> Iterator[tuple[str, Sequence[int], Sequence[int]]]:
-    groups = [[joint] for joint in _JOINTS]
-    groups += [[3 * leg + kind for leg in legs] for kind in range(3) for legs in (range(facts.N_LEGS), *_LEGS.values())]
-    for group in groups:
-        yield ", ".join(facts.JOINT_NAMES[joint] for joint in group) + " mirrored", group, ()
-
-
-def _exchanged() -> Iterator[tuple[str, Sequence[int], Sequence[int]]]:
-    for a, b in combinations(_JOINTS, 2):
-        yield f"{facts.JOINT_NAMES[a]} and {facts.JOINT_NAMES[b]} exchanged", [a], [b]
-    for a, b in combinations(range(facts.N_LEGS), 2):
-        yield f"legs {facts.LEG_NAMES[a]} and {facts.LEG_NAMES[b]} exchanged", _joints_of(a), _joints_of(b)
+def _errors() -> Iterator[tuple[str, NDArray[np.int64], NDArray[np.int64]]]:
+    """Words, joints that are mirrored (or exchanged), and those that they are exchanged with (none: mirrored)."""
+    of_a_kind = [legs_of for kind in _JOINTS.T for legs_of in (kind, *(kind[legs] for legs in _ENDS.values()))]
+    for group in (*_JOINTS.reshape(-1, 1), *of_a_kind):
+        yield ", ".join(facts.JOINT_NAMES[joint] for joint in group) + " mirrored", group, group[:0]
+    singles = _JOINTS.reshape(-1, 1)
+    for kind, names, joints in (("", facts.JOINT_NAMES, singles), ("legs ", facts.LEG_NAMES, _JOINTS)):
+        for a, b in combinations(range(len(names)), 2):
+            yield f"{kind}{names[a]} and {names[b]} exchanged", joints[a], joints[b]
     for one, other in (("left", "right"), ("front", "hind")):
-        yield f"{one} and {other} legs exchanged", _joints_of(*_LEGS[one]), _joints_of(*_LEGS[other])
+        yield f"{one} and {other} legs exchanged", _JOINTS[_ENDS[one]].ravel(), _JOINTS[_ENDS[other]].ravel()
 
 
-_ERRORS: Final = (*_mirrored(), *_exchanged())
-NAMES: Final = tuple(name for name, _, _ in _ERRORS)
+NAMES: Final = tuple(name for name, _, _ in _errors())
 """The errors in words."""
-_ORDER: Final = np.tile(np.arange(facts.N_JOINTS), (len(_ERRORS), 1))
+_ORDER: Final = np.tile(_JOINTS.ravel(), (len(NAMES), 1))
 _SIGN: Final = np.ones(_ORDER.shape)
-for _row, (_, _one, _other) in enumerate(_ERRORS):
-    if _other:
-        _ORDER[_row, [*_one, *_other]] = [*_other, *_one]
-    else:
-        _SIGN[_row, _one] = -1.0
+for _row, (_, _one, _other) in enumerate(_errors()):
+    _ORDER[_row, [*_one, *_other]] = [*_other, *_one]
+    _SIGN[_row, [] if len(_other) else _one] = -1.0
 
 
 def readings(joints: Array) -> Array:
@@ -94,9 +84,7 @@ def after_window(memory: WiringMemory, window: Window, carried_n: Array | None) 
     if not stands.any():
         return memory
     state, body_from_odom = window.last, window.odom_from_body.T
-    position, velocity = (
-        np.vstack([joints, readings(joints)]) for joints in (state.position_rad, state.velocity_rad_s)
-    )
+    position, velocity = (np.vstack([q, readings(q)]) for q in (state.position_rad, state.velocity_rad_s))
     speeds = sole_speeds_m_s(
         feet(position, velocity),
         velocity_m_s=body_from_odom @ state.linear_vel_of_body_in_odom_m_s,
