@@ -374,8 +374,7 @@ class BosdynHal:
             self._problems.append(Stop(StopReason.CLOCK_JUMPED, "", {"off_s": off_s, "bound_s": bound_s}))
 
     def _poll(self) -> None:
-        slow = self._session.poll()
-        self._slow = slow
+        self._slow = slow = self._session.poll()
         self._sink.put(slow)
 
     def _check_in_failed(self, error: Exception) -> None:
