@@ -2,8 +2,8 @@
 
 Seven were adjusted after looking at recorded runs of the fake robot: MOVING_SHARE, on runs with frozen signals;
 MISREAD_M_S and MISREAD_SHARE, on runs with wrong joints and on ice; FOOT_SPEED_SHARE, FOOT_ERROR_SHARE, the bound for
-loads that stand still, and the margin at a joint's stop, on runs without faults. Sizes of ordinary errors are upper ends of what such sensors and estimators do. Figures of the robot are
-those of :mod:`spot_model.robot.facts`.
+loads that stand still, and the margin at a joint's stop, on runs without faults. Sizes of ordinary errors are upper
+ends of what such sensors and estimators do. Figures of the robot are those of :mod:`spot_model.robot.facts`.
 """
 
 from __future__ import annotations
