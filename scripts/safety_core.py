@@ -15,6 +15,7 @@ _SIGNALS = (
 _ANSWERS = "tests/spot_runtime/test_answers.py"
 _HOLD = "tests/spot_runtime/test_hold.py"
 _STANCE = "tests/spot_runtime/test_stance.py"
+_WIRING = "tests/spot_runtime/test_wiring.py"
 
 _SAFETY = "tests/spot_runtime/test_safety.py"
 _WATCHDOGS = "tests/spot_runtime/test_watchdogs.py"
@@ -32,10 +33,11 @@ TESTS_OF = {
         _SIGNAL_BOUNDS,
     ),
     **{f"spot_runtime/control/safety/signals/{name}.py": _SIGNALS for name in ("ground", "motion", "still", "window")},
-    "spot_runtime/control/safety/signals/legs.py": (_STANCE, *_SIGNALS),
+    "spot_runtime/control/safety/signals/legs.py": (_STANCE, _WIRING, *_SIGNALS),
+    "spot_runtime/control/safety/signals/wiring.py": (_WIRING, _STANCE),
     "spot_runtime/control/safety/signals/readers.py": ("tests/spot_runtime/test_readers.py",),
     "spot_runtime/control/safety/signals/answer.py": (_ANSWERS, _HOLD, *_SIGNALS),
-    "spot_runtime/control/safety/signals/check.py": (*_SIGNALS, _ANSWERS, _HOLD, _STANCE),
+    "spot_runtime/control/safety/signals/check.py": (*_SIGNALS, _ANSWERS, _HOLD, _STANCE, _WIRING),
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),
     "spot_runtime/control/set_point.py": (_SET_POINT, _HANDOVER, _BOUNDS),

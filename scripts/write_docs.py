@@ -22,6 +22,7 @@ from reference.conformance import conformance_page
 from reference.effects import effects_page
 from reference.files import files_page
 from reference.log_schema import log_page
+from reference.mapping import mapping_page
 from reference.python_api import python_page
 from reference.safety import safety_page
 from reference.scenario import scenario_page
@@ -122,6 +123,7 @@ def main() -> None:
         "reference/files.md": files_page(),
         "reference/training-config.md": training_page(),
         "reference/log-schema.md": log_page(),
+        "reference/mapping.md": mapping_page(),
         "reference/verdict.md": verdict_page(),
         "reference/python.md": python_page(),
     }

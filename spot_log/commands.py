@@ -12,6 +12,8 @@ from spot_log.read.reader import read_run
 from spot_log.read.recover import recover_log
 from spot_log.tools.export import export_run
 from spot_log.tools.log_info import log_info
+from spot_model.errors import BadInputError
+from spot_model.io.whole import write_new
 from spot_model.text import plain, plain_lines
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
@@ -80,16 +82,34 @@ def recover(
 
 @app.command("import")
 def import_recording(
-    mapping: Annotated[Path, typer.Argument(help="YAML file that maps arrays to signals.")],
-    file: Annotated[Path, typer.Argument(help="The recording: .npz, .csv, .parquet, .h5 or .hdf5.")],
-    out: Annotated[Path, typer.Option("--out", help="Name of the log to write; never overwritten.")],
+    mapping: Annotated[
+        Path | None, typer.Argument(help="YAML file that maps arrays to signals, or the name of a built-in one.")
+    ] = None,
+    file: Annotated[
+        Path | None, typer.Argument(help="The recording: .npz, .csv, .parquet, .h5, .hdf5, or a ROS 2 bag.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Name of the log to write; never overwritten.")] = None,
+    suggestion: Annotated[
+        Path | None, typer.Option("--suggest", help="Write a mapping for this recording instead, here or to --out.")
+    ] = None,
 ) -> None:
-    """Convert another program's recording to a log."""
+    """Convert another program's recording to a log, if it is what the mapping says."""
     from spot_log.importing import import_log, load_mapping
+    from spot_log.importing.suggest import suggest
 
-    imported = import_log(load_mapping(mapping), file, out)
-    typer.echo(f"{out}: {imported.rows} rows at {imported.rate_hz:.2f} Hz")
-    typer.echo(f"not in the recording: {', '.join(imported.missing)}")
+    if suggestion is not None:
+        text = suggest(suggestion)
+        if out is not None:
+            write_new(out, text)
+        typer.echo(out or text.rstrip())
+    elif mapping is None or file is None or out is None:
+        raise BadInputError("give MAPPING, FILE and --out, or --suggest FILE for a mapping to start from")
+    else:
+        imported = import_log(load_mapping(mapping), file, out)
+        typer.echo(f"{out}: {imported.rows} rows at {imported.rate_hz:.2f} Hz")
+        for text in imported.doubts:
+            typer.echo(plain(f"doubt: {text}"), err=True)
+        typer.echo(f"not in the recording: {', '.join(imported.missing)}")
 
 
 @app.command()

@@ -51,7 +51,18 @@ class MissingHeaderError(LogReadError):
         found = ", ".join(topics) if topics else "none"
         super().__init__(
             f"{path} has no /header record, so it is not a log written by spot-rl (topics found: {found}); "
-            "'spot-rl log recover' repairs a damaged log, 'spot-rl log import' turns other data into one"
+            "'spot-rl log recover' repairs a damaged log, "
+            "'spot-rl log import --suggest FILE' begins to turn other data into one"
+        )
+
+
+class ManyRunsError(LogReadError):
+    """A file holds more than one run, as merging or appending makes it."""
+
+    def __init__(self, path: Path, runs: list[str]) -> None:
+        super().__init__(
+            f"{path} holds {len(runs)} runs, and a log is one: {', '.join(f'run {run}' for run in runs)}; "
+            "give the logs that it was made from, one at a time"
         )
 
 

@@ -54,4 +54,4 @@ def check_scripts_allowed(config: ServiceConfig) -> None:
 def gait_event(contract: PolicyContract) -> tuple[EventName, str]:
     """What a run tells of the gait before it moves: a warning where it hops, falls, stays behind or is not stated."""
     is_sound = bool(contract.gait) and not gait_doubts(contract)
-    return EventName.GAIT if is_sound else EventName.GAIT_DOUBTFUL, gait_sentence(contract)
+    return EventName.GAIT if is_sound else EventName.GAIT_DOUBTFUL, gait_sentence(contract).removeprefix("warning: ")

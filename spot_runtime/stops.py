@@ -90,13 +90,16 @@ class StopReason(Enum):
         Reaction.DAMP, 34, "a signal is frozen although its neighbours move", "check the robot's sensors"
     )
     SIGNALS_CONTRADICT = StopRule(
-        Reaction.DAMP, 35, "signals contradict each other", "check the robot's sensors and its joint order"
+        Reaction.DAMP,
+        35,
+        "signals contradict each other",
+        "see whether the robot was pushed or slid; if not, check its sensors and joint order",
     )
     POSITION_REFUSED = StopRule(
         Reaction.HAND_BACK,
         39,
         "joints are not where they are reported",
-        "check the robot's joint order, signs and calibration",
+        "see whether the robot was pushed; if not, check its joint order, signs and calibration",
     )
     SIGNAL_OUT_OF_RANGE = StopRule(
         Reaction.DAMP, 37, "a signal is beyond the range of a Spot", "check the robot's sensors and units"
@@ -129,6 +132,9 @@ class StopReason(Enum):
         Reaction.HAND_BACK, 53, "battery or temperatures are not known", "see the robot's own page"
     )
     LOG_FAILED = StopRule(Reaction.HAND_BACK, 60, "the log no longer records", "free the disk, then start again")
+    COMPUTER_SHORT = StopRule(
+        Reaction.DAMP, 61, "this computer gives the program too few files, threads or memory", "raise its limits"
+    )
     INTERNAL_ERROR = StopRule(Reaction.DAMP, 70, "a defect of this program", "report it with the log")
 
     @property

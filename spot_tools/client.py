@@ -17,6 +17,7 @@ from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.text import plain
 from spot_protos import operator_pb2_grpc
+from spot_runtime.causes import refusal, shortage
 from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, user_socket
 
 ADDRESS_VARIABLE: Final = "SPOT_RL_OPERATOR"
@@ -124,15 +125,18 @@ class OperatorClient:
 
     def _insist(self, name: str, request: Any, timeout_s: float) -> Any:
         until_s, try_s, channel = time.monotonic() + timeout_s, TRY_S, self._channel
+        told: SpotRlError | None = None  # the last answer but silence, which says less
         with ExitStack() as made:
             while True:
                 left_s = until_s - time.monotonic()
                 try:
                     return plain_message(getattr(_stub(channel), name)(request, timeout=min(try_s, left_s)))
                 except grpc.RpcError as error:
+                    is_silent = error.code() is grpc.StatusCode.DEADLINE_EXCEEDED
+                    told = told if is_silent and told else self._explain(error)
                     if error.code() in VERDICTS or time.monotonic() + PAUSE_S >= until_s:
-                        raise self._explain(error) from None
-                    try_s *= 2.0 if error.code() is grpc.StatusCode.DEADLINE_EXCEEDED else 1.0
+                        raise told from None
+                    try_s *= 2.0 if is_silent else 1.0
                 time.sleep(PAUSE_S)
                 made.close()
                 channel = made.enter_context(self._connect())
@@ -143,6 +147,10 @@ class OperatorClient:
         is_busy = code is grpc.StatusCode.RESOURCE_EXHAUSTED or (code is grpc.StatusCode.UNAVAILABLE and is_by_service)
         if code not in VERDICTS and not is_busy:
             reason = words.rpartition(" error: ")[2]  # gRPC's innermost
+            if lacks := shortage(words):
+                return UnreachableError(f"the service at {self.address} cannot be reached: {lacks}")
+            if does := refusal(words):
+                return UnreachableError(f"the service at {self.address} {does} ({reason})")
             return UnreachableError(
                 f"no service answers at {self.address} ({reason}); start it with 'spot-rl serve', or name its "
                 f"address with --address or {ADDRESS_VARIABLE}"

@@ -45,7 +45,7 @@ def slow_orders(
             values, x = residual[step, joint][good], beside[step, joint][good]
             values = values - x @ np.linalg.lstsq(x, values, rcond=None)[0]
             waves[:, joint] = np.exp(-1j * np.outer(SLOW_PER_RAD, position_rad[step, joint][good])) @ values
-            energy[joint] = float(values @ values)
+            energy[joint] = max(float(values @ values), energy[joint])
     power = np.abs(waves @ sets.T.astype(np.float64)) ** 2 / (sets @ energy)
     return _strongest(SLOW_PER_RAD, power.max(axis=1), 1.5, n)
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from proof.robot import OVERTURNED_RAD
 from spot_log import Run
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import RobotState, SlowState
+from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.control.safety.body_height import body_height_m
+from spot_runtime.control.safety.signals.wiring import NAMES, readings
 from spot_tools.sources import ScriptedSource
 
 BRISK: Final = VelocitySequence(name="brisk", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.8),))
@@ -128,6 +129,15 @@ def is_upright(rig: Rig, _: Drive, finding: Finding) -> None:
     finding.demand(rig.tilt_rad() < OVERTURNED_RAD, "the robot was overturned")
 
 
+def nothing(_: Rig, __: FaultyHal) -> None:
+    """Do nothing: the fault is there from the beginning."""
+
+
+def is_named(name: str) -> Check:
+    """Make the check that the last words name an error."""
+    return lambda _, drive, finding: finding.demand(name in drive.summary.sentence, drive.summary.sentence)
+
+
 def is_refused(name: str) -> Check:
     """Make the check that the policy never got the joints, and that the run names them."""
 
@@ -148,6 +158,49 @@ def elsewhere(fault: str, joints: list[int], reported: Callable[[np.ndarray], np
         return replace(state, position_rad=position)
 
     return row(fault, 0.0, spoil(spoilt), *MISPLACED, checks=(is_refused(name), is_upright), at_s=0.0, when="up")
+
+
+class MiswiredHal(FaultyHal):
+    """An adapter that errs alike in all that it reports and sends: see :data:`wiring.NAMES`."""
+
+    error = ""
+
+    def _read(self, joints: np.ndarray) -> Any:
+        return readings(joints)[NAMES.index(self.error)]
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """Report every joint wrong."""
+        read = self._read
+        return [
+            replace(
+                state,
+                position_rad=read(state.position_rad),
+                velocity_rad_s=read(state.velocity_rad_s),
+                load_nm=read(state.load_nm),
+            )
+            for state in super().receive(until_robot_ns, timeout_s)
+        ]
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        """Send the first command wrong."""
+        super().begin_joint_control(self._sent(first))
+
+    def send(self, command: JointCommand) -> None:
+        """Send a command wrong."""
+        super().send(self._sent(command))
+
+    def _sent(self, command: JointCommand) -> JointCommand:
+        return replace(command, position_rad=self._read(command.position_rad), load_nm=self._read(command.load_nm))
+
+
+def miswired(name: str) -> Row:
+    """Make a row of such an adapter, which is found while the policy takes over; the robot is damped on its feet."""
+    kind = type("Miswired", (MiswiredHal,), {"error": name})
+    options: dict[str, Any] = {"make_faulty": kind, "handover": {"ramp_in_s": 2.0}, "seconds": 4.0}
+    checks = (is_upright, is_named(name))
+    return row(
+        f"in all signals: {name}", 2500.0, nothing, "signals_contradict", way="damping", checks=checks, **options
+    )
 
 
 def drift(joints: list[int], rate_rad_s: float) -> Act:
@@ -217,6 +270,16 @@ SIGNAL_ROWS = (
         for name, joints, rate_rad_s in (
             ("knees drift while it walks", KNEES, 0.1),
             ("a hip drifts while it walks", [10], 0.15),
+            ("two hips drift sideways while it walks", [0, 6], -0.19),
+        )
+    ),
+    *(
+        miswired(name)
+        for name in (
+            "fl_hx, fr_hx, hl_hx, hr_hx mirrored",
+            "fl_hy and fr_hy exchanged",
+            "hl_kn and hr_kn exchanged",
+            "left and right legs exchanged",
         )
     ),
     polled("battery's charge leaps", lambda slow: replace(slow, battery_charge_percent=31.0)),

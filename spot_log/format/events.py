@@ -45,6 +45,7 @@ class EventName(Enum):
     POLICY_SWITCHED = (Severity.INFO, "another policy was loaded while standing")
     STAND_FAILED = (Severity.WARNING, "the vendor's stand was not reached at the end; the robot sits down all the same")
     SIGNAL_DOUBTED = (Severity.WARNING, "a signal is wrong on which nothing relies, or about which the run only warns")
+    IMPORT_DOUBTED = (Severity.WARNING, "a signal of an imported recording is probably not what its mapping says")
     LEASE_TAKEN_UP = (Severity.WARNING, "a lost lease that nobody had any more was taken, to power the robot off")
     POWER_OFF = (Severity.INFO, "the robot sits and its motors are off")
     POWER_OFF_FAILED = (Severity.ERROR, "the robot could not be powered off")

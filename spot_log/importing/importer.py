@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable, Sequence
 from collections.abc import Mapping as Columns
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spot_log.format.records import RunHeader
-from spot_log.importing.mapping import Mapping
+from spot_log.format import codec
+from spot_log.format.events import EventName
+from spot_log.format.records import EventRecord, RunHeader
+from spot_log.importing.checks import Doubt, doubts_of
+from spot_log.importing.mapping import SIGNALS, Mapping, record_of
 from spot_log.importing.recording import Recording
 from spot_log.write.run_writer import RunWriter, check_can_start
 from spot_model.errors import BadInputError
@@ -67,7 +69,9 @@ _COMPLETE = (
     "motor_temperature",
 )
 
-Record = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState
+STATE_SIGNALS = tuple(name for name in SIGNALS if record_of(name) == "state")
+
+Record = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
 
 
 @dataclass(frozen=True)
@@ -79,19 +83,26 @@ class Imported:
     rate_hz: float
     missing: tuple[str, ...]
     """Signals of a complete log that the recording does not have."""
+    doubts: tuple[str, ...]
+    """What probably is not as the mapping says; the log repeats it."""
 
 
 def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -> Imported:
     """Write the recording ``source`` as the log ``result``.
 
     Raises:
-        BadInputError: A signal is missing or differs from the mapping. Nothing is left behind.
+        BadInputError: A signal is missing, differs from the mapping, or cannot be as it says. Nothing is left behind.
         LogError: ``result`` exists, or the disk is too full.
         OSError: A file cannot be read or written.
     """
     check_can_start(result)
     recording = Recording(source, mapping)
-    records = records_of(recording)
+    doubts = doubts_of(recording)
+    certain = [doubt.text for doubt in doubts if doubt.is_certain]
+    if certain and not mapping.accept_doubts:
+        more = "correct the mapping; 'accept_doubts: true' in it writes the log all the same"
+        raise BadInputError(f"{source} is not what the mapping says: {'; '.join(certain)}; {more}")
+    records = [*_doubted(recording, doubts), *records_of(recording)]
     header = RunHeader(
         run_id=run_id or source.stem,
         started_host_stamp_ns=int(recording.stamps_ns[0]),
@@ -108,9 +119,16 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
     )
     with whole_file(result) as part:
         _write(part, header, records)
-    stamps = recording.stamps_ns
+    stamps = recording.stamps_ns[recording.rows_with(*STATE_SIGNALS)]
     rate = (len(stamps) - 1) / ((stamps[-1] - stamps[0]) * 1e-9) if len(stamps) > 1 else float("nan")
-    return Imported(result, len(stamps), float(rate), _missing(mapping))
+    return Imported(result, len(stamps), float(rate), _missing(mapping), tuple(doubt.text for doubt in doubts))
+
+
+def _doubted(recording: Recording, doubts: Sequence[Doubt]) -> list[Record]:
+    """An event a doubt, at the first stamp."""
+    name, first_ns = EventName.IMPORT_DOUBTED, int(recording.stamps_ns[0])
+    events = [EventRecord(first_ns, first_ns, name.severity, name.label, doubt.text) for doubt in doubts]
+    return [codec.event_to_proto(event) for event in events]
 
 
 def _missing(mapping: Mapping) -> tuple[str, ...]:
@@ -162,7 +180,7 @@ def _states(recording: Recording) -> list[Record]:
     if imu:
         imu["robot_stamp_ns"] = recording.stamps_ns.tolist()
         columns["imu"] = [[log_pb2.ImuPacket(**row)] for row in _rows(imu)]
-    return _records(log_pb2.State, recording.stamps_ns, columns)
+    return _records(log_pb2.State, recording, STATE_SIGNALS, columns)
 
 
 def _commands(recording: Recording) -> list[Record]:
@@ -170,17 +188,17 @@ def _commands(recording: Recording) -> list[Record]:
     if not columns:
         return []
     columns |= _columns(recording, GAIN_FIELDS)
-    columns["key"] = range(1, len(recording.stamps_ns) + 1)
-    return _records(log_pb2.Command, recording.stamps_ns, columns)
+    columns["key"] = np.cumsum(recording.rows_with(*SET_POINT_FIELDS)).tolist()
+    return _records(log_pb2.Command, recording, SET_POINT_FIELDS, columns)
 
 
 def _ticks(recording: Recording) -> list[Record]:
     columns = _columns(recording, TICK_FIELDS)
     if not columns:
         return []
-    columns["index"] = range(len(recording.stamps_ns))
+    columns["index"] = (np.cumsum(recording.rows_with(*TICK_FIELDS)) - 1).clip(0).tolist()
     unknown = {"state_age_s": math.nan, "inference_s": math.nan, "compute_s": math.nan}
-    return _records(log_pb2.Tick, recording.stamps_ns, columns, mode="imported", **unknown)
+    return _records(log_pb2.Tick, recording, TICK_FIELDS, columns, mode="imported", **unknown)
 
 
 def _slow_states(recording: Recording) -> list[Record]:
@@ -190,8 +208,8 @@ def _slow_states(recording: Recording) -> list[Record]:
     if not battery and not has_motors:
         return []
     stamps_ns = recording.stamps_ns
-    slots = stamps_ns // SLOW_PERIOD_NS
-    chosen = np.flatnonzero(np.diff(slots, prepend=slots[0] - 1))
+    some = np.flatnonzero(recording.rows_with(*BATTERY_FIELDS, "motor_temperature"))
+    chosen = some[np.diff(stamps_ns[some] // SLOW_PERIOD_NS, prepend=-1) > 0]
     columns: dict[str, Sequence[Any]] = {
         field: battery[field][chosen].tolist() if field in battery else [math.nan] * len(chosen)
         for field in BATTERY_FIELDS.values()
@@ -201,7 +219,10 @@ def _slow_states(recording: Recording) -> list[Record]:
         columns["motor_temperature_c"] = [
             dict(zip(recording.mapping.joint_names, row, strict=True)) for row in temperatures
         ]
-    return _records(log_pb2.SlowState, stamps_ns[chosen], columns, motors_powered=True)
+    return [
+        log_pb2.SlowState(robot_stamp_ns=ns, host_stamp_ns=ns, motors_powered=True, **row)
+        for ns, row in zip(stamps_ns[chosen].tolist(), _rows(columns), strict=True)
+    ]
 
 
 def _in_odom(recording: Recording, name: str) -> Array | None:
@@ -221,13 +242,11 @@ def _columns(recording: Recording, fields: Columns[str, str]) -> dict[str, Seque
 
 
 def _records(
-    kind: type[Any], stamps_ns: NDArray[np.int64], columns: Columns[str, Sequence[Any]], **same: Any
+    kind: type[Any], recording: Recording, signals: Iterable[str], columns: Columns[str, Sequence[Any]], **same: Any
 ) -> list[Record]:
-    """One record a row."""
-    return [
-        kind(robot_stamp_ns=stamp_ns, host_stamp_ns=stamp_ns, **row, **same)
-        for stamp_ns, row in zip(stamps_ns.tolist(), _rows(columns), strict=True)
-    ]
+    """One record a row in which one of the signals has a value."""
+    rows = zip(recording.stamps_ns.tolist(), recording.rows_with(*signals).tolist(), _rows(columns), strict=True)
+    return [kind(robot_stamp_ns=ns, host_stamp_ns=ns, **row, **same) for ns, is_given, row in rows if is_given]
 
 
 def _rows(columns: Columns[str, Sequence[Any]]) -> list[dict[str, Any]]:

@@ -57,6 +57,19 @@ OTHER: Final = {
 
 SIGNALS: Final = (*PER_JOINT, *OTHER)
 
+_RECORDS: Final = {"setpoint": "command", "feedforward": "command", "kp": "command", "kd": "command"} | {
+    "velocity_command": "tick",
+    "action": "tick",
+    "observation": "tick",
+    "battery": "slow",
+    "motor": "slow",
+}
+
+
+def record_of(signal: str) -> str:
+    """The kind of record that holds a signal: state, command, tick or slow."""
+    return next((record for start, record in _RECORDS.items() if signal.startswith(start)), "state")
+
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -68,10 +81,13 @@ class TimeMapping(_Strict):
     source: str | None = Field(default=None, alias="from")
     """Name of the column or array of stamps."""
     unit: str = "s"
+    """s, ms, us, µs or ns."""
     rate_hz: Annotated[float, Field(gt=0)] | None = None
+    """Constant rate of the rows, for a recording without stamps."""
     clock: Literal["relative", "unix"] = "relative"
     """``relative``: from the start of the recording; ``unix``: since 1970."""
     file: str | None = None
+    """Another file beside the main one."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> TimeMapping:
@@ -90,6 +106,7 @@ class SignalMapping(_Strict):
     select: tuple[int | None, ...] | None = None
     """For arrays of more than two axes: an index an axis after the first, null for the axis to keep."""
     unit: str | None = None
+    """One of the units of the signal's quantity, below."""
     scale: float | tuple[float, ...] = 1.0
     """Factor after the unit's, one or one a column of the source; −1 turns a sign."""
     offset: float | tuple[float, ...] = 0.0
@@ -112,15 +129,25 @@ class Mapping(_Strict):
     schema_name: Literal["spot-rl/import/1"] = Field(alias="schema")
     time: TimeMapping
     signals: dict[str, SignalMapping]
+    """Where each signal is, by its name; see below."""
     joint_names: tuple[str, ...] = JOINT_NAMES
     """Joints in the log's order."""
     source_joint_names: tuple[str, ...] | None = None
     """The same joints in the source's order, where that is another."""
+    names_in_source: dict[str, str] = {}
+    """What the source calls a joint or a foot, where it has another name: the text for `{joint}` or `{foot}`."""
     foot_names: tuple[str, ...] = LEG_NAMES
+    """Feet in the log's order; an empty list for a robot without contacts."""
     robot: str = ""
+    """Name of the robot: logs of one robot share it."""
     command_sequence: str = ""
+    """Name of the motion; runs of the same motion can be compared."""
     repeat: int = 0
+    """Number of the run of that motion, from 0."""
     labels: dict[str, str] = {}
+    """Further words about the run, such as `{surface: grass}`."""
+    accept_doubts: bool = False
+    """Write the log also where a check finds what no robot can have done; its page repeats the doubts."""
 
     @field_validator("signals")
     @classmethod
@@ -147,12 +174,22 @@ class Mapping(_Strict):
         return self.source_joint_names or self.joint_names
 
 
+EXAMPLES: Final = Path(__file__).with_name("examples")
+
+
+def shipped_names() -> tuple[str, ...]:
+    """Mappings that the package holds, by name."""
+    return tuple(sorted(f.stem for f in EXAMPLES.glob("*.yaml") if not f.stem.endswith("_robot")))
+
+
 def load_mapping(path: Path) -> Mapping:
-    """Read a mapping file.
+    """Read a mapping file, or one that the package holds by its name.
 
     Raises:
         BadInputError: It is not YAML, or a key or value in it is wrong; the message names it.
     """
+    if not path.exists() and str(path) in shipped_names():
+        path = EXAMPLES / f"{path}.yaml"
     data = read_yaml(path, "mapping")
     if not isinstance(data, dict):
         raise BadInputError(f"mapping {path} must hold keys and values; it begins with 'schema: {SCHEMA}'")

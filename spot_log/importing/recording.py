@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log.importing.bag import is_bag, read_rows
 from spot_log.importing.mapping import OTHER, PER_JOINT, Mapping, SignalMapping, TimeMapping
 from spot_model.errors import BadInputError
 from spot_model.robot.state import Array
@@ -50,9 +51,8 @@ def read_arrays(path: Path) -> Arrays:
     """
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise BadInputError(
-            f"{path}: {path.suffix or 'no suffix'!r} is no known format; allowed: {', '.join(_READERS)}"
-        )
+        known = ", ".join((*_READERS, "ROS 2 bags (a folder, .mcap, .db3)"))
+        raise BadInputError(f"{path}: {path.suffix or 'no suffix'!r} is no known format; allowed: {known}")
     if not path.is_file():
         raise BadInputError(f"{path} {'is no file' if path.exists() else 'does not exist'}; give a recording")
     return reader(path)
@@ -87,9 +87,14 @@ def _check_size(file: BinaryIO) -> None:
 def _read_csv(path: Path) -> Arrays:
     with path.open(newline="", encoding="utf-8-sig") as file:
         try:
-            rows = list(csv.reader(file))
+            head = file.readline()
+            file.seek(0)
+            delimiter = max(",;\t", key=head.count)
+            rows = list(csv.reader(file, delimiter=delimiter))
         except (csv.Error, UnicodeDecodeError) as error:
             raise BadInputError(f"{path} cannot be read as CSV: {error}") from error
+    while rows and not rows[-1]:
+        rows.pop()
     if len(rows) < 2:
         raise BadInputError(f"{path} has no rows; its first line must name the columns")
     names = [name.strip() for name in rows[0]]
@@ -100,14 +105,21 @@ def _read_csv(path: Path) -> Arrays:
         if len(row) != len(names):
             raise BadInputError(f"{path}: line {number} has {len(row)} values, the first line names {len(names)}")
     columns = zip(*rows[1:], strict=True)
-    return {name: _numbers(column) for name, column in zip(names, columns, strict=True)}
+    return {name: _numbers(column, delimiter) for name, column in zip(names, columns, strict=True)}
 
 
-def _numbers(column: tuple[str, ...]) -> NDArray[Any]:
+def _numbers(column: tuple[str, ...], delimiter: str) -> NDArray[Any]:
+    """A column; between semicolons or tabs a comma is a decimal one, between commas it could divide thousands."""
+    numbers = [_number(text if delimiter == "," else text.replace(",", ".")) for text in column]
+    return np.array(column, dtype=np.str_) if None in numbers else np.array(numbers, dtype=np.float64)
+
+
+def _number(text: Any) -> float | None:
+    """A cell; NaN where it is blank, None where it is no number."""
     try:
-        return np.array([float(text) if text.strip() else np.nan for text in column])
-    except ValueError:
-        return np.array(column, dtype=np.str_)
+        return float(text) if str(text).strip() else math.nan
+    except (ValueError, TypeError):
+        return None
 
 
 def _read_parquet(path: Path) -> Arrays:
@@ -198,11 +210,19 @@ class Recording:
         self.path = path
         self.mapping = mapping
         self._files: dict[Path, Arrays] = {}
+        self._signals: dict[str, Array] = {}
         self.stamps_ns = self._stamps()
 
     def has(self, name: str) -> bool:
         """Whether the mapping names this signal."""
         return name in self.mapping.signals
+
+    def rows_with(self, *names: str) -> NDArray[np.bool_]:
+        """Rows in which one of these signals has a value of its own: a table of several topics is blank between."""
+        signals = self.mapping.signals
+        measured = [name for name in names if name in signals and signals[name].value is None]
+        some = [np.isfinite(self.signal(name)).any(axis=1) for name in measured]
+        return np.logical_or.reduce(some) if some else np.ones(len(self.stamps_ns), dtype=np.bool_)
 
     def signal(self, name: str) -> Array:
         """One signal in our unit and order.
@@ -213,6 +233,11 @@ class Recording:
         Raises:
             BadInputError: It is not there, or has another shape or unit than it must.
         """
+        if name not in self._signals:
+            self._signals[name] = self._signal(name)
+        return self._signals[name]
+
+    def _signal(self, name: str) -> Array:
         spec = self.mapping.signals[name]
         where = f"signal {name}"
         kind, width = (PER_JOINT[name], len(self.mapping.joint_names)) if name in PER_JOINT else OTHER[name]
@@ -247,25 +272,28 @@ class Recording:
         return np.column_stack([self._find(arrays, name, where, spec.file) for name in names]).astype(np.float64)
 
     def _expand(self, pattern: str) -> list[str]:
-        if "{joint}" in pattern:
-            return [pattern.replace("{joint}", joint) for joint in self.mapping.source_joints]
-        if "{foot}" in pattern:
-            return [pattern.replace("{foot}", foot) for foot in self.mapping.foot_names]
+        for word, names in (("{joint}", self.mapping.source_joints), ("{foot}", self.mapping.foot_names)):
+            if word in pattern:
+                return [pattern.replace(word, self.mapping.names_in_source.get(name, name)) for name in names]
         return [pattern]
 
     def _find(self, arrays: Arrays, name: str, where: str, file: str | None) -> NDArray[Any]:
         if name not in arrays:
-            found = ", ".join(sorted(arrays)[:30])
+            topic = name.partition(".")[0]
+            found = ", ".join(sorted(arrays, key=lambda other: (other.partition(".")[0] != topic, other))[:30])
             raise BadInputError(f"{where}: {file or self.path.name} has no {name!r}; it has: {found}")
         array = arrays[name]
         if array.dtype.kind not in "fiub":
-            raise BadInputError(f"{where}: {name!r} in {file or self.path.name} holds no numbers")
+            told = f"{where}: {name!r} in {file or self.path.name} holds no numbers"
+            cells = list(enumerate(map(str, array.tolist())))
+            wrong = [cell for cell in cells if _number(cell[1].replace(",", ".")) is None] or cells or [(0, "")]
+            raise BadInputError(f"{told}: row {wrong[0][0]} (line {wrong[0][0] + 2} of a CSV) has {wrong[0][1]!r}")
         return array
 
     def _arrays(self, file: str | None) -> Arrays:
         path = self.path if file is None else self.path.with_name(file)
         if path not in self._files:
-            self._files[path] = read_arrays(path)
+            self._files[path] = read_rows(path, self.mapping) if is_bag(path) else read_arrays(path)
         return self._files[path]
 
     def _stamps(self) -> NDArray[np.int64]:
@@ -328,7 +356,7 @@ def _scalar_first(values: Array, spec: SignalMapping) -> Array:
         raise BadInputError("signal odom_from_body: 'order' is missing; allowed: wxyz, xyzw")
     ordered = values if spec.order == "wxyz" else values[:, [3, 0, 1, 2]]
     norm = np.linalg.norm(ordered, axis=1)
-    bad = np.flatnonzero(~(np.abs(norm - 1.0) < 0.01))
+    bad = np.flatnonzero(np.abs(norm - 1.0) >= 0.01)  # a blank one is none
     if len(bad):
         raise BadInputError(f"signal odom_from_body: row {int(bad[0])} has norm {norm[bad[0]]:.3g}; expected 1")
     return ordered

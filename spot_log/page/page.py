@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from spot_log.format.events import EventName
 from spot_log.page.figures import FIGURES, Figure
 from spot_log.page.look import Html, boxed, escaped, facts, folded, framed, headed, note, table
 from spot_log.page.summary import seconds_text, summary_lines
@@ -59,15 +60,18 @@ def _title(info: LogInfo) -> str:
 
 def _head(info: LogInfo, told: dict[str, str]) -> str:
     falls = info.motion.falls or []
+    doubts = [event["text"] for event in info.events if event["name"] == EventName.IMPORT_DOUBTED.label]
     if info.damage:
         badge, kind = "Log damaged", "bad"
+    elif doubts:
+        badge, kind = "Import doubted", "bad"
     elif falls:
         badge, kind = "Fell", "bad"
     elif any(event["severity"] == "error" and not _is_wish(event) for event in info.events):
         badge, kind = "Errors", "bad"
     else:
         badge, kind = "No fault", "good"
-    lines = [f"Ended: {info.outcome}.", *info.damage, f"{told['motion'][:1].upper()}{told['motion'][1:]}."]
+    lines = [f"Ended: {info.outcome}.", *info.damage, *doubts, f"{told['motion'][:1].upper()}{told['motion'][1:]}."]
     walked = dict.fromkeys(span.gait.name for span in info.gaits if span.gait.name not in ("none", "stand"))
     lines += [f"Gait: {', '.join(walked)}."] if walked else []
     lines += [f"Falls: {told['falls']}."] if falls else []

@@ -6,6 +6,7 @@ by the pattern of its head, and goes on there.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import struct
 import zlib
@@ -19,7 +20,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, Schema
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from spot_log.format.codec import ALL_TOPICS
 from spot_log.write.mcap_file import MAGIC
@@ -28,7 +29,7 @@ RECORD_HEAD: Final = struct.Struct("<BQ")
 CHUNK_HEAD: Final = struct.Struct("<QQQII")
 COMPRESSIONS: Final = ("zstd", "lz4", "")
 MAX_CHUNK_BYTES: Final = 1 << 26
-"""Our own have 1 MiB; a few bytes could ask for more memory than a robot's computer has."""
+"""What any chunk may hold; a larger one must have the bytes for it: a few could ask for all of a computer's memory."""
 
 PARSE_ERRORS: Final = (struct.error, ValueError, OverflowError, zstandard.ZstdError, MemoryError, McapError)
 _U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
@@ -85,8 +86,8 @@ def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
         return f"its compression {compression[:16]!r} is not one of zstd, lz4 and none"
     if end > len(data):
         return "it is cut"
-    if size > MAX_CHUNK_BYTES:
-        return f"its size of {size} bytes is more than {MAX_CHUNK_BYTES}"
+    if size > (most := max(MAX_CHUNK_BYTES, MAX_EXPANSION * length)):
+        return f"its size of {size} bytes is more than {most}"
     try:
         content = _decompress(compression, data[start:end], size, budget)
     except (*PARSE_ERRORS, RuntimeError) as error:
@@ -100,7 +101,7 @@ def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
 
 def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> bytes:
     """Decompress at most ``size`` bytes. What is known to be wrong before costs nothing; all else is paid for."""
-    if compression == "":
+    if compression == "" or not data:  # an empty chunk may hold an empty frame, or none
         return data
     if compression == "zstd":
         declared = zstandard.get_frame_parameters(data).content_size
@@ -134,6 +135,7 @@ MESSAGE_BYTES: Final = 256
 """What a message costs in memory beside its content."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_FOOTER: Final = struct.Struct("<BQQQI")
 
 
 class RawMessage(NamedTuple):
@@ -152,7 +154,10 @@ class Scan:
     """What a file holds."""
 
     messages: list[RawMessage] = field(default_factory=list)
-    attachments: dict[str, bytes] = field(default_factory=dict)
+    attachments: list[Attachment] = field(default_factory=list)
+    metadata: list[Metadata] = field(default_factory=list)
+    channels: dict[tuple[str, str], tuple[Channel, Schema | None]] = field(default_factory=dict)
+    """What the file declares, by topic and name of the schema."""
     damage: list[str] = field(default_factory=list)
     """One sentence for each place that could not be read, in the order of the file."""
     lost: Counter[str] = field(default_factory=Counter)
@@ -180,17 +185,24 @@ class _Scanner:
         self._data = data
         self._scan = Scan()
         self._budget = Budget(len(data))
-        # Numbers are fixed in our own files, so channels are known even where their records are lost.
+        self._lost_chunk = self._in_index = False
+        self._begin(0)
+
+    def _begin(self, offset: int) -> None:
+        """A file begins here. Numbers are fixed in our own files, so channels are known even where none is declared."""
+        self._start = offset
         self._topics = {topic.channel_id: topic.name for topic in ALL_TOPICS}
         self._schema_of_channel = {topic.channel_id: topic.channel_id for topic in ALL_TOPICS}
         self._schemas = {topic.channel_id: topic.schema_name for topic in ALL_TOPICS}
-        self._lost_chunk = False
+        self._channels: dict[int, Channel] = {}
+        self._schema_records: dict[int, Schema] = {}
 
     def run(self) -> Scan:
         data, scan = self._data, self._scan
         is_magic = data[: len(MAGIC)] == MAGIC
         if not is_magic:
             scan.damage.append("the first 8 bytes are not those of an MCAP file")
+        self._read_summary()
         offset = len(MAGIC)
         is_ended = False
         while offset < len(data) and not is_ended and not self._budget.is_spent:
@@ -199,6 +211,9 @@ class _Scanner:
                 offset = self._skip_damage(offset)
                 continue
             offset, is_ended = step
+            if is_ended and (joint := data.find(MAGIC + MAGIC, offset)) >= 0:
+                self._begin(joint + len(MAGIC))  # files that were appended to one another
+                offset, is_ended = self._start + len(MAGIC), False
         if self._budget.is_spent:
             scan.is_cut = True
             scan.damage.append(
@@ -209,6 +224,19 @@ class _Scanner:
             scan.damage.append(f"the file ends at byte {len(data)} without an end of data")
         scan.is_mcap = is_magic or bool(scan.messages)
         return scan
+
+    def _read_summary(self) -> None:
+        """Learn the channels that a whole summary repeats: a file may declare them there alone."""
+        footer = len(self._data) - _FOOTER.size - len(MAGIC)
+        if footer < 0 or self._data[-len(MAGIC) :] != MAGIC:
+            return
+        opcode, length, start, _, crc = _FOOTER.unpack_from(self._data, footer)
+        is_whole = opcode == Opcode.FOOTER and length == _FOOTER.size - RECORD_HEAD.size and 0 < start <= footer
+        if is_whole and crc in (0, zlib.crc32(self._data[start : footer + _FOOTER.size - 4])):
+            with contextlib.suppress(*PARSE_ERRORS):
+                self._content(self._data[start:footer])
+            self._scan.messages.clear()
+            self._scan.lost.clear()
 
     def _skip_damage(self, offset: int) -> int:
         """Go on at the next whole chunk, whatever its record's head says; return the offset after it."""
@@ -233,25 +261,51 @@ class _Scanner:
         try:
             if opcode == Opcode.MESSAGE_INDEX:
                 self._message_index(start, length)
+                self._in_index = True
                 return end, False
-            self._lost_chunk = False
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                return (end, True) if length in (4, 20) else None
-            return (end, False) if self._other_record(opcode, start, end) else None
+                if length not in (4, 20):
+                    return None
+                self._check_data(opcode, start)
+                return end, True
+            is_good = self._other_record(opcode, start, end)
         except PARSE_ERRORS:
             return None
+        self._lost_chunk = self._in_index = False
+        return (end, False) if is_good else None
+
+    def _check_data(self, opcode: int, start: int) -> None:
+        (crc,) = _U32.unpack_from(self._data, start)
+        data = self._data[self._start : start - RECORD_HEAD.size]
+        if opcode == Opcode.DATA_END and crc and not self._scan.damage and zlib.crc32(data) != crc:
+            self._scan.damage.append(f"the check sum of the {len(data)} bytes of data does not hold")
 
     def _other_record(self, opcode: int, start: int, end: int) -> bool:
-        data = self._data
+        """Take a record; return whether it is whole. A kind that the format does not know is for others, and passed."""
         if opcode == Opcode.ATTACHMENT:
             self._attachment(start, end)
+        elif opcode == Opcode.METADATA:
+            self._scan.metadata.append(Metadata.read(_stream(self._data, start, end)))
         elif opcode == Opcode.HEADER:
-            header = _stream(data, start, end)
+            header = _stream(self._data, start, end)
             Header.read(header)
             return header.count <= end - start
-        # Messages outside chunks have no check sum, and this program writes none: what looks like one is an index
-        # whose kind is damaged.
-        return opcode in (Opcode.ATTACHMENT, Opcode.METADATA)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+            if self._in_index and self._is_index(start, end):
+                return False
+            self._content(self._data[start - RECORD_HEAD.size : end])
+        else:
+            # Not a chunk or an index whose kind is damaged, and not chance: another record follows.
+            is_chunk = isinstance(read_chunk(self._data, start - RECORD_HEAD.size, self._budget), Chunk)
+            return bool(opcode) and not is_chunk and not self._is_index(start, end) and _is_record_head(self._data, end)
+        return True
+
+    def _is_index(self, start: int, end: int) -> bool:
+        """Whether these bytes are a message index, whatever the record's head says: channel, size, a stamp, a place."""
+        if end - start < _MESSAGE_HEAD.size:
+            return False
+        _, size, _, place = _MESSAGE_HEAD.unpack_from(self._data, start)
+        return bool(size + 6 == end - start and size % 16 == 0 and place < MAX_CHUNK_BYTES)
 
     def _chunk_record(self, offset: int) -> tuple[int, bool] | None:
         chunk = read_chunk(self._data, offset, self._budget)
@@ -263,11 +317,11 @@ class _Scanner:
         if not _is_record_head(self._data, end):
             return None
         self._scan.damage.append(f"chunk of {length} bytes at byte {offset}: {chunk}")
-        self._lost_chunk = True
+        self._lost_chunk = self._in_index = True
         return end, False
 
     def _take_chunk(self, offset: int, chunk: Chunk) -> int:
-        self._lost_chunk = False
+        self._lost_chunk, self._in_index = False, True
         before = len(self._scan.messages)
         try:
             self._content(chunk.content)
@@ -298,9 +352,18 @@ class _Scanner:
             elif opcode == Opcode.CHANNEL:
                 declared = Channel.read(_stream(content, start, offset))
                 topics[declared.id], self._schema_of_channel[declared.id] = declared.topic, declared.schema_id
+                self._channels[declared.id] = declared
+                self._declare()
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(_stream(content, start, offset))
-                self._schemas[schema.id] = schema.name
+                self._schemas[schema.id], self._schema_records[schema.id] = schema.name, schema
+                self._declare()
+
+    def _declare(self) -> None:
+        """Keep what channels are; a schema may come after its channel."""
+        for channel in self._channels.values():
+            key = channel.topic, self._schemas.get(channel.schema_id, "")
+            self._scan.channels[key] = channel, self._schema_records.get(channel.schema_id)
 
     def _message_index(self, start: int, length: int) -> None:
         (channel,), (size,) = _U16.unpack_from(self._data, start), _U32.unpack_from(self._data, start + 2)
@@ -314,8 +377,7 @@ class _Scanner:
         if crc and zlib.crc32(self._data[start : end - 4]) != crc:
             self._scan.damage.append(f"attachment at byte {start}: its check sum does not hold")
             return
-        attachment = Attachment.read(_stream(self._data, start, end))
-        self._scan.attachments[attachment.name] = attachment.data
+        self._scan.attachments.append(Attachment.read(_stream(self._data, start, end)))
 
 
 def _stream(data: bytes, start: int, end: int) -> ReadDataStream:

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
-from spot_log.errors import LogReadError, MissingHeaderError, NotAnMcapError, SchemaVersionError
+from spot_log.errors import LogReadError, ManyRunsError, MissingHeaderError, NotAnMcapError, SchemaVersionError
 from spot_log.format import codec
 from spot_log.format.codec import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.format.records import SCHEMA_NAME, RunHeader
@@ -69,19 +69,28 @@ def header_of(path: Path, scan: Scan) -> RunHeader:
     Raises:
         MissingHeaderError: There is neither.
         SchemaVersionError: The records are not those of this program.
+        ManyRunsError: There are two that differ.
     """
     topics = scan.by_topic()
     found = [message.data for message in topics.get(HEADER.name, []) if message.schema_name == HEADER.schema_name]
-    found.extend(data for name, data in scan.attachments.items() if name == HEADER_ATTACHMENT)
+    found.extend(header_copies(scan))
     if not found:
         raise MissingHeaderError(path, sorted(topics))
     try:
-        header = codec.header_from_proto(log_pb2.Header.FromString(found[0]))
+        headers = [codec.header_from_proto(log_pb2.Header.FromString(data)) for data in dict.fromkeys(found)]
     except DecodeError as error:
         raise MissingHeaderError(path, sorted(topics)) from error
+    header = headers[0]
+    if len(headers) > 1:
+        raise ManyRunsError(path, [f"{run.run_id or 'unnamed'} of {run.robot_id or 'unnamed'}" for run in headers])
     if header.schema != SCHEMA_NAME:
         raise SchemaVersionError(path, header.schema, SCHEMA_NAME)
     return header
+
+
+def header_copies(scan: Scan) -> list[bytes]:
+    """The header's copies outside the chunks."""
+    return [attachment.data for attachment in scan.attachments if attachment.name == HEADER_ATTACHMENT]
 
 
 def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
@@ -119,7 +128,7 @@ def _damage_text(scan: Scan, footer: log_pb2.Footer | None) -> tuple[str, ...]:
         return (*scan.damage, *lost)
     counts = Counter(message.topic[1:] for message in scan.messages)
     for topic, written in sorted(footer.messages.items()):
-        if counts[topic] < written and not scan.damage:
+        if counts[topic] != written and not scan.damage:
             lost.append(f"{written} of {topic} were written, {counts[topic]} are here")
     if footer.outcome.startswith(RECOVERED):
         lost.append(f"this log was {footer.outcome}")

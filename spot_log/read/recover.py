@@ -7,20 +7,23 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
+
+from mcap.records import Attachment, Metadata
 
 from spot_log.errors import ASIDE_SUFFIX, LogError, LogReadError, MissingHeaderError, NotAnMcapError
 from spot_log.format.codec import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
-from spot_log.read.reader import RECOVERED, header_of, read_log_file, read_run
+from spot_log.read.reader import RECOVERED, header_copies, header_of, read_log_file, read_run
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
 from spot_log.write.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
 from spot_protos import log_pb2
 
 MAX_STAMP_NS: Final = (1 << 63) - 1
-_CHANNELS = {topic.name: topic.channel_id for topic in ALL_TOPICS}
+FIRST_FOREIGN_CHANNEL: Final = 100
+"""Number of the first channel that is not ours."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def recover_log(source: Path, result: Path) -> Recovery:
     messages = _messages_to_keep(source, scan)
     file = McapFile(active_path(result), ALL_TOPICS)
     try:
-        _write(file, messages)
+        _write(file, messages, scan)
         _verify(active_path(result), messages)
         os.link(active_path(result), result)
     except OSError as error:
@@ -62,8 +65,8 @@ def recover_log(source: Path, result: Path) -> Recovery:
     finally:
         file.close()
         active_path(result).unlink()
-    counts = Counter(message.topic[1:] for message in messages)
-    kept = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS}
+    counts = Counter(message.topic.removeprefix("/") for message in messages)
+    kept = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS} | counts
     return Recovery(source, result, kept, _damage(scan))
 
 
@@ -154,9 +157,9 @@ def _damage(scan: Scan) -> tuple[str, ...]:
 
 
 def _messages_to_keep(source: Path, scan: Scan) -> list[RawMessage]:
-    messages = [message for message in scan.messages if message.topic in _CHANNELS]
+    messages = list(scan.messages)
     if not any(message.topic == HEADER.name for message in messages):
-        copy = scan.attachments.get(HEADER_ATTACHMENT)
+        copy = next(iter(header_copies(scan)), None)
         if copy is None:
             raise MissingHeaderError(source, sorted(scan.by_topic()))
         started_ns = max(0, log_pb2.Header.FromString(copy).started_host_stamp_ns)
@@ -192,12 +195,23 @@ def _gaps(messages: list[RawMessage]) -> dict[str, int]:
     return {name: max(0, highest[name] - counts[name]) for name in own_names}
 
 
-def _write(file: McapFile, messages: list[RawMessage]) -> None:
+def _write(file: McapFile, messages: list[RawMessage], scan: Scan) -> None:
+    """Write all messages, also those of topics that are not ours, and what lies outside the chunks."""
     header = next(message for message in messages if message.topic == HEADER.name)
     file.attach(HEADER_ATTACHMENT, "application/x-protobuf", header.data, header.log_ns)
+    others: list[Attachment | Metadata] = [a for a in scan.attachments if a.name != HEADER_ATTACHMENT]
+    for record in others + scan.metadata:
+        file.keep(record)
+    channels = {(topic.name, topic.schema_name): topic.channel_id for topic in ALL_TOPICS}
+    foreign = [key for key in dict.fromkeys((m.topic, m.schema_name) for m in messages) if key not in channels]
+    for number, key in enumerate(foreign, start=FIRST_FOREIGN_CHANNEL):
+        channel, schema = scan.channels[key]
+        schema_id = 0 if schema is None else number
+        file.declare(replace(channel, id=number, schema_id=schema_id), schema and replace(schema, id=number))
+        channels[key] = number
     for message in messages:
         file.add(
-            _CHANNELS[message.topic],
+            channels[message.topic, message.schema_name],
             message.data,
             log_ns=message.log_ns,
             publish_ns=message.publish_ns,

@@ -130,114 +130,76 @@ def write_rosbag2(run: Run, directory: Path) -> Path:
     store = get_typestore(Stores.ROS2_HUMBLE)
     with whole_file(directory) as part, Writer(part, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in TOPICS.items()}
-        for stamp_ns, topic, message in sorted(_messages(run, store.types), key=lambda m: m[0]):
+        for stamp_ns, topic, fields in sorted(_messages(run), key=lambda m: m[0]):
+            message = _message(store, TOPICS[topic], fields)
             writer.write(connections[topic], stamp_ns, store.serialize_cdr(message, TOPICS[topic]))
     return directory
 
 
-def _messages(run: Run, types: Any) -> Iterator[tuple[int, str, Any]]:
-    make = _Maker(types)
+def _message(store: Any, kind: str, fields: Any) -> Any:
+    """A message of a kind from its fields, those of messages within as mappings."""
+    if not isinstance(fields, dict):
+        return fields
+    made = {}
+    for name, (_, of) in store.fielddefs[kind][1]:
+        value = fields[name]
+        made[name] = (
+            [_message(store, of[0][1], v) for v in value] if isinstance(value, list) else _message(store, of, value)
+        )
+    return store.types[kind](**made)
+
+
+def _messages(run: Run) -> Iterator[tuple[int, str, dict[str, Any]]]:
     states, names = run.states, list(run.header.joint_names)
     linear = rotate_inverse_wxyz(states.odom_from_body_wxyz, states.linear_vel_of_body_in_odom_m_s)
     angular = rotate_inverse_wxyz(states.odom_from_body_wxyz, states.angular_vel_of_body_in_odom_rad_s)
+    unknown = np.zeros(36)
     for i, stamp_ns in enumerate(states.host_stamp_ns.tolist()):
         joints = (states.position_rad[i], states.velocity_rad_s[i], states.load_nm[i])
-        yield stamp_ns, "/joint_states", make.joint_state(stamp_ns, names, *joints)
+        yield stamp_ns, "/joint_states", _joint_state(stamp_ns, names, *joints)
         place, turn = states.position_of_body_in_odom_m[i], states.odom_from_body_wxyz[i]
         if np.isfinite(place).all() and np.isfinite(turn).all():
-            yield stamp_ns, "/odom", make.odometry(stamp_ns, place, turn, linear[i], angular[i])
-            yield stamp_ns, "/tf", make.transform(stamp_ns, place, turn)
+            about = {"header": _header(stamp_ns, "odom"), "child_frame_id": "body"}
+            at, rotation = _vector(place), dict(zip("wxyz", turn.tolist(), strict=True))
+            pose = {"pose": {"position": at, "orientation": rotation}, "covariance": unknown}
+            twist = {"twist": _twist(linear[i], angular[i]), "covariance": unknown}  # in the body frame
+            yield stamp_ns, "/odom", {**about, "pose": pose, "twist": twist}
+            moved = {**about, "transform": {"translation": at, "rotation": rotation}}
+            yield stamp_ns, "/tf", {"transforms": [moved]}
     commands = run.commands
     for i, stamp_ns in enumerate(commands.host_stamp_ns.tolist()):
         joints = (commands.position_rad[i], commands.velocity_rad_s[i], commands.load_nm[i])
-        yield stamp_ns, "/joint_commands", make.joint_state(stamp_ns, names, *joints)
+        yield stamp_ns, "/joint_commands", _joint_state(stamp_ns, names, *joints)
     for stamp_ns, velocity in zip(run.ticks.host_stamp_ns.tolist(), run.ticks.velocity_command, strict=True):
         if np.isfinite(velocity).all():
-            yield stamp_ns, "/cmd_vel", make.command(stamp_ns, velocity)
+            twist = _twist((velocity[0], velocity[1], 0.0), (0.0, 0.0, velocity[2]))
+            yield stamp_ns, "/cmd_vel", {"header": _header(stamp_ns, "body"), "twist": twist}
     for event in run.events:
-        yield event.host_stamp_ns, "/rosout", make.log(event.host_stamp_ns, event.severity, event.name, event.text)
+        told = {"level": _LEVELS[event.severity], "name": event.name, "msg": event.text}
+        place = {"stamp": _time(event.host_stamp_ns), "file": "", "function": "", "line": 0}
+        yield event.host_stamp_ns, "/rosout", {**told, **place}
 
 
-class _Maker:
-    """ROS 2 messages from numbers."""
+def _time(stamp_ns: int) -> dict[str, int]:
+    return {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
 
-    def __init__(self, types: Any) -> None:
-        self._types = types
 
-    def _new(self, kind: str, **fields: Any) -> Any:
-        package, _, name = kind.partition("/")
-        return self._types[f"{package}/msg/{name}"](**fields)
+def _header(stamp_ns: int, frame: str) -> dict[str, Any]:
+    return {"stamp": _time(stamp_ns), "frame_id": frame}
 
-    def _header(self, stamp_ns: int, frame: str) -> Any:
-        return self._new("std_msgs/Header", stamp=self._time(stamp_ns), frame_id=frame)
 
-    def _time(self, stamp_ns: int) -> Any:
-        return self._new("builtin_interfaces/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+def _vector(xyz: Any) -> dict[str, float]:
+    return {axis: float(v) if math.isfinite(v) else 0.0 for axis, v in zip("xyz", xyz, strict=True)}
 
-    def _vector(self, xyz: Any, kind: str = "Vector3") -> Any:
-        x, y, z = (float(v) if math.isfinite(v) else 0.0 for v in xyz)
-        return self._new(f"geometry_msgs/{kind}", x=x, y=y, z=z)
 
-    def _rotation(self, wxyz: Any) -> Any:
-        w, x, y, z = map(float, wxyz)
-        return self._new("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
+def _twist(linear: Any, angular: Any) -> dict[str, Any]:
+    return {"linear": _vector(linear), "angular": _vector(angular)}
 
-    def _twist(self, linear: Any, angular: Any) -> Any:
-        return self._new("geometry_msgs/Twist", linear=self._vector(linear), angular=self._vector(angular))
 
-    def joint_state(self, stamp_ns: int, names: list[str], position: Any, velocity: Any, load: Any) -> Any:
-        """Joints by name; a missing signal is left out, as ROS expects."""
-        return self._new(
-            "sensor_msgs/JointState",
-            header=self._header(stamp_ns, ""),
-            name=names,
-            position=_known(position),
-            velocity=_known(velocity),
-            effort=_known(load),
-        )
-
-    def odometry(self, stamp_ns: int, place: Any, turn: Any, linear: Any, angular: Any) -> Any:
-        """The body in odom; velocities in the body frame."""
-        pose = self._new("geometry_msgs/Pose", position=self._vector(place, "Point"), orientation=self._rotation(turn))
-        unknown = np.zeros(36)
-        return self._new(
-            "nav_msgs/Odometry",
-            header=self._header(stamp_ns, "odom"),
-            child_frame_id="body",
-            pose=self._new("geometry_msgs/PoseWithCovariance", pose=pose, covariance=unknown),
-            twist=self._new(
-                "geometry_msgs/TwistWithCovariance", twist=self._twist(linear, angular), covariance=unknown
-            ),
-        )
-
-    def transform(self, stamp_ns: int, place: Any, turn: Any) -> Any:
-        """The body's frame in odom."""
-        moved = self._new("geometry_msgs/Transform", translation=self._vector(place), rotation=self._rotation(turn))
-        stamped = self._new(
-            "geometry_msgs/TransformStamped",
-            header=self._header(stamp_ns, "odom"),
-            child_frame_id="body",
-            transform=moved,
-        )
-        return self._new("tf2_msgs/TFMessage", transforms=[stamped])
-
-    def command(self, stamp_ns: int, velocity: Any) -> Any:
-        """A velocity command."""
-        twist = self._twist((velocity[0], velocity[1], 0.0), (0.0, 0.0, velocity[2]))
-        return self._new("geometry_msgs/TwistStamped", header=self._header(stamp_ns, "body"), twist=twist)
-
-    def log(self, stamp_ns: int, severity: Severity, name: str, text: str) -> Any:
-        """An event as a line of the log."""
-        return self._new(
-            "rcl_interfaces/Log",
-            stamp=self._time(stamp_ns),
-            level=_LEVELS[severity],
-            name=name,
-            msg=text,
-            file="",
-            function="",
-            line=0,
-        )
+def _joint_state(stamp_ns: int, names: list[str], position: Any, velocity: Any, load: Any) -> dict[str, Any]:
+    """Joints by name; a missing signal is left out, as ROS expects."""
+    signals = {"position": _known(position), "velocity": _known(velocity), "effort": _known(load)}
+    return {"header": _header(stamp_ns, ""), "name": names, **signals}
 
 
 def _known(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -30,6 +30,8 @@ from mcap.records import (
     Header,
     McapRecord,
     MessageIndex,
+    Metadata,
+    MetadataIndex,
     Schema,
     Statistics,
     SummaryOffset,
@@ -87,10 +89,10 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         for topic in topics:
             schema = Schema(topic.channel_id, topic.schema_data(), "protobuf", topic.schema_name)
-            self._schemas[topic.channel_id] = schema
-            self._channels[topic.channel_id] = Channel(topic.channel_id, topic.name, "protobuf", {}, schema.id)
+            self.declare(Channel(topic.channel_id, topic.name, "protobuf", {}, schema.id), schema)
         self._chunk_indices: list[ChunkIndex] = []
         self._attachment_indices: list[AttachmentIndex] = []
+        self._metadata_indices: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
         self._start_ns, self._end_ns = 0, 0
         self._begin_chunk()
@@ -99,6 +101,12 @@ class McapFile:
         except OSError:
             self.give_up()
             raise
+
+    def declare(self, channel: Channel, schema: Schema | None) -> None:
+        """Add a channel to those whose messages may come; its schema, if any, has its number."""
+        self._channels[channel.id] = channel
+        if schema is not None:
+            self._schemas[channel.id] = schema
 
     def _begin_chunk(self) -> None:
         self._parts: list[bytes] = []
@@ -139,7 +147,7 @@ class McapFile:
     def _add_channel(self, channel_id: int) -> None:
         """Repeat the channel in every chunk, so that each can be read if the others are lost; the schema once."""
         is_first = not self._counts[channel_id]
-        schemas: list[McapRecord] = [self._schemas[channel_id]] if is_first else []
+        schemas: list[McapRecord] = [self._schemas[channel_id]] if is_first and channel_id in self._schemas else []
         self._parts.append(encode(*schemas, self._channels[channel_id]))
         self._offset += len(self._parts[-1])
 
@@ -196,10 +204,21 @@ class McapFile:
         Raises:
             OSError: The disk is full, or gone.
         """
-        encoded = encode(Attachment(log_ns, log_ns, name, media_type, data))
-        index = AttachmentIndex(self._size, len(encoded), log_ns, log_ns, len(data), name, media_type)
+        self.keep(Attachment(log_ns, log_ns, name, media_type, data))
+
+    def keep(self, record: Attachment | Metadata) -> None:
+        """Add a record as it is, outside any chunk.
+
+        Raises:
+            OSError: The disk is full, or gone.
+        """
+        encoded, place = encode(record), self._size
         self._append(encoded)
-        self._attachment_indices.append(index)
+        if isinstance(record, Metadata):
+            self._metadata_indices.append(MetadataIndex(place, len(encoded), record.name))
+            return
+        told = record.log_time, record.create_time, len(record.data), record.name, record.media_type
+        self._attachment_indices.append(AttachmentIndex(place, len(encoded), *told))
 
     def finish(self, final_name: str = "") -> None:
         """Flush, add the index, and close. A file that is not finished can still be read, slower.
@@ -264,6 +283,7 @@ class McapFile:
     def _tail(self) -> bytes:
         """Everything behind the data: end of data, summary, offsets, footer."""
         used = sorted(self._counts)
+        schemas = [self._schemas[i] for i in used if i in self._schemas]
         statistics = Statistics(
             attachment_count=len(self._attachment_indices),
             channel_count=len(used),
@@ -272,15 +292,16 @@ class McapFile:
             message_count=self._counts.total(),
             message_end_time=self._end_ns,
             message_start_time=self._start_ns,
-            metadata_count=0,
-            schema_count=len(used),
+            metadata_count=len(self._metadata_indices),
+            schema_count=len(schemas),
         )
         groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
-            (Opcode.SCHEMA, [self._schemas[i] for i in used]),
+            (Opcode.SCHEMA, schemas),
             (Opcode.CHANNEL, [self._channels[i] for i in used]),
             (Opcode.STATISTICS, [statistics]),
             (Opcode.CHUNK_INDEX, self._chunk_indices),
             (Opcode.ATTACHMENT_INDEX, self._attachment_indices),
+            (Opcode.METADATA_INDEX, self._metadata_indices),
         )
         data_end = encode(DataEnd(0))
         summary_start = self._size + len(data_end)

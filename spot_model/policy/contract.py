@@ -209,7 +209,7 @@ def gait_sentence(contract: PolicyContract) -> str:
     if not contract.gait:
         return (
             f"policy {contract.name} states no gait: nobody measured whether it trots or hops; "
-            "spot-rl evaluate measures it, spot-rl export writes it into the file"
+            "spot-rl evaluate measures it; spot-rl export of a checkpoint and spot-rl policy import write it"
         )
     spans: list[tuple[str, float, float]] = []
     for stated in contract.gait:

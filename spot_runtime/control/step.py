@@ -17,6 +17,7 @@ from spot_model.policy.policy import TickResult
 from spot_model.robot import facts
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState
+from spot_runtime.causes import unforeseen
 from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.safety import watchdogs
@@ -152,10 +153,7 @@ def stopped(memory: Memory, stop: Stop, now: Snapshot) -> Step:
 
 def after_failure(memory: Memory, error: Exception, now: Snapshot) -> Step:
     """The step in place of one that failed: a defect ends in damping; one while damping, in silence."""
-    if isinstance(error, HalError):
-        stop = Stop(StopReason.LINK_LOST, str(error))
-    else:
-        stop = Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
+    stop = Stop(StopReason.LINK_LOST, str(error)) if isinstance(error, HalError) else unforeseen(error)
     notes = Notes(memory.told, now.host_ns, now.robot_ns)
     is_last_resort = memory.phase.mode in (Mode.READY, Mode.DAMPING, Mode.RELEASED)
     memory, acts = _end(memory, stop, notes)

@@ -3,4 +3,4 @@
 import os
 
 # gRPC's own log repeats on the terminal, without context, what our errors say; it is read when gRPC is first imported.
-os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
+os.environ.setdefault("GRPC_VERBOSITY", "NONE")

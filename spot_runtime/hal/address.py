@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from spot_model.errors import BadInputError
+from spot_runtime.causes import shortage
 from spot_runtime.hal.errors import CertificateError, HalError, NoRobotError
 
 DEFAULT_PORT: Final = 443
@@ -100,6 +101,8 @@ def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, tim
     except socket.gaierror as error:
         return NoRobotError(f"no robot at {address}: the name is not known ({error.strerror}); check the address")
     except OSError as error:
+        if lacks := shortage(str(error)):
+            return HalError(f"{address} cannot be reached: {lacks}")
         return NoRobotError(f"no robot at {address}: {error.strerror}; check address, port and that the robot is on")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     try:

@@ -18,6 +18,7 @@ from typing import Final
 
 from spot_model.errors import SpotRlError
 from spot_model.process.private_folder import new_private_file
+from spot_runtime.causes import shortage
 from spot_runtime.host.instance_lock import open_locked
 
 FOLDER_NAME: Final = "spot-rl"
@@ -166,6 +167,7 @@ class HeldNote:
         except OSError as error:
             if isinstance(error, FileNotFoundError):
                 raise
+            advice = shortage(str(error)) or "see to the folder"
             raise LeaseNoteError(
-                f"the note {path}, by which a crash is made good, cannot be opened: {error.strerror}; see to the folder"
+                f"the note {path}, by which a crash is made good, cannot be opened: {error.strerror}; {advice}"
             ) from error

@@ -17,6 +17,7 @@ from spot_log.format.events import EventName
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.rotation import tilt_rad
 from spot_model.robot.state import RobotState
+from spot_runtime.causes import unforeseen
 from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.control.safety.states import StateMemory, screen_state
 from spot_runtime.hal.base import Hal
@@ -180,7 +181,7 @@ class RobotSession:
             self._event(EventName.CONNECTION_FAILED, str(error))
             self.shut_down()
         except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
-            stop = Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
+            stop = unforeseen(error)
             self.outcome = self.outcome.after_stop(stop)
             self._event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
             self.shut_down()

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from diagnosis.channels import Channel
 from diagnosis.library.registry import LIBRARY
+from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.scoring import Placed, Scorer, likeness
-from diagnosis.verdict.belief import CALIBRATED, decide
+from diagnosis.verdict import belief
+from diagnosis.verdict.belief import CALIBRATED, decide, probabilities
 from diagnosis.verdict.explanation import Explanation, explain
 from spot_model.effects.friction import CoulombFriction
 
@@ -31,6 +34,29 @@ def test_residuals_decide_what_is_there(rubbing: Explanation) -> None:
     assert decided.there["coulomb_friction"] > 0.8
     assert set(decided.sets) == {"coulomb_friction", CALIBRATED}
     assert sum(weight for _, weight in decided.sets.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("unknown", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("left", [0.0, 30.0, 3000.0])
+def test_an_effect_answers_for_its_share_where_something_unknown_may_be_in_its_place(
+    rubbing: Explanation, monkeypatch: pytest.MonkeyPatch, unknown: float, left: float
+) -> None:
+    channels = rubbing.selection.channels["coulomb_friction"]
+    gain = rubbing.selection.gains["coulomb_friction"] + FAULTLESS.price("coulomb_friction")
+    monkeypatch.setattr(belief, "probability", lambda _: 0.0)
+    before = probabilities(rubbing)["coulomb_friction"]
+    assert channels[Channel.SET_POINT_TO_LOAD] > 10.0
+    monkeypatch.setattr(belief, "probability", lambda _: unknown)
+    # What is left of channels in which friction does not show is no matter of friction.
+    monkeypatch.setattr(
+        belief, "nats_left", lambda *_: {c: left if c == Channel.SET_POINT_TO_LOAD else 0.0 for c in channels}
+    )
+    expected = before * (1.0 - unknown * left / (left + gain))
+    assert probabilities(rubbing)["coulomb_friction"] == pytest.approx(expected, abs=1e-3)
+    monkeypatch.setattr(
+        belief, "nats_left", lambda *_: {c: left if own < belief.SHOWS else 0.0 for c, own in channels.items()}
+    )
+    assert probabilities(rubbing)["coulomb_friction"] == pytest.approx(before, abs=1e-3)
 
 
 def test_what_is_probably_not_there_is_left_out() -> None:

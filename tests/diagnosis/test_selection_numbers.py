@@ -17,7 +17,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.faultless import FAULTLESS, Tail, even_odds
 from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solve_bounded, solved
 from diagnosis.verdict.calibration import ODD, Z_90, is_odd, with_formula_error
-from diagnosis.verdict.left_over import OUTSIDE, left_over, probability
+from diagnosis.verdict.left_over import OUTSIDE, left_over, nats_left, probability
 from spot_model.robot.facts import JOINT_NAMES
 
 ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
@@ -183,6 +183,15 @@ def test_the_signal_that_is_farthest_over_noise_and_formulas_counts() -> None:
     scored: Any = SimpleNamespace(left=np.array([8.0, 40.0, 0.0]), explained=np.array([0.0, 64.0, 0.0]))
     # 8 of 1 + 3; 40 of 1 + 3 + 64/4; what is explained to the bit counts as a tenth.
     assert left_over(board, scored) == pytest.approx({LOAD: np.log(2.0), WRENCH: np.log(0.1)})
+
+
+def test_nats_that_are_left_count_from_what_is_usual() -> None:
+    usual = FAULTLESS.left[LOAD].median
+    board: Any = SimpleNamespace(
+        by_channel={LOAD: [0, 1]}, dof=np.array([40.0, 20.0]), tolerance_square=np.zeros(2), relative_square=np.zeros(2)
+    )
+    scored: Any = SimpleNamespace(left=np.exp([max(usual, 0.0) + 0.5, usual - 0.1]), explained=np.zeros(2))
+    assert nats_left(board, scored) == pytest.approx({LOAD: 0.5 * 40.0 * 0.5})
 
 
 TAIL = Tail(median=-0.5, tenth=0.2, beyond=0.3)

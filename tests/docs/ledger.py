@@ -76,7 +76,7 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
-    "spot-rl withheld run --cases 800 --seed 825279136778 --only 0:66 --out DIR": (
+    "spot-rl withheld run --cases 800 --seed 856880398612 --only 0:160 --out DIR": (
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),

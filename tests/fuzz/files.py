@@ -148,6 +148,7 @@ def _mappings() -> tuple[Any, ...]:
 
 def recording(data: bytes) -> None:
     """A foreign recording, by its first byte as CSV or NPZ through one of some mappings, up to a log's records."""
+    from spot_log.importing.checks import doubts_of
     from spot_log.importing.importer import records_of
     from spot_log.importing.recording import Recording
 
@@ -155,7 +156,9 @@ def recording(data: bytes) -> None:
     source = folder() / ("input.csv" if first < 0x40 else "input.npz")
     source.write_bytes(data[1:])
     with refusing(OSError):
-        for record in records_of(Recording(source, _mappings()[first % 3])):
+        taken = Recording(source, _mappings()[first % 3])
+        doubts_of(taken)
+        for record in records_of(taken):
             record.SerializeToString()
 
 

@@ -612,7 +612,7 @@ def test_the_digits_of_a_port_do_not_decide_what_an_error_is() -> None:
 
 
 def test_denied_access_is_about_credentials() -> None:
-    assert isinstance(translate(sdk.UnauthenticatedError(_FailedCall(), "doc"), "polling"), CredentialsError)
+    assert isinstance(translate(_UNAUTHENTICATED, "polling"), CredentialsError)
 
 
 def test_our_own_errors_pass_untouched() -> None:

@@ -243,6 +243,7 @@ TABLE = {
     "system_fault": (HAND_BACK, 52, True),
     "battery_unknown": (HAND_BACK, 53, False),
     "log_failed": (HAND_BACK, 60, False),
+    "computer_short": (DAMP, 61, False),
     "internal_error": (DAMP, 70, False),
 }
 """What each reason does: changed on purpose alone."""

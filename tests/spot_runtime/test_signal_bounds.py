@@ -22,6 +22,7 @@ from spot_runtime.control.safety.signals import (
     legs,
     motion,
     still,
+    wiring,
 )
 from spot_runtime.control.safety.signals.check import SignalMemory, Situation, check_signals
 from spot_runtime.control.safety.signals.readers import Signal
@@ -60,7 +61,7 @@ def window(**changes: Any) -> Window:
     [
         *(StateMemory, SetpointMemory, LossMemory, BatteryMemory, WatchMemory, SignalMemory),
         *(motion.MotionMemory, ground.GroundMemory, motion.ImuMemory, ground.WeightMemory),
-        *(answer.AnswerMemory, answer.HoldMemory),
+        *(answer.AnswerMemory, answer.HoldMemory, wiring.WiringMemory),
     ],
 )
 def test_a_memory_begins_with_nothing(memory: Any) -> None:
@@ -87,6 +88,9 @@ COUNTS = {
     "turn rate of the body and of its inertial unit": lambda n: SignalMemory(imu=motion.ImuMemory(turn_rate_windows=n)),
     "the inertial unit reports what is no number": lambda n: SignalMemory(imu=motion.ImuMemory(unknown_windows=n)),
     "load and set-point of fr_hx": lambda n: SignalMemory(load_windows=n * ONE),
+    "the body's motion and feet that stand, unless fl_hx mirrored": lambda n: SignalMemory(
+        wiring=wiring.WiringMemory(windows=n)
+    ),
     "a robot that stands, and its velocities": lambda n: SignalMemory(restless_windows=n),
     "joints, loads and weight of a robot that stands": lambda n: SignalMemory(wrong_stances=n),
     "position of fr_hx and load, which does not answer what is asked": lambda n: SignalMemory(
@@ -105,6 +109,7 @@ COUNTS = {
         ("turn rate of the body and of its inertial unit", bounds.IMU_WINDOWS),
         ("the inertial unit reports what is no number", bounds.IMU_WINDOWS),
         ("load and set-point of fr_hx", bounds.LOAD_WINDOWS),
+        ("the body's motion and feet that stand, unless fl_hx mirrored", bounds.MISREAD_WINDOWS),
         ("a robot that stands, and its velocities", bounds.RESTLESS_WINDOWS),
         ("joints, loads and weight of a robot that stands", bounds.REST_WINDOWS),
         ("position of fr_hx and load, which does not answer what is asked", bounds.LOAD_WINDOWS),

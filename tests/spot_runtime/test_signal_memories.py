@@ -53,9 +53,9 @@ def test_a_window_keeps_the_widest_of_the_turn_rates_and_counts_two_states_as_en
 
 def test_differences_of_motion_fade_and_add_up() -> None:
     before = motion.MotionMemory(
-        slope_rad=np.full(12, 0.01),
-        change_rad_s=np.full(12, -3.0),
-        blur_rad=np.full(12, 0.02),
+        slope_rad=np.full((2, 12), 0.01),
+        change_rad_s=np.full((2, 12), -3.0),
+        blur_rad=np.full((2, 12), 0.02),
         turn_rad=np.array([0.01, 0.02, -0.03]),
         turn_change_rad_s=np.array([1.0, 0.0, -1.0]),
         turn_blur_rad=0.01,
@@ -67,9 +67,10 @@ def test_differences_of_motion_fade_and_add_up() -> None:
         angular_vel_of_body_in_odom_rad_s=np.array([0.0, 0.0, 2.0]),
     )
     after = motion.after_window(before, seen)
-    np.testing.assert_allclose(after.slope_rad, 0.01 * (1.0 - 0.018 / 0.2) + 0.02 - 0.0015)
-    np.testing.assert_allclose(after.change_rad_s, -3.0 * 0.91 + 1.0)
-    np.testing.assert_allclose(after.blur_rad, 0.02 * 0.91)
+    fades = np.repeat([[0.91], [0.982]], 12, axis=1)
+    np.testing.assert_allclose(after.slope_rad, 0.01 * fades + 0.02 - 0.0015)
+    np.testing.assert_allclose(after.change_rad_s, -3.0 * fades + 1.0)
+    np.testing.assert_allclose(after.blur_rad, 0.02 * fades)
     fade = 1.0 - 0.018 / 0.5
     np.testing.assert_allclose(after.turn_rad, np.array([0.01, 0.02, -0.03]) * fade + [0.0, 0.0, 0.05 - 0.003])
     np.testing.assert_allclose(after.turn_change_rad_s, np.array([1.0, 0.0, -1.0]) * fade + [0.0, 0.0, 2.0])
@@ -78,7 +79,7 @@ def test_differences_of_motion_fade_and_add_up() -> None:
     holed = motion.after_window(before, seen._replace(hole_s=0.016))
     longer = motion.after_window(motion.MotionMemory(), seen._replace(hole_s=0.016))
     np.testing.assert_allclose(longer.blur_rad, 1.0 * (bounds.SLOPE_BEND_S + 0.008))
-    np.testing.assert_allclose(holed.blur_rad, 0.02 * 0.91)
+    np.testing.assert_allclose(holed.blur_rad, 0.02 * fades)
     assert holed.turn_blur_rad == pytest.approx(2.0 * (bounds.TURN_BEND_S + 0.008))
     long = motion.after_window(before, seen._replace(duration_s=3.0))
     np.testing.assert_allclose(long.slope_rad, 0.02 - 0.0015)
@@ -93,6 +94,19 @@ def test_a_slope_counts_beyond_its_bound_which_grows_with_the_velocitys_range(
     seen = window(position_rad=np.full(12, slope_rad + travel_rad), velocity_rad_s=np.full(12, speed_rad_s))
     before = motion.MotionMemory(slope_windows=np.full(12, 3))
     assert set(motion.after_window(before, seen).slope_windows) == {4 * counted}
+
+
+@pytest.mark.parametrize(("drift_rad_s", "within_s"), [(0.11, None), (0.15, 2.0), (-0.19, 1.1), (0.3, 0.35)])
+def test_an_encoder_that_drifts_is_told_though_it_hides_within_a_stride(
+    drift_rad_s: float, within_s: float | None
+) -> None:
+    """A velocity biased by 0.1 rad/s is no contradiction for ever; a drift of twice that is none within 0.2 s."""
+    memory, told_s = motion.MotionMemory(), None
+    for index in range(1, 500):
+        memory = motion.after_window(memory, window(position_rad=np.full(12, 0.018 * drift_rad_s)))
+        if told_s is None and (memory.slope_windows >= bounds.SLOPE_WINDOWS).all():
+            told_s = 0.018 * index
+    assert (told_s is None) if within_s is None else (told_s is not None and told_s < within_s)
 
 
 @pytest.mark.parametrize(("lag_s", "is_believed"), [(0.012, True), (0.0, True), (0.06, False)])

@@ -53,7 +53,7 @@ def test_it_is_told_where_a_policy_turns_less_than_commanded_or_falls() -> None:
 def test_a_hop_is_a_warning_that_names_it(hop: str) -> None:
     event, told = gait_event(contract((0.5, "trot"), (1.0, hop)))
     assert event is EventName.GAIT_DOUBTFUL
-    assert told.startswith("warning: policy walk hops")
+    assert told.startswith("policy walk hops")
     assert f"({hop})" in told
 
 
@@ -68,7 +68,7 @@ def test_a_fall_and_no_statement_are_doubtful_and_a_trot_is_not() -> None:
 def test_a_policy_that_does_not_walk_is_a_warning_that_names_the_speeds() -> None:
     event, told = gait_event(contract((0.5, "stand"), (1.0, "fall")))
     assert event is EventName.GAIT_DOUBTFUL
-    assert told.startswith("warning: policy walk falls at 1 m/s, does not walk at 0.5 m/s; measured in simulation: ")
+    assert told.startswith("policy walk falls at 1 m/s, does not walk at 0.5 m/s; measured in simulation: ")
     shuffles = contract((0.5, "trot"), (1.0, "trot"))
     held = [g.model_copy(update={"v_x_held_m_s": v}) for g, v in zip(shuffles.gait, (0.24, 0.6), strict=True)]
     event, told = gait_event(shuffles.model_copy(update={"gait": tuple(held)}))

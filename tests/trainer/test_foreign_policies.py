@@ -619,7 +619,7 @@ def test_an_import_states_the_gait_that_it_measures(run: Callable[..., Path], mo
     assert "warning: policy mine falls at 0.3, 0.5 m/s" in told.output
     event, sentence = gait_event(load_policy(path.with_name("mine.onnx")).contract)
     assert event is EventName.GAIT_DOUBTFUL
-    assert sentence.startswith("warning: policy mine falls at 0.3, 0.5 m/s; measured in simulation: fall at")
+    assert sentence.startswith("policy mine falls at 0.3, 0.5 m/s; measured in simulation: fall at")
 
 
 def test_the_vendors_example_and_back(tmp_path: Path) -> None:

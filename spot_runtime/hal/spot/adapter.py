@@ -17,6 +17,7 @@ from spot_log.format.records import EventRecord
 from spot_log.write.sink import LogSink
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
+from spot_runtime.causes import unforeseen
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo
@@ -373,8 +374,7 @@ class BosdynHal:
             self._problems.append(Stop(StopReason.CLOCK_JUMPED, "", {"off_s": off_s, "bound_s": bound_s}))
 
     def _poll(self) -> None:
-        slow = self._session.poll()
-        self._slow = slow
+        self._slow = slow = self._session.poll()
         self._sink.put(slow)
 
     def _check_in_failed(self, error: Exception) -> None:
@@ -397,4 +397,4 @@ class BosdynHal:
         elif name == "estop":
             self._check_in_failed(error)
         elif not isinstance(error, HalError):
-            self._problems.append(Stop(StopReason.INTERNAL_ERROR, f"{name}: {type(error).__name__}: {error}"))
+            self._problems.append(unforeseen(error, name))

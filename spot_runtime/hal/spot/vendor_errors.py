@@ -10,6 +10,7 @@ from bosdyn.client import auth, estop, lease, power, robot_command
 from bosdyn.client import exceptions as sdk
 from bosdyn.client.robot import UnregisteredServiceError
 
+from spot_runtime.causes import shortage
 from spot_runtime.hal.errors import (
     ClockError,
     CredentialsError,
@@ -44,10 +45,12 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
     """
     if isinstance(error, HalError):
         return error
+    if lacks := shortage(describe(error)):
+        return HalError(f"{doing}: {lacks} ({describe(error)})")
     if isinstance(error, sdk.RpcError):
         if explain_connection is not None and code_of(error) in NO_CONNECTION:
             return explain_connection(describe(error))
-        if isinstance(error, (sdk.UnauthenticatedError, sdk.PermissionDeniedError)):
+        if code_of(error) in (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED):
             return CredentialsError(f"{doing}: the robot denies access ({describe(error)}); check the user's rights")
         if isinstance(error, sdk.UnimplementedError):
             return HalError(f"{doing}: the robot has no such call ({describe(error)}); its software may be too old")

@@ -24,6 +24,7 @@ from spot_model.robot.state import RobotState
 from spot_model.version import software_revision
 from spot_protos import operator_pb2
 from spot_runtime.admission import gait_event
+from spot_runtime.causes import unforeseen
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.hal.base import Hal
@@ -255,7 +256,7 @@ class OperatedRun(Requests):
 
     def _log_ended(self, _: None, error: Exception | None) -> None:
         if error is not None:
-            self.end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
+            self.end(unforeseen(error))
         elif self.stop is None:
             self._tell_armed()
 

@@ -16,6 +16,7 @@ from typing import NoReturn
 from spot_model.errors import SpotRlError
 from spot_model.process.signals import STOP_SIGNALS, answered
 from spot_protos import operator_pb2
+from spot_runtime.causes import unforeseen
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.stops import StopReason
 
@@ -66,9 +67,9 @@ def main() -> None:
         link.ended(operator_pb2.Outcome(outcome=type(error).__name__, exit_code=error.exit_code, sentence=str(error)))
         code = error.exit_code
     except Exception as error:
-        sentence = f"{type(error).__name__}: {error}; report it"
-        link.ended(operator_pb2.Outcome(outcome="internal_error", exit_code=70, sentence=sentence))
-        code = StopReason.INTERNAL_ERROR.exit_code
+        stop = unforeseen(error)
+        code = stop.reason.exit_code
+        link.ended(operator_pb2.Outcome(outcome=stop.reason.label, exit_code=code, sentence=stop.sentence()))
         raise
     finally:
         link.close()

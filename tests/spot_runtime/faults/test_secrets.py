@@ -49,7 +49,8 @@ def processes() -> dict[str, bytes]:
 def unpacked(path: Path) -> bytes:
     """A log's whole content, chunks unpacked."""
     scan = scan_mcap(path.read_bytes())
-    return b"".join([*(message.data for message in scan.messages), *scan.attachments.values(), path.read_bytes()])
+    parts = [message.data for message in scan.messages] + [attachment.data for attachment in scan.attachments]
+    return b"".join([*parts, path.read_bytes()])
 
 
 def test_a_canary_is_found_nowhere(fake: Rig, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:

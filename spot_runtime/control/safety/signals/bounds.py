@@ -1,9 +1,9 @@
 """Every threshold of the plausibility checks, with its derivation.
 
-Five were adjusted after looking at recorded runs of the fake robot: MOVING_SHARE, on runs with frozen signals;
-FOOT_SPEED_SHARE, FOOT_ERROR_SHARE, the bound for loads that stand still, and the margin at a joint's stop, on runs
-without faults. Sizes of ordinary errors are upper ends of what such sensors and estimators do. Figures of the robot are
-those of :mod:`spot_model.robot.facts`.
+Seven were adjusted after looking at recorded runs of the fake robot: MOVING_SHARE, on runs with frozen signals;
+MISREAD_M_S and MISREAD_SHARE, on runs with wrong joints and on ice; FOOT_SPEED_SHARE, FOOT_ERROR_SHARE, the bound for
+loads that stand still, and the margin at a joint's stop, on runs without faults. Sizes of ordinary errors are upper
+ends of what such sensors and estimators do. Figures of the robot are those of :mod:`spot_model.robot.facts`.
 """
 
 from __future__ import annotations
@@ -60,6 +60,12 @@ SLOPE_MEMORY_S: Final = 0.2
 SLOPE_RAD: Final = 0.04
 """Difference that is always allowed. A velocity biased by 0.1 rad/s over the memory makes 0.02 rad. An encoder that is
 eccentric by ten minutes of arc adds 0.003 rad, and backlash of 1° between encoder and joint 0.017 rad."""
+
+DRIFT_MEMORY_S: Final = 1.0
+"""The same over several strides, in which a drift shows that hides behind such a bias within one."""
+
+DRIFT_RAD: Final = 0.12
+"""The same bias over this memory makes 0.1 rad; eccentricity and backlash do not grow with time."""
 
 SLOPE_LAG_S: Final = 0.015
 """Velocities are filtered: a lag of two to four state periods (6 to 12 ms), and half a period of the trapezoid rule. A
@@ -141,6 +147,17 @@ FOOT_MEMORY_S: Final = 0.5
 FOOT_SHARE: Final = 0.75
 """Share of the time with contact in which no foot in contact stands. In flight and at touch-down no foot stands. In
 any gait that lands on a foot, one foot stands for at least a quarter of its contact."""
+
+MISREAD_M_S: Final = 0.05
+"""Root mean square of the speed at which feet that stand seem to slide, beyond which another reading of the joints is
+looked for. Noise of 0.05 rad/s at the joints of a leg, 0.5 m from the foot, makes 0.043."""
+
+MISREAD_SHARE: Final = 1.0 / 3.0
+"""Of its square, at most so much is left by the joints as one error of sign or order would have them. Noise of 0.05
+m/s stays with any reading, so the error must have made twice its square; feet that truly slide stand by none."""
+
+MISREAD_WINDOWS: Final = 5
+"""In a row, 0.1 s: longer than an impact."""
 
 # Contacts -------------------------------------------------------------------------------------------------------------
 

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
-from spot_runtime.control.safety.signals import answer, bounds, ground, legs, motion, still
+from spot_runtime.control.safety.signals import answer, bounds, ground, legs, motion, still, wiring
 from spot_runtime.control.safety.signals.answer import AnswerMemory, HoldMemory
 from spot_runtime.control.safety.signals.ground import GroundMemory, WeightMemory
 from spot_runtime.control.safety.signals.legs import ground_forces_n
 from spot_runtime.control.safety.signals.motion import ImuMemory, MotionMemory
 from spot_runtime.control.safety.signals.readers import Doubt, Signal
 from spot_runtime.control.safety.signals.window import Window, length, window_of
+from spot_runtime.control.safety.signals.wiring import WiringMemory
 from spot_runtime.stops import Stop, StopReason
 
 POSITION, VELOCITY, ATTITUDE, BODY_VELOCITY, TURN_RATE, LOAD, CONTACTS, INERTIAL_UNIT = Signal
@@ -39,6 +40,7 @@ class SignalMemory(NamedTuple):
     ground: GroundMemory = GroundMemory()
     imu: ImuMemory = ImuMemory()
     weight: WeightMemory = WeightMemory()
+    wiring: WiringMemory = WiringMemory()
     answer: AnswerMemory = AnswerMemory()
     hold: HoldMemory = HoldMemory()
     still: still.Counts = still.NO_COUNTS
@@ -139,6 +141,7 @@ def _after_window(
         ground.after_window(memory.ground, window, carried_n),
         motion.after_imu_window(memory.imu, window),
         carrying,
+        wiring.after_window(memory.wiring, window, carried_n) if any(situation) else WiringMemory(),
         answered,
         held,
         still.still_windows(memory.still, first, last, resting, has_loads=has_loads),
@@ -147,7 +150,7 @@ def _after_window(
         has_loads,
         max(0, memory.restless_windows + (1 if _is_restless(window) else -1)) if situation.is_standing else 0,
         memory.wrong_stances + 1 if is_stance_wrong else 0,
-        legs.explanations(window) if is_stance_wrong else (),
+        wiring.explanations(window) if is_stance_wrong else (),
     )
 
 
@@ -170,6 +173,9 @@ def _doubts(memory: SignalMemory) -> Iterator[Doubt]:
     yield from _about_inertial_unit(memory.imu)
     yield from _about_ground(memory.ground)
     yield from _about_loads(memory)
+    if memory.wiring.windows >= bounds.MISREAD_WINDOWS:
+        suspects = {POSITION, VELOCITY, BODY_VELOCITY, TURN_RATE}
+        yield _contradiction(suspects, f"the body's motion and feet that stand, unless {memory.wiring.explained}")
     if memory.restless_windows >= bounds.RESTLESS_WINDOWS:
         suspects = {POSITION, VELOCITY, BODY_VELOCITY, TURN_RATE}
         yield _contradiction(suspects, "a robot that stands, and its velocities")

@@ -6,8 +6,6 @@ exchanged with another or far from where it is said to be breaks that balance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +14,6 @@ from spot_model.robot import facts
 from spot_model.robot.state import Array
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window
-from spot_runtime.control.safety.states import is_between
 
 _HIPS_M: Final = np.array(
     [
@@ -30,26 +27,26 @@ _SHANK_Z_M: Final = facts.FOOT_FROM_KN_M[2]
 
 
 class Feet(NamedTuple):
-    """The four feet in the body's frame, legs fl, fr, hl, hr."""
+    """The four feet in the body's frame, legs fl, fr, hl, hr; each field has shape (..., 4, 3)."""
 
     position_m: Array
-    """Centres of the feet from the body's origin. Shape (4, 3)."""
+    """Centres of the feet from the body's origin."""
     velocity_m_s: Array
-    """Velocity of those centres relative to the body. Shape (4, 3)."""
+    """Velocity of those centres relative to the body."""
     turn_rate_rad_s: Array
-    """Turn rate of the lower legs relative to the body. Shape (4, 3)."""
+    """Turn rate of the lower legs relative to the body."""
 
 
 def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
     """Where the feet's centres are, and how they move with each joint, in the body's frame.
 
     A leg turns by hx about x at its hip, by hy about y at the upper leg's end, and by kn about y at the knee.
-    Joint positions have shape (12,), canonical order.
+    Joint positions have shape (..., 12), canonical order.
 
     Returns:
-        Positions of shape (4, 3), m, and their derivatives by hx, hy and kn of the leg, in columns: (4, 3, 3), m/rad.
+        Positions, (..., 4, 3), m, and their derivatives by hx, hy and kn of the leg, in columns: (..., 4, 3, 3), m/rad.
     """
-    hx, hy, kn = position_rad.reshape(facts.N_LEGS, 3).T
+    hx, hy, kn = position_rad[..., 0::3], position_rad[..., 1::3], position_rad[..., 2::3]
     shank = hy + kn
     sin_hx, cos_hx, sin_hy, cos_hy = np.sin(hx), np.cos(hx), np.sin(hy), np.cos(hy)
     # In the leg's plane, from the hy joint; x forward, z along the leg.
@@ -59,16 +56,18 @@ def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
     y, down = _OUT_M * cos_hx - z * sin_hx, _OUT_M * sin_hx + z * cos_hx
     # By hy, (x, z) turns into (z, -x); by kn, its lower part alone does.
     columns = [np.zeros_like(x), z, shank_z, -down, x * sin_hx, shank_x * sin_hx, y, -x * cos_hx, -shank_x * cos_hx]
-    return np.array([x, y, down]).T + _HIPS_M, np.array(columns).T.reshape(facts.N_LEGS, 3, 3)
+    by_joint = np.moveaxis(np.array(columns), 0, -1).reshape(*hx.shape, 3, 3)
+    return np.moveaxis(np.array([x, y, down]), 0, -1) + _HIPS_M, by_joint
 
 
 def feet(position_rad: Array, velocity_rad_s: Array) -> Feet:
-    """Forward kinematics of joint positions and velocities, each of shape (12,), canonical order."""
+    """Forward kinematics of joint positions and velocities, each of shape (..., 12), canonical order."""
     position, jacobians = foot_jacobians(position_rad)
-    rates, hx = velocity_rad_s.reshape(facts.N_LEGS, 3), position_rad[::3]
-    shank_rate = rates[:, 1] + rates[:, 2]
-    turn_rate = np.array([rates[:, 0], shank_rate * np.cos(hx), shank_rate * np.sin(hx)]).T
-    return Feet(position, (jacobians @ rates[:, :, np.newaxis])[..., 0], turn_rate)
+    hx, hx_rate = position_rad[..., 0::3], velocity_rad_s[..., 0::3]
+    shank_rate = velocity_rad_s[..., 1::3] + velocity_rad_s[..., 2::3]
+    turn_rate = np.moveaxis(np.array([hx_rate, shank_rate * np.cos(hx), shank_rate * np.sin(hx)]), 0, -1)
+    velocity = jacobians @ velocity_rad_s.reshape(*hx.shape, 3, 1)
+    return Feet(position, velocity[..., 0], turn_rate)
 
 
 def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
@@ -85,7 +84,7 @@ def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
 
 
 def sole_speeds_m_s(state_feet: Feet, *, velocity_m_s: Array, turn_rate_rad_s: Array, up: Array) -> Array:
-    """Speed over ground of the point of each foot that would touch it. Shape (4,), m/s.
+    """Speed over ground of the point of each foot that would touch it. Shape (..., 4), m/s.
 
     Args:
         state_feet: From :func:`feet`.
@@ -95,7 +94,7 @@ def sole_speeds_m_s(state_feet: Feet, *, velocity_m_s: Array, turn_rate_rad_s: A
     """
     centres = velocity_m_s + _cross(turn_rate_rad_s, state_feet.position_m) + state_feet.velocity_m_s
     soles = centres - facts.FOOT_RADIUS_M * _cross(turn_rate_rad_s + state_feet.turn_rate_rad_s, up)
-    speeds: Array = np.sqrt((soles * soles).sum(axis=1))
+    speeds: Array = np.sqrt((soles * soles).sum(axis=-1))
     return speeds
 
 
@@ -159,26 +158,3 @@ def stance_of(position_rad: Array, load_nm: Array, up: Array) -> Stance:
 def is_stance_wrong(window: Window) -> bool:
     """Whether a robot cannot stand as its joints and loads say."""
     return not stance_of(window.last.position_rad, window.last.load_nm, window.odom_from_body[2]).is_possible
-
-
-def explanations(window: Window) -> tuple[str, ...]:
-    """Single errors of joint positions after which a wrong stance would be possible, in words."""
-    state, up = window.last, window.odom_from_body[2]
-    return tuple(
-        words
-        for words, position_rad in _changed(state.position_rad)
-        if is_between(position_rad, position_rad) and stance_of(position_rad, state.load_nm, up).is_possible
-    )
-
-
-def _changed(position_rad: Array) -> Iterator[tuple[str, Array]]:
-    joints = range(facts.N_JOINTS)
-    groups = [[joint] for joint in joints] + [list(joints)[kind::3] for kind in range(3)]
-    for group in groups:
-        mirrored = position_rad.copy()
-        mirrored[group] *= -1.0
-        yield f"{', '.join(facts.JOINT_NAMES[joint] for joint in group)} mirrored", mirrored
-    for a, b in combinations(joints, 2):
-        exchanged = position_rad.copy()
-        exchanged[[a, b]] = position_rad[[b, a]]
-        yield f"{facts.JOINT_NAMES[a]} and {facts.JOINT_NAMES[b]} exchanged", exchanged

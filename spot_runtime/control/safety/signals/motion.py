@@ -17,22 +17,26 @@ from spot_model.robot.state import Array
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window, length, turned_rad
 
-_NO_JOINTS = np.zeros(facts.N_JOINTS)
+_MEMORIES_S = np.array([[bounds.SLOPE_MEMORY_S], [bounds.DRIFT_MEMORY_S]])
+_BOUNDS_RAD = np.array([[bounds.SLOPE_RAD], [bounds.DRIFT_RAD]])
+_NO_SLOPES = np.zeros((len(_MEMORIES_S), facts.N_JOINTS))
 _NO_COUNTS = np.zeros(facts.N_JOINTS, dtype=np.int64)
 _NO_TURN = np.zeros(3)
 
 
 class MotionMemory(NamedTuple):
-    """Differences between measured and integrated motion, and what a lag makes of them. All of it fades."""
+    """Differences between measured and integrated motion, and what a lag makes of them. All of it fades.
 
-    slope_rad: Array = _NO_JOINTS
-    """Shape (12,)."""
-    change_rad_s: Array = _NO_JOINTS
-    """Change of each joint's velocity. Shape (12,)."""
-    blur_rad: Array = _NO_JOINTS
-    """The most that a window leaves open: the bend of a lag, and holes between states. Shape (12,)."""
+    That of joints fades at two rates, in rows: shape (2, 12).
+    """
+
+    slope_rad: Array = _NO_SLOPES
+    change_rad_s: Array = _NO_SLOPES
+    """Change of each joint's velocity."""
+    blur_rad: Array = _NO_SLOPES
+    """The most that a window leaves open: the bend of a lag, and holes between states."""
     slope_windows: NDArray[np.int64] = _NO_COUNTS
-    """In a row, beyond the bound."""
+    """In a row, beyond either bound. Shape (12,)."""
     turn_rad: Array = _NO_TURN
     """Shape (3,), odom."""
     turn_change_rad_s: Array = _NO_TURN
@@ -54,14 +58,14 @@ def resting(window: Window) -> NDArray[np.bool_]:
 def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
     """The memory after one more window."""
     first, last = window.first, window.last
-    fade = max(0.0, 1.0 - window.duration_s / bounds.SLOPE_MEMORY_S)
+    fades = np.maximum(0.0, 1.0 - window.duration_s / _MEMORIES_S)
     moved = last.position_rad - first.position_rad
-    slope = memory.slope_rad * fade + (moved - window.travel_rad)
-    change = memory.change_rad_s * fade + (last.velocity_rad_s - first.velocity_rad_s)
+    slope = memory.slope_rad * fades + (moved - window.travel_rad)
+    change = memory.change_rad_s * fades + (last.velocity_rad_s - first.velocity_rad_s)
     # In a hole a rate may have been any of those at its ends.
     open_s = 0.5 * window.hole_s
-    blur = np.maximum(memory.blur_rad * fade, (bounds.SLOPE_BEND_S + open_s) * window.velocity_range_rad_s)
-    allowed = bounds.SLOPE_RAD + bounds.SLOPE_LAG_S * np.abs(change) + blur
+    blur = np.maximum(memory.blur_rad * fades, (bounds.SLOPE_BEND_S + open_s) * window.velocity_range_rad_s)
+    allowed = _BOUNDS_RAD + bounds.SLOPE_LAG_S * np.abs(change) + blur
     fade = max(0.0, 1.0 - window.duration_s / bounds.TURN_MEMORY_S)
     turn = turned_rad(first.odom_from_body_wxyz, last.odom_from_body_wxyz) - window.turn_rad
     turn = memory.turn_rad * fade + turn
@@ -73,7 +77,7 @@ def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
         slope,
         change,
         blur,
-        np.where(np.abs(slope) > allowed, memory.slope_windows + 1, 0),
+        np.where((np.abs(slope) > allowed).any(axis=0), memory.slope_windows + 1, 0),
         turn,
         turn_change,
         turn_blur,
