@@ -209,7 +209,7 @@ def gait_sentence(contract: PolicyContract) -> str:
     if not contract.gait:
         return (
             f"policy {contract.name} states no gait: nobody measured whether it trots or hops; "
-            "spot-rl evaluate measures it; spot-rl export of a checkpoint and spot-rl policy import write it"
+            "spot-rl evaluate measures it; for a file that states it, export the checkpoint or import the policy again"
         )
     spans: list[tuple[str, float, float]] = []
     for stated in contract.gait:

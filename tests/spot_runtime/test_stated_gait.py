@@ -62,6 +62,7 @@ def test_a_fall_and_no_statement_are_doubtful_and_a_trot_is_not() -> None:
     event, told = gait_event(contract())
     assert event is EventName.GAIT_DOUBTFUL
     assert "states no gait" in told
+    assert told.endswith("export the checkpoint or import the policy again")
     assert gait_event(contract((0.5, "trot")))[0] is EventName.GAIT
 
 
