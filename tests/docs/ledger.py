@@ -34,6 +34,10 @@ ELSEWHERE = {
         '["conformance", "--robot", host',
     ),
     "spot-rl run --experiment FILE": ("spot_runtime/test_joint_script.py", '"--experiment", str(file)'),
+    "spot-rl log import --suggest FILE": (
+        "spot_runtime/log/test_import_checks.py",
+        '"log", "import", "--suggest", str(tmp_path / "a.csv")',
+    ),
     "spot-rl policy import exported/policy.onnx --like isaac-lab": (
         "trainer/test_foreign_policies.py",
         '"import", str(path), "--like", "isaac-lab"',
