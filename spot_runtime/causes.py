@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from spot_runtime.stops import Stop, StopReason
-
 _FILES: Final = "this program may open no more files; raise its limit (ulimit -n, LimitNOFILE)"
 _MEMORY: Final = (
     "this program gets no more memory or threads; raise its limits (ulimit -v, ulimit -u, MemoryMax, TasksMax), or end "
@@ -51,13 +49,6 @@ def shortage(words: str) -> str:
 def refusal(words: str) -> str:
     """What a service that answers does to this client, given gRPC's words; empty where nothing shows that it does."""
     return _said(REFUSALS, words)
-
-
-def unforeseen(error: Exception, doing: str = "") -> Stop:
-    """The stop for an error that nobody foresaw: a defect of ours, unless this computer lacks something."""
-    words = f"{doing}: " if doing else ""
-    words += f"{type(error).__name__}: {error}"
-    return Stop(StopReason.COMPUTER_SHORT if shortage(words) else StopReason.INTERNAL_ERROR, words)
 
 
 def _said(table: dict[str, str], words: str) -> str:

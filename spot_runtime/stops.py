@@ -7,6 +7,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
+from spot_runtime.causes import shortage
 
 CRITICAL: Final = "critical: "
 """Prefix of a system fault that must end a run."""
@@ -221,3 +222,10 @@ def ending_after(ending: Ending | None, stop: Stop) -> Ending:
     if not is_stronger and not later:
         return ending
     return replace(ending, reaction=reaction if is_stronger else ending.reaction, later=ending.later + later)
+
+
+def unforeseen(error: Exception, doing: str = "") -> Stop:
+    """The stop for an error that nobody foresaw: a defect of ours, unless this computer lacks something."""
+    words = f"{doing}: " if doing else ""
+    words += f"{type(error).__name__}: {error}"
+    return Stop(StopReason.COMPUTER_SHORT if shortage(words) else StopReason.INTERNAL_ERROR, words)

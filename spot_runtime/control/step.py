@@ -17,7 +17,6 @@ from spot_model.policy.policy import TickResult
 from spot_model.robot import facts
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState
-from spot_runtime.causes import unforeseen
 from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.safety import watchdogs
@@ -37,7 +36,7 @@ from spot_runtime.hal.base import JointControl
 from spot_runtime.hal.errors import HalError
 from spot_runtime.host.pauses import SHARE, Pause
 from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.stops import Reaction, Stop, StopReason, ending_after
+from spot_runtime.stops import Reaction, Stop, StopReason, ending_after, unforeseen
 
 LATE: Final = (StopReason.STATE_STALE, StopReason.STATE_LOST, StopReason.TICKS_SKIPPED)
 """What a process that did not run sees of a robot and a link that are well."""

@@ -17,7 +17,6 @@ from spot_log.format.events import EventName
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.rotation import tilt_rad
 from spot_model.robot.state import RobotState
-from spot_runtime.causes import unforeseen
 from spot_runtime.control.safety.battery import BatteryMemory, check_slow_state
 from spot_runtime.control.safety.states import StateMemory, screen_state
 from spot_runtime.hal.base import Hal
@@ -25,7 +24,7 @@ from spot_runtime.hal.errors import FaultError, HalError
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import Outcome
-from spot_runtime.stops import Ending, Reaction, Stop, StopReason
+from spot_runtime.stops import Ending, Reaction, Stop, StopReason, unforeseen
 
 STATE_SILENCE_S: Final = 1.0
 """The vendor's controller does not need our states, so a short gap is not a reason to sit down."""

@@ -85,7 +85,7 @@ def _diagnosed(effects: tuple[Effect, ...], *names: str) -> Any:
 
 
 def test_joints_with_different_limits_are_terms_of_one_difference() -> None:
-    limits = {"fl_kn": 35.0, "hr_hy": 15.0}
+    limits = {"fl_kn": 30.0, "hr_hy": 12.0}
     found = _diagnosed(tuple(TorqueLimit(joints=(j,), limit_nm=v) for j, v in limits.items()), "torque_limit")
     terms = found.belief.best.terms
     assert [t.effect.name for t in terms] == ["torque_limit"] * 2

@@ -49,6 +49,7 @@ def _log(folder: Path, **changes: np.ndarray) -> Run:
     mapping = Mapping.model_validate(
         {
             "schema": "spot-rl/import/1",
+            "accept_doubts": True,
             "joint_names": ["hip", "knee"],
             "foot_names": [],
             "time": {"from": "t"},

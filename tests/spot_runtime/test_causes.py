@@ -16,11 +16,11 @@ from cryptography import x509
 
 from proof.attacks.certificates import LOOPBACK, Authority, role
 from spot_protos import operator_pb2
-from spot_runtime.causes import refusal, shortage, unforeseen
+from spot_runtime.causes import refusal, shortage
 from spot_runtime.hal.address import Address, explain_no_connection
 from spot_runtime.hal.errors import CredentialsError, HalError
 from spot_runtime.hal.spot.vendor_errors import translate
-from spot_runtime.stops import StopReason
+from spot_runtime.stops import StopReason, unforeseen
 from spot_tools.client import OperatorClient, UnreachableError
 from tests.spot_runtime.operator.test_service import serving
 

@@ -17,7 +17,6 @@ from spot_log.format.records import EventRecord
 from spot_log.write.sink import LogSink
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime.causes import unforeseen
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo
@@ -33,7 +32,7 @@ from spot_runtime.hal.spot.power_off import power_off
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.state_receiver import OnEnd, StateReceiver, take_all
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
-from spot_runtime.stops import Stop, StopReason
+from spot_runtime.stops import Stop, StopReason, unforeseen
 
 
 def adapter(request: HalRequest) -> Adapter:

@@ -24,7 +24,6 @@ from spot_model.robot.state import RobotState
 from spot_model.version import software_revision
 from spot_protos import operator_pb2
 from spot_runtime.admission import gait_event
-from spot_runtime.causes import unforeseen
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.hal.base import Hal
@@ -41,7 +40,7 @@ from spot_runtime.operator.run.steering import Attendance
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, check_standing, control_end, fall_of
 from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, header_of, log_file_name
 from spot_runtime.session.signals import StopSignals
-from spot_runtime.stops import Reaction, Stop, StopReason
+from spot_runtime.stops import Reaction, Stop, StopReason, unforeseen
 
 STANDBY_WAIT_S: Final = 0.02
 STANDBY_PAUSE_S: Final = 0.2

@@ -16,9 +16,8 @@ from typing import NoReturn
 from spot_model.errors import SpotRlError
 from spot_model.process.signals import STOP_SIGNALS, answered
 from spot_protos import operator_pb2
-from spot_runtime.causes import unforeseen
 from spot_runtime.operator.run.link import RunLink
-from spot_runtime.stops import StopReason
+from spot_runtime.stops import StopReason, unforeseen
 
 
 class BrokenOffError(SpotRlError):
