@@ -4,6 +4,7 @@ from __future__ import annotations
 
 _BOUNDS = "tests/spot_runtime/test_core_bounds.py"
 _SIGNAL_BOUNDS = "tests/spot_runtime/test_signal_bounds.py"
+_CAUSES = "tests/spot_runtime/test_causes.py"
 _MODES = "tests/spot_runtime/test_modes_and_stops.py"
 _SET_POINT = "tests/spot_runtime/test_set_point.py"
 
@@ -39,7 +40,7 @@ TESTS_OF = {
     "spot_runtime/control/safety/signals/answer.py": (_ANSWERS, _HOLD, *_SIGNALS),
     "spot_runtime/control/safety/signals/check.py": (*_SIGNALS, _ANSWERS, _HOLD, _STANCE, _WIRING),
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
-    "spot_runtime/stops.py": (_MODES, _BOUNDS),
+    "spot_runtime/stops.py": (_MODES, _BOUNDS, _CAUSES),
     "spot_runtime/control/set_point.py": (_SET_POINT, _HANDOVER, _BOUNDS),
 }
 """Each file with the tests that must notice every change of it."""
