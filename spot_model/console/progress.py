@@ -57,7 +57,6 @@ class Progress:
         self._began_s, self._next_line_s = clock() - already_s, 0.0
         self._done, self._ahead, self._since_s, self._text, self._most = float(done), 1.0, clock(), "", float(done)
         self._lock, self._is_over = threading.RLock(), threading.Event()
-        threading.Thread(target=self._tick, daemon=True).start()
         self._bar: Bar | None = None
         if self._console.is_terminal:
             count = TaskProgressColumn() if total is None else MofNCompleteColumn()
@@ -65,6 +64,7 @@ class Progress:
             self._bar = Bar(TextColumn(what), *columns, TextColumn("{task.fields[text]}"), console=self._console)
             self._bar.add_task(what, total=self._total, completed=done, text="", left="")
             self._bar.start()
+        threading.Thread(target=self._tick, daemon=True).start()
 
     def update(self, done: float, text: str = "", *, ahead: float = 1.0, is_told: bool = False) -> None:
         """Show that ``done`` are done, and ``ahead`` under way; ``is_told`` prints the text as a line that stays."""
@@ -91,14 +91,17 @@ class Progress:
     def _tick(self) -> None:
         while not self._is_over.wait(TICK_S):
             with self._lock:
-                self._show()
+                # It may have been stopped while this waited for the lock.
+                if not self._is_over.is_set():
+                    self._show()
 
     def stop(self) -> None:
         """Leave the last state on the screen."""
-        self._is_over.set()
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
+        with self._lock:
+            self._is_over.set()
+            if self._bar is not None:
+                self._bar.stop()
+                self._bar = None
 
     def __enter__(self) -> Self:
         return self
