@@ -55,7 +55,16 @@ def cluster() -> Iterator[Any]:
         from ray.cluster_utils import Cluster
 
         before = psutil.Process().children(recursive=True)
-        made = Cluster(initialize_head=True, head_node_args={**NODE, "num_cpus": 0, "include_dashboard": False})
+        # Ray 2.60 gives a node 30 s to start and no option to wait longer; a busy machine takes more now and then.
+        for left in (2, 1, 0):
+            try:
+                made = Cluster(initialize_head=True, head_node_args={**NODE, "num_cpus": 0, "include_dashboard": False})
+                break
+            except Exception:
+                if not left:
+                    raise
+                for process in set(psutil.Process().children(recursive=True)) - set(before):
+                    process.kill()
         made.nodes = [made.add_node(**NODE) for _ in range(2)]
         ray.init(address=made.address, log_to_driver=False)
         try:
