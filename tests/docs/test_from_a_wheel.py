@@ -52,8 +52,6 @@ def path(project: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     words = next(words for words in spans_of(REPOSITORY / "README.md") if words[-1] == ".[runtime]")
     told = bash(" ".join(f"'{word}'" for word in words), project, PATH=programs, **OFFLINE)
     assert "Successfully installed spot-rl" in told
-    # What locks a diagnosis in shows it folders, not what lies behind links.
-    (site / "packages.pth").write_text(f"{installed}\n")
     return programs
 
 
