@@ -44,7 +44,9 @@ def read_cases(folders: Sequence[Path]) -> Cases:
             outcomes[number], where[number] = outcome, path.parent
     if not outcomes:
         raise BadInputError(f"{', '.join(str(f) for f in folders)}: no finished case; run or resume first")
-    return Cases(heads[0], tuple(outcomes[n] for n in sorted(outcomes)), where)
+    # The part that drew the seed speaks for those to which it was given.
+    head = next((head for head in heads if head.is_seed_drawn), heads[0])
+    return Cases(head, tuple(outcomes[n] for n in sorted(outcomes)), where)
 
 
 def _same(first: Path, one: RunHead, second: Path, other: RunHead) -> None:

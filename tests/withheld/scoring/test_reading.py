@@ -76,9 +76,11 @@ def test_a_part_goes_on_as_that_part(run: Path, tmp_path: Path, monkeypatch: pyt
 
 def test_parts_are_merged(run: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
-    make_folder(other, head())
+    make_folder(other, head(is_seed_drawn=False))
     put(other, outcome((), number=7, kind="faultless"))
-    assert [o.case.number for o in read_cases([run, other]).outcomes] == [0, 1, 7]
+    cases = read_cases([other, run])
+    assert [o.case.number for o in cases.outcomes] == [0, 1, 7]
+    assert cases.head.is_seed_drawn
     put(other, outcome((), number=1, kind="faultless"))
     with pytest.raises(BadInputError, match="case 1 is in"):
         read_cases([run, other])
