@@ -232,7 +232,7 @@ def diagnosed(job: Job, case: Case, given: Path, out: Path, opened: Path) -> tup
     words = ["logs", "--nominal", "model.yaml", "--out", str(out), "--seed", str(case.diagnosis_seed)]
     words += ["--policy", policy.name] if policy.exists() else []
     words += [w for name in case.without for w in ("--without", name)]
-    paths = os.pathsep.join(filter(None, sys.path))
+    paths = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
     environment = {**os.environ, "PYTHONPATH": paths, "MUJOCO_GL": "disable", **dict.fromkeys(ONE_THREAD, "1")}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:

@@ -76,7 +76,7 @@ def show_case(path: Path) -> list[str]:
     folder = folder_of(path)
     o = read_outcome(folder / "outcome.json")
     made = [f"case {o.case.number}: {WORDS[o.case.kind]}"]
-    made.append(f"library without {', '.join(o.case.without) or 'nothing'}")
+    made.append(f"without {', '.join(o.case.without) or 'nothing'} in the library")
     lacks = f", without {', '.join(o.case.missing)}" if o.case.missing else ""
     made.append(f"logs    policy {o.case.policy}, {len(o.case.sequences)} sequences x {o.case.repeats} runs{lacks}")
     made += [f"hidden  {fault_words(f)}" for f in o.truth.faults] or ["hidden  nothing"]
