@@ -5,8 +5,9 @@
     python benchmarks/withheld_share.py merge --out DIR share-*.tar.gz
 
 ``share`` needs the repository's sources, the wheels and NumPy, SciPy, ONNX Runtime, Typer and PyYAML of the machine
-itself. Where the sources have no history, SPOT_RL_REVISION says their revision. It begins no case after its minutes, finishes those that it has begun, and leaves one file; with
-``--from`` such a file it goes on where that stopped. Every share of a run has the same seed; ``merge`` scores them.
+itself; where the sources have no history, SPOT_RL_REVISION says their revision. It begins no case after its minutes,
+finishes those that it has begun, and leaves one file; with ``--from`` such a file it goes on where that stopped. Every
+share of a run has the same seed; ``merge`` scores them.
 
     python3 benchmarks/withheld_share.py share ... -- --reality calibrating --kind single
 """
