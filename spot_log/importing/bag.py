@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.format.codec import HEADER
-from spot_log.importing.mapping import Mapping, record_of
+from spot_log.importing.mapping import SIGNALS, Mapping
 from spot_log.read.mcap_scan import scan_mcap
 from spot_model.errors import BadInputError
 
@@ -53,7 +53,7 @@ def read_rows(path: Path, mapping: Mapping) -> dict[str, NDArray[Any]]:
     """
     fields = {name: [s] if isinstance(s := spec.source, str) else s or () for name, spec in mapping.signals.items()}
     topic_of = {name: {field.partition(".")[0] for field in some} for name, some in fields.items()}
-    state = set().union(*(some for name, some in topic_of.items() if record_of(name) == "state"))
+    state = set().union(*(some for name, some in topic_of.items() if SIGNALS[name].record == "state"))
     base = (mapping.time.source or "").partition(".")[0]
     topics = read_topics(path, state.union({base}, *topic_of.values()))
     if base not in topics:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.importing.mapping import PER_JOINT, record_of
+from spot_log.importing.mapping import SIGNALS, signals_of
 from spot_log.importing.recording import UNITS, Recording
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES, LEG_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, tilt_rad
@@ -52,7 +52,7 @@ def doubts_of(recording: Recording) -> list[Doubt]:
 
 def _blanks(recording: Recording, signals: dict[str, Array]) -> Iterator[Doubt]:
     for name, values in signals.items():
-        rows = recording.rows_with(*(other for other in signals if record_of(other) == record_of(name)))
+        rows = recording.rows_with(*signals_of(SIGNALS[name].record))
         blank = ~_whole(values) & rows
         if not np.isfinite(values).any():
             yield Doubt(f"signal {name} has no number in any row", is_certain=True)
@@ -179,7 +179,7 @@ def _held(
         others = [("time", "time"), ("position", "angle")] if name == "velocity" else []
         readings = [
             f"{signal} in {unit}"
-            for signal, kind in [(name, PER_JOINT[name]), *others]
+            for signal, kind in [(name, SIGNALS[name].quantity), *others]
             for unit, f in _units(recording, signal, kind)
             if abs(f / factor - 1 if signal != "position" else f * factor - 1) < FITS
         ]

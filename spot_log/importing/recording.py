@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.importing.bag import is_bag, read_rows
-from spot_log.importing.mapping import OTHER, PER_JOINT, Mapping, SignalMapping, TimeMapping
+from spot_log.importing.mapping import JOINTS, SIGNALS, Mapping, SignalMapping, TimeMapping
 from spot_model.errors import BadInputError
 from spot_model.robot.state import Array
 
@@ -240,8 +240,9 @@ class Recording:
     def _signal(self, name: str) -> Array:
         spec = self.mapping.signals[name]
         where = f"signal {name}"
-        kind, width = (PER_JOINT[name], len(self.mapping.joint_names)) if name in PER_JOINT else OTHER[name]
-        factor = factor_of(spec.unit, kind, where)
+        signal, per_joint = SIGNALS[name], SIGNALS[name].width == JOINTS
+        width = len(self.mapping.joint_names) if per_joint else signal.width
+        factor = factor_of(spec.unit, signal.quantity, where)
         raw = self._constant(spec, width) if spec.source is None else self._columns(spec, where)
         if width and raw.shape[1] != width:
             raise BadInputError(f"{where} has {raw.shape[1]} columns; expected {width}")
@@ -249,7 +250,7 @@ class Recording:
             raise BadInputError(f"{where} has {len(raw)} rows, the time has {len(self.stamps_ns)}")
         values = raw * factor * _row(spec.scale, raw.shape[1], f"{where}: scale")
         values = values + _row(spec.offset, raw.shape[1], f"{where}: offset")
-        if name in PER_JOINT:
+        if per_joint:
             source = self.mapping.source_joints
             values = values[:, [source.index(joint) for joint in self.mapping.joint_names]]
         if name == "odom_from_body":
