@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spot_log.importing.mapping import SIGNALS, signals_of
 from spot_log.importing.recording import UNITS, Recording
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES, LEG_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
-from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, tilt_rad
+from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, tilt_rad
 from spot_model.robot.state import Array
 
 STOP_MARGIN_RAD: Final = 0.1
@@ -73,11 +73,11 @@ def _spacing(time_s: Array) -> Iterator[Doubt]:
 
 
 def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
+    stops = np.column_stack([POSITION_LOW_RAD - STOP_MARGIN_RAD, POSITION_HIGH_RAD + STOP_MARGIN_RAD])
+    limits, turns = dict(zip(JOINT_NAMES, stops, strict=True)), np.array([-WHOLE_TURNS_RAD, WHOLE_TURNS_RAD])
     names = recording.mapping.joint_names
-    low, high = np.full(len(names), -WHOLE_TURNS_RAD), np.full(len(names), WHOLE_TURNS_RAD)
-    ours = [i for i, name in enumerate(names) if name in JOINT_NAMES]
-    rows = [JOINT_NAMES.index(names[i]) for i in ours]
-    low[ours], high[ours] = POSITION_LOW_RAD[rows] - STOP_MARGIN_RAD, POSITION_HIGH_RAD[rows] + STOP_MARGIN_RAD
+    low, high = np.array([limits.get(name, turns) for name in names]).T
+    ours = [i for i, name in enumerate(names) if name in limits]
 
     def outside(values: Array) -> Array:
         return np.asarray(((values < low) | (values > high)).mean(axis=0))
@@ -160,8 +160,7 @@ def _held(
     if not moves.any():
         return
     names = [joint for joint, is_moving in zip(recording.mapping.joint_names, moves, strict=True) if is_moving]
-    one, two = ((values - values.mean(axis=0))[:, moves] / values[:, moves].std(axis=0) for values in (wanted, given))
-    alike = one.T @ two / len(one)
+    alike = np.corrcoef(wanted[:, moves], given[:, moves], rowvar=False)[: len(names), len(names) :]
     own, best, most = np.diag(alike), np.abs(alike).argmax(axis=1), np.abs(alike).max(axis=1)
     foreign = (own**2 < 0.95) & (1 - most**2 < 0.25 * (1 - own**2)) & (most > FOLLOWS)
     if foreign.any():
@@ -188,7 +187,7 @@ def _held(
 
 
 def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> Iterator[Doubt]:
-    """The orientation against gravity, turn rate and travel, its other readings beside it."""
+    """The orientation against gravity and turn rate, its other readings beside it."""
     if "odom_from_body" not in signals:
         return
     k = _stride(time_s, 0.05)
@@ -224,10 +223,6 @@ def _evidence(signals: dict[str, Array], time_s: Array) -> Iterator[tuple[str, C
     for name in ("angular_vel_of_body_in_odom", "angular_vel_of_body_in_body", "angular_vel_of_link_in_link"):
         if name in signals and _size(signals[name]) > 0.05:
             yield name, partial(_rate_misfit, rate=signals[name], in_odom=name.endswith("odom"), time_s=time_s)
-    place, speed = signals.get("position_of_body_in_odom"), signals.get("linear_vel_of_body_in_body")
-    if place is not None and speed is not None and _size(speed) > 0.1:
-        moved = np.diff(place, axis=0) / np.diff(time_s)[:, None]
-        yield "the travel", lambda turn: _misfit(_between(np.asarray(rotate_wxyz(turn, speed))), moved)
 
 
 def _rate_misfit(turn: Array, rate: Array, *, in_odom: bool, time_s: Array) -> float:
