@@ -9,8 +9,6 @@ steps; commands come once a message, at the next row.
 from __future__ import annotations
 
 import dataclasses
-import sqlite3
-import struct
 from collections import defaultdict
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -20,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.importing.mapping import SIGNALS, Mapping
+from spot_log.importing.reading import reading
 from spot_model.errors import BadInputError
 
-# What rosbags raises on files that are damaged, or that are no bags.
-_DAMAGE: Final = (ValueError, LookupError, TypeError, AssertionError, struct.error, sqlite3.Error, FileNotFoundError)
 HELD_STEPS: Final = 10
 """A topic is silent after so many of its usual steps."""
 
@@ -85,22 +82,17 @@ def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
     """
     if not path.exists():
         raise BadInputError(f"{path} does not exist; give a recording")
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, TypesysError, get_typestore
-    except ImportError as error:
-        raise BadInputError(f"{path}: a ROS 2 bag needs rosbags: pip install 'spot-rl[ros]'") from error
     rows: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
-    try:
+    hint = "(a log of spot-rl needs no import, and 'mcap recover' repairs an .mcap that was cut)"
+    with reading(path, f"a ROS 2 bag {hint}", "'spot-rl[ros]'"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             chosen = [c for c in reader.connections if wanted is None or c.topic in wanted]
             for connection, log_ns, raw in reader.messages(chosen) if chosen else ():
                 message = reader.deserialize(raw, connection.msgtype)
                 rows[connection.topic, connection.msgtype].append({"time": log_ns, **dict(_fields(message))})
-    except (*_DAMAGE, AnyReaderError, TypesysError) as error:
-        hint = "'mcap recover' repairs an .mcap that was cut; a log of spot-rl needs no import"
-        told = f"{path} cannot be read as a ROS 2 bag: {str(error) or type(error).__name__}; {hint}"
-        raise BadInputError(told) from error
     return {topic: Topic(kind, _columns(f"{path}: {topic}", found)) for (topic, kind), found in rows.items()}
 
 

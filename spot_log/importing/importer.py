@@ -159,7 +159,7 @@ def _slow_states(recording: Recording) -> list[Record]:
     signals = [name for name in signals_of("slow") if recording.has(name)]
     if not signals:
         return []
-    stamps_ns, polls = recording.stamps_ns, []
+    stamps_ns, polls = recording.stamps_ns, list[Record]()
     unknown: dict[str, Any] = {SIGNALS[name].field: math.nan for name in signals_of("slow") if SIGNALS[name].field}
     some = np.flatnonzero(recording.rows_with(*signals))
     for row in some[np.diff(stamps_ns[some] // SLOW_PERIOD_NS, prepend=-1) > 0]:
