@@ -226,7 +226,7 @@ def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str
     theirs = onnx.load_from_string(network)
     check_no_memory(theirs.graph)
     source, target = observation_input(theirs, policy), action_output(theirs, action)
-    check_normaliser(theirs.graph, source, policy.normaliser)
+    check_normaliser(theirs.graph, policy.normaliser)
     before, after = observation_steps(policy), action_steps(policy)
     session = onnxruntime.InferenceSession(network, providers=["CPUExecutionProvider"])
     ours = np.random.default_rng(48).normal(size=(PROOFS, policy.history * N_OBSERVATION)).astype(np.float32)
