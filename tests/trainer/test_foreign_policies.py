@@ -728,7 +728,7 @@ def test_torchscript_with_a_memory_is_refused(run: Callable[..., Path]) -> None:
     path = run(environment()).with_suffix(".pt")
     torch.jit.save(torch.jit.script(Recurrent()), path)
     told = refused(path)
-    assert "has a memory; only networks without memory are run" in told
+    assert "as where the network has a memory; only networks without memory are run" in told
 
 
 @pytest.mark.parametrize(
