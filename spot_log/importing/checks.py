@@ -5,8 +5,7 @@ A doubt is certain where no robot can have made such numbers, or where another r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -85,7 +84,7 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
     share = outside(position)
     if not share.any():
         return
-    readings = {f"unit: {unit}": position * f for unit, f in _units(recording, "position", "angle")}
+    readings = {f"unit: {unit}": position * f for unit, f in _units(recording, "position")}
     if set(names) == set(JOINT_NAMES):
         source = position[:, [names.index(joint) for joint in recording.mapping.source_joints]]
         order = f"source_joint_names: [{', '.join(BY_TYPE)}]"
@@ -98,11 +97,12 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
     yield Doubt(f"{text} ({told}); {hint}", bool(ours) and share[k].max() > 0.05)
 
 
-def _units(recording: Recording, name: str, kind: str) -> list[tuple[str, float]]:
+def _units(recording: Recording, name: str) -> list[tuple[str, float]]:
     """Units that the signal may have instead of its own, with the factor from what was read."""
-    unit = recording.mapping.time.unit if name == "time" else recording.mapping.signals[name].unit
-    declared = UNITS[kind].get(unit or "", 1.0)
-    return [(other, factor / declared) for other, factor in UNITS[kind].items() if factor != declared]
+    given = recording.mapping.signals.get(name, recording.mapping.time).unit
+    units = UNITS[SIGNALS[name].quantity if name in SIGNALS else name]
+    declared = units.get(given or "", 1.0)
+    return [(other, factor / declared) for other, factor in units.items() if factor != declared]
 
 
 def _motion(recording: Recording, signals: dict[str, Array], time_s: Array) -> Iterator[Doubt]:
@@ -117,8 +117,7 @@ def _motion(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
         # Over some 20 ms: the noise and the resolution of a position would hide its change from row to row.
         turn, stamps, k = position[rows], time_s[rows][:, None], _stride(time_s[rows], 0.02)
         covered = np.cumsum(np.diff(stamps, axis=0) * _between(velocity[rows]), axis=0)
-        parts = turn, np.concatenate([np.zeros_like(turn[:1]), covered])
-        rate, mean = ((part[k:] - part[:-k]) / (stamps[k:] - stamps[:-k]) for part in parts)
+        rate, mean = ((part[k:] - part[:-k]) / (stamps[1 + k :] - stamps[1:-k]) for part in (turn[1:], covered))
         yield from _held(recording, "velocity", "the change of position", rate, mean, 1.25)
     if wanted is not None:
         yield from _held(recording, "setpoint_position", "position", position, wanted, 3.0, must_follow=False)
@@ -175,12 +174,11 @@ def _held(
         yield Doubt(f"signal {name} does not follow {of} in {lost}; check order, unit and stamps")
     factors = (own * spread[0][moves] / spread[1][moves])[own > FOLLOWS]
     if len(factors) and not 1 / loose <= (factor := float(np.median(factors))) <= loose:
-        others = [("time", "time"), ("position", "angle")] if name == "velocity" else []
         readings = [
             f"{signal} in {unit}"
-            for signal, kind in [(name, SIGNALS[name].quantity), *others]
-            for unit, f in _units(recording, signal, kind)
-            if abs(f / factor - 1 if signal != "position" else f * factor - 1) < FITS
+            for signal in ([name, "time", "position"] if name == "velocity" else [name])
+            for unit, f in _units(recording, signal)
+            if abs((f * factor if signal == "position" else f / factor) - 1) < FITS
         ]
         hint = f"it would fit with {' or '.join(readings)}" if readings else "check 'unit', 'scale' and the time"
         yield Doubt(f"signal {name} is {1 / factor:.3g} of {of}; {hint}", bool(readings))
@@ -195,14 +193,13 @@ def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
     given = signals["odom_from_body"]
     other = "xyzw" if recording.mapping.signals["odom_from_body"].order == "wxyz" else "wxyz"
     swapped = given[:, [3, 0, 1, 2] if other == "xyzw" else [1, 2, 3, 0]]
-    evidence = list(_evidence(signals, time_s))
-    for what, misfit in evidence:
-        if misfit(given) > DISAGREES:
-            then = {f"'order: {other}'": misfit(swapped), "its inverse": misfit(np.asarray(conjugate_wxyz(given)))}
-            how = min(then, key=lambda reading: then[reading])
-            hint = f"{how} would fit" if then[how] < AGREES else "check order, frames, axes and units of both"
-            yield Doubt(f"signal odom_from_body does not agree with {what}; {hint}", then[how] < AGREES)
-            return
+    evidence = _misfits(given, signals, time_s)
+    then = {f"'order: {other}'": swapped, "its inverse": np.asarray(conjugate_wxyz(given))}
+    for what in (what for what, misfit in evidence.items() if misfit > DISAGREES):
+        size, how = min((_misfits(turn, signals, time_s)[what], how) for how, turn in then.items())
+        hint = f"{how} would fit" if size < AGREES else "check order, frames, axes and units of both"
+        yield Doubt(f"signal odom_from_body does not agree with {what}; {hint}", size < AGREES)
+        return
     rows = _whole(given)
     if not rows.any():
         return
@@ -214,21 +211,20 @@ def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
         yield Doubt(f"by signal odom_from_body the body lies or faces backwards; by 'order: {other}' it stands")
 
 
-def _evidence(signals: dict[str, Array], time_s: Array) -> Iterator[tuple[str, Callable[[Array], float]]]:
-    """What else tells the orientation, and a function that tells how far one is from it: 0 agrees, 1 is opposite."""
+def _misfits(turn: Array, signals: dict[str, Array], time_s: Array) -> dict[str, float]:
+    """How far an orientation is from each signal that tells it: 0 agrees, 1 is opposite."""
+    found = {}
     force = signals.get("acceleration_of_imu_in_link")
     if force is not None and GRAVITY_M_S2[0] < _size(force) < GRAVITY_M_S2[1]:
-        up = np.broadcast_to([0.0, 0.0, STANDARD_GRAVITY_M_S2], force.shape)
-        yield "gravity in acceleration_of_imu_in_link", lambda turn: _misfit(rotate_inverse_wxyz(turn, up), force)
+        felt = rotate_inverse_wxyz(turn, np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2]))
+        found["gravity in acceleration_of_imu_in_link"] = _misfit(felt, force)
+    old, new = conjugate_wxyz(turn[:-1]), turn[1:]
     for name in ("angular_vel_of_body_in_odom", "angular_vel_of_body_in_body", "angular_vel_of_link_in_link"):
         if name in signals and _size(signals[name]) > 0.05:
-            yield name, partial(_rate_misfit, rate=signals[name], in_odom=name.endswith("odom"), time_s=time_s)
-
-
-def _rate_misfit(turn: Array, rate: Array, *, in_odom: bool, time_s: Array) -> float:
-    old, new = conjugate_wxyz(turn[:-1]), turn[1:]
-    step = multiply_wxyz(new, old) if in_odom else multiply_wxyz(old, new)
-    return _misfit(2 * np.sign(step[:, :1]) * step[:, 1:] / np.diff(time_s)[:, None], _between(rate))
+            step = multiply_wxyz(new, old) if name.endswith("odom") else multiply_wxyz(old, new)
+            rate = 2 * np.sign(step[:, :1]) * step[:, 1:] / np.diff(time_s)[:, None]
+            found[name] = _misfit(rate, _between(signals[name]))
+    return found
 
 
 def _size(values: Array) -> float:
