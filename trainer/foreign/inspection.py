@@ -52,14 +52,16 @@ def _has_normaliser(graph: onnx.GraphProto) -> bool:
     return False
 
 
-def action_output(model: onnx.ModelProto, wanted: str) -> str:
-    """The output that is the action: ``wanted``, or without one the only one, or the only one with a usual name."""
+def action_output(model: onnx.ModelProto) -> str:
+    """The output that is the action: the only one of twelve numbers, or the only such one with a usual name."""
     widths = {value.name: _width(value) for value in model.graph.output}
-    chosen = [name for name in widths if name == (wanted or name) and (wanted or len(widths) == 1 or name in _ACTIONS)]
-    if len(chosen) != 1 or widths[chosen[0]] not in (facts.N_JOINTS, 0):
+    fitting = [name for name, width in widths.items() if width in (facts.N_JOINTS, 0)]
+    chosen = fitting if len(fitting) == 1 else [name for name in fitting if name in _ACTIONS]
+    if len(chosen) != 1:
         told = ", ".join(f"{name} of {width} numbers" for name, width in widths.items()) or "none"
         raise BadInputError(
-            f"the network has outputs: {told}; name the one of {facts.N_JOINTS} that is the action with --action-output"
+            f"the network has outputs: {told}; export it with the one of {facts.N_JOINTS} that is the action alone, or "
+            "with the name 'actions'"
         )
     return chosen[0]
 

@@ -185,23 +185,6 @@ def policy_bytes(policy: Path) -> bytes:
         raise BadInputError(f"policy {policy} cannot be read: {error}") from error
 
 
-def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str, action: str = "") -> bytes:
-    """The file that our runtime loads.
-
-    Args:
-        network: The ONNX file's bytes.
-        policy: What the network means.
-        revision: Where it came from.
-        action: Name of the output that is the action, where the network has several.
-
-    Raises:
-        BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
-            not give the foreign network's actions.
-    """
-    with _words_for_the_network():
-        return _ours_from(network, policy, revision, action)
-
-
 @contextmanager
 def _words_for_the_network() -> Iterator[None]:
     """Our words for what ONNX and ONNX Runtime raise: bare pybind exceptions of many types."""
@@ -217,10 +200,22 @@ def _words_for_the_network() -> Iterator[None]:
         ) from error
 
 
-def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str) -> bytes:
+@_words_for_the_network()
+def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
+    """The file that our runtime loads.
+
+    Args:
+        network: The ONNX file's bytes.
+        policy: What the network means.
+        revision: Where it came from.
+
+    Raises:
+        BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
+            not give the foreign network's actions.
+    """
     theirs = onnx.load_from_string(network)
     check_no_memory(theirs.graph)
-    source, target = observation_input(theirs, policy), action_output(theirs, action)
+    source, target = observation_input(theirs, policy), action_output(theirs)
     check_normaliser(theirs.graph, policy.normaliser)
     before, after = observation_steps(policy), action_steps(policy)
     session = onnxruntime.InferenceSession(network, providers=["CPUExecutionProvider"])
