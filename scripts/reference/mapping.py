@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from spot_log.importing.mapping import JOINTS, SIGNALS, Mapping, SignalMapping, TimeMapping, shipped_names
+from spot_log.importing.mapping import JOINTS, SIGNALS, Mapping, shipped_names
 from spot_log.importing.recording import UNITS
 
-from .words import keys_table, page, plain, table
+from .words import page, sections, table
 
 ABOUT = """\
 A mapping says which array or column of [another program's recording](../log.md#import-other-recordings) is which
@@ -23,11 +23,7 @@ def mapping_page() -> str:
         "Mapping of an import",
         ABOUT + ", ".join(f"`{name}`" for name in shipped_names()) + ".",
         [
-            keys_table(Mapping),
-            f"## time\n\n{plain(TimeMapping.__doc__ or '')}\n",
-            keys_table(TimeMapping),
-            f"## signals\n\n{plain(SignalMapping.__doc__ or '')}\n",
-            keys_table(SignalMapping),
+            *sections(Mapping),
             "### Names, quantities and units\n\n`position` is needed. The log has the first unit of each row.\n",
             table(("signal", "quantity", "columns", "record", "units"), signals),
         ],
