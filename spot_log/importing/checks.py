@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from spot_log.importing.mapping import SIGNALS, signals_of
 from spot_log.importing.recording import UNITS, Recording
-from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES, LEG_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
+from spot_model.robot.facts import BREADTH_FIRST, JOINT_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, tilt_rad
 from spot_model.robot.state import Array
 
 STOP_MARGIN_RAD: Final = 0.1
 """Zero errors and give of the stops together."""
-BY_TYPE: Final = tuple(f"{leg}_{kind}" for kind in JOINT_TYPES for leg in LEG_NAMES)
-"""The joint order of most simulators."""
 WHOLE_TURNS_RAD: Final = 4 * np.pi
 RATES_HZ: Final = (5.0, 5000.0)
 FITS, FOLLOWS, MOVES_RAD, MIN_ROWS = 0.15, 0.9, 0.02, 20
@@ -87,8 +85,8 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
     readings = {f"unit: {unit}": position * f for unit, f in _units(recording, "position")}
     if set(names) == set(JOINT_NAMES):
         source = position[:, [names.index(joint) for joint in recording.mapping.source_joints]]
-        order = f"source_joint_names: [{', '.join(BY_TYPE)}]"
-        readings[order] = source[:, [BY_TYPE.index(name) for name in names]]
+        order = f"source_joint_names: [{', '.join(BREADTH_FIRST)}]"
+        readings[order] = source[:, [BREADTH_FIRST.index(name) for name in names]]
     fitting = [how for how, values in readings.items() if ours and outside(values).max() < 0.01]
     hint = f"it would fit with {' or '.join(fitting)}" if fitting else "check unit, order, sign and offset"
     j, k = int(share.argmax()), ours or [0]
