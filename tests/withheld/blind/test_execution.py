@@ -101,7 +101,7 @@ def diagnosis_that(does: str, where: Path, monkeypatch: pytest.MonkeyPatch) -> t
 
 @pytest.mark.parametrize("does", READS.values(), ids=READS)
 def test_a_diagnosis_that_cheats_is_noticed(does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(NotBlindError, match=r"^case 7: the diagnosis opened .*(run|cases).*, which tells"):
+    with pytest.raises(NotBlindError, match=r"^case 7: the diagnosis opened .*, which tells"):
         diagnosis_that(does, tmp_path, monkeypatch)
 
 
