@@ -27,7 +27,7 @@ from spot_model.policy.contract import (
     StoredPair,
 )
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION
-from spot_model.policy.policy import policy_from_bytes
+from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.foreign.description import JOINT_FIELDS, LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
 from trainer.foreign.inspection import action_output, check_no_memory, check_normaliser, observation_input
@@ -190,8 +190,8 @@ def policy_bytes(policy: Path) -> bytes:
         raise BadInputError(f"policy {policy} cannot be read: {error}") from error
 
 
-def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str, action: str = "") -> bytes:
-    """The file that our runtime loads.
+def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str, action: str = "") -> Policy:
+    """The policy, and in it the file, that our runtime loads.
 
     Args:
         network: The ONNX file's bytes.
@@ -222,7 +222,7 @@ def _words_for_the_network() -> Iterator[None]:
         ) from error
 
 
-def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str) -> bytes:
+def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str) -> Policy:
     theirs = onnx.load_from_string(network)
     check_no_memory(theirs.graph)
     source, target = observation_input(theirs, policy), action_output(theirs, action)
@@ -246,7 +246,7 @@ def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str
     error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
     if not error <= TOLERANCE:
         raise BadInputError(f"the file that was made differs from the network by {error:g}; allowed: {TOLERANCE:g}")
-    return data
+    return made
 
 
 def surrounded(

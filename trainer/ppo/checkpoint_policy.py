@@ -46,7 +46,18 @@ def checkpoint_policy(checkpoint: Path) -> Policy:
         BadInputError: It is not a checkpoint of this trainer.
     """
     _, layers, contract = read_actor(checkpoint)
-    return policy_from_bytes(onnx_bytes(layers, contract), source=str(checkpoint))
+    return policy_of(layers, contract, str(checkpoint))
+
+
+def policy_of(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
+    """A network with its contract, as the runtime loads it; ``file_bytes`` of it is the file.
+
+    Raises:
+        BadInputError: torch and onnxruntime do not compute the same.
+    """
+    policy = policy_from_bytes(onnx_bytes(layers, contract), source=source)
+    check_agreement(layers, policy)
+    return policy
 
 
 def read_actor(checkpoint: Path, name: str | None = None) -> tuple[TrainConfig, Layers, PolicyContract]:
@@ -207,7 +218,7 @@ def onnx_bytes(layers: Layers, contract: PolicyContract) -> bytes:
     return data
 
 
-def check_agreement(layers: Layers, data: bytes) -> float:
+def check_agreement(layers: Layers, policy: Policy) -> float:
     """Largest difference between torch and onnxruntime over random inputs.
 
     Raises:
@@ -216,7 +227,7 @@ def check_agreement(layers: Layers, data: bytes) -> float:
     """
     inputs = _inputs(256)
     wanted = _torch(layers, inputs)
-    error = float(np.abs(policy_from_bytes(data, source="export").act(inputs) - wanted).max())
+    error = float(np.abs(policy.act(inputs) - wanted).max())
     allowed = LARGEST_ERROR * max(1.0, float(np.abs(wanted).max()))
     if not error <= allowed:
         raise BadInputError(f"torch and onnxruntime differ by {error:g}; allowed: at most {allowed:g}")

@@ -46,14 +46,15 @@ def refine(
     from trainer.ppo.checkpoint import command_line
     from trainer.ppo.checkpoint_policy import read_layers
     from trainer.refine.config import load_refine_config
-    from trainer.refine.gains import gains_of, policy_of, with_gains
+    from trainer.refine.gains import gains_of, refined, with_gains
     from trainer.refine.search import Problem, compare, in_words, search
     from trainer.simulate.engine import Place
 
     settings = load_refine_config(config)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
-    contract, data = load_policy(policy).contract, policy.read_bytes()
+    loaded = load_policy(policy)
+    contract, data = loaded.contract, loaded.file_bytes
     layers, gains = read_layers(data, str(policy)), gains_of(contract.joint_names)
     for robot in settings.robots:
         robot.robots()
@@ -100,5 +101,5 @@ def refine(
         model_sha256=contract.training.model_sha256,
     )
     with whole_file(out) as part:
-        part.write_bytes(policy_of(with_gains(layers, gains, values), contract, record)[1])
+        part.write_bytes(refined(with_gains(layers, gains, values), contract, record).file_bytes)
     typer.echo(f"policy {out} ({out.stat().st_size} bytes)")

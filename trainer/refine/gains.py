@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
 from spot_model.policy.observation import COLUMNS, OBSERVATION
-from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.ppo.checkpoint_policy import Layers, check_agreement, onnx_bytes, run_torch
+from spot_model.policy.policy import Policy
+from trainer.ppo.checkpoint_policy import Layers, policy_of, run_torch
 
 Array = NDArray[np.float64]
 
@@ -90,8 +90,8 @@ def _joints(names: Sequence[str], end: str, kind: str) -> tuple[int, ...]:
     return tuple(i for i, name in enumerate(names) if name[0] == end[0] and name.endswith(kind))
 
 
-def policy_of(layers: Layers, contract: PolicyContract, record: TrainingRecord | None = None) -> tuple[Policy, bytes]:
-    """A policy with these layers and, but for its stored pair and record, this contract; and its file's bytes."""
+def refined(layers: Layers, contract: PolicyContract, record: TrainingRecord | None = None) -> Policy:
+    """A policy with these layers and, but for its stored pair and record, this contract."""
     observation = torch.tensor([contract.stored_pair.observation], dtype=torch.float32)
     with torch.no_grad():
         action = run_torch(layers, observation)[0]
@@ -101,6 +101,4 @@ def policy_of(layers: Layers, contract: PolicyContract, record: TrainingRecord |
         tolerance=contract.stored_pair.tolerance,
     )
     changed = contract.model_copy(update={"stored_pair": pair, "training": record or contract.training})
-    data = onnx_bytes(layers, changed)
-    check_agreement(layers, data)
-    return policy_from_bytes(data, source="refinement"), data
+    return policy_of(layers, changed, "refinement")

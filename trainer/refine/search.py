@@ -19,7 +19,7 @@ from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import random_commands
 from trainer.ppo.checkpoint_policy import read_layers
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig
-from trainer.refine.gains import gains_of, policy_of, with_gains
+from trainer.refine.gains import gains_of, refined, with_gains
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.walks import hold, record_walks
@@ -147,7 +147,7 @@ class Problem:
         """The candidate with these gains; zeros give the policy itself."""
         contract = policy_from_bytes(self.policy, source="policy").contract
         layers = with_gains(read_layers(self.policy, "policy"), gains_of(contract.joint_names), values)
-        return policy_of(layers, contract)[0]
+        return refined(layers, contract)
 
     def judge(self, values: Array, seed: int) -> Judgement:
         """How good the candidate is."""
