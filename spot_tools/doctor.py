@@ -6,18 +6,16 @@ import json
 import sys
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from spot_model.console.command_registry import AsJson, OptionalPolicyFile
 from spot_tools.checks import Finding, Verdict, is_fit
-from spot_tools.computer_checks import Host, checks_of_computer
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config
-from spot_tools.robot_checks import RobotDoctor
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 _COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.SKIPPED: "dim"}
 
@@ -35,6 +33,11 @@ def doctor(
 
     Exit code 1 if a check failed.
     """
+    from rich.console import Console
+
+    from spot_tools.computer_checks import Host, checks_of_computer
+    from spot_tools.robot_checks import RobotDoctor
+
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
     findings = [check.make() for check in checks_of_computer(Host(), settings, policy)]
     for address in robot or []:
@@ -60,6 +63,9 @@ def line_of(finding: Finding) -> str:
 
 def table_of(findings: list[Finding]) -> Table:
     """All findings as a table for a terminal."""
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table("check", "", "found", "what to do", show_lines=False)
     for finding in findings:
         verdict = Text(finding.verdict.value, style=_COLOUR[finding.verdict])

@@ -6,12 +6,14 @@ import enum
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from spot_model.errors import BadInputError
-from trainer.foreign.description import ForeignPolicy, checked
+
+if TYPE_CHECKING:
+    from trainer.foreign.description import ForeignPolicy
 
 BESIDE: Final = (
     "env.yaml",
@@ -58,6 +60,7 @@ def import_policy(
     from spot_model.io.model_file import load_model
     from spot_model.io.whole import check_new, whole_file
     from spot_model.policy.contract import gait_sentence
+    from trainer.foreign.description import checked
     from trainer.foreign.network import ours_from, read_network
     from trainer.simulate.stated_gait import with_gait
 
