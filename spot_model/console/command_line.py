@@ -122,6 +122,14 @@ def _prefix(command: str | None) -> str:
 class _Group(TyperGroup):
     """A group whose help shows the commands under their headings, each with its whole line."""
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The options. A flag that is left out is false: where it is none, typer loads pydantic to say so."""
+        parameters: list[Any] = super().get_params(ctx)
+        for parameter in parameters:
+            if getattr(parameter, "is_flag", False) and parameter.default is None:
+                parameter.default = False
+        return parameters
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write them."""
         shown: dict[str, Any] = {name: command for name, command in self.commands.items() if not command.hidden}
