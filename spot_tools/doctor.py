@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import sys
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -14,10 +13,7 @@ from spot_model.console.command_registry import AsJson, OptionalPolicyFile
 from spot_tools.checks import Finding, Verdict, is_fit
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-_COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.SKIPPED: "dim"}
+_COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "red", Verdict.SKIPPED: None}
 
 
 def doctor(
@@ -33,8 +29,6 @@ def doctor(
 
     Exit code 1 if a check failed.
     """
-    from rich.console import Console
-
     from spot_tools.computer_checks import Host, checks_of_computer
     from spot_tools.robot_checks import RobotDoctor
 
@@ -46,28 +40,14 @@ def doctor(
     if as_json:
         data = {"fit": is_fit(findings), "checks": [finding.to_data() for finding in findings]}
         typer.echo(json.dumps(data, indent=2, ensure_ascii=False))
-    elif sys.stdout.isatty():
-        Console().print(table_of(findings))
     else:
         for finding in findings:
-            typer.echo(line_of(finding))
+            typer.secho(line_of(finding), fg=_COLOUR[finding.verdict])
     if not is_fit(findings):
         raise typer.Exit(1)
 
 
 def line_of(finding: Finding) -> str:
-    """A finding on one line, for pipes and journals."""
+    """A finding on one line."""
     advice = f"; {finding.advice}" if finding.advice else ""
     return f"{finding.verdict.value:<8} {finding.name}: {finding.found}{advice}"
-
-
-def table_of(findings: list[Finding]) -> Table:
-    """All findings as a table for a terminal."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table("check", "", "found", "what to do", show_lines=False)
-    for finding in findings:
-        verdict = Text(finding.verdict.value, style=_COLOUR[finding.verdict])
-        table.add_row(finding.name, verdict, Text(finding.found), Text(finding.advice))
-    return table
