@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         chosen = next((name for name in (".".join(named), chosen) if name in commands), chosen)
         entry = commands.get(chosen) if chosen else None
         app = build_app(commands, chosen)
-        _in_capitals(typer.main.get_command(app)).main(args=words, prog_name="spot-rl")
+        typer.main.get_command(app).main(args=words, prog_name="spot-rl")
     except (KeyboardInterrupt, SystemExit) as end:
         if isinstance(end, SystemExit) and not _was_interrupted(end):
             raise
@@ -98,16 +98,6 @@ def _gpu_memory_error(error: Exception) -> Exception | None:
         f"the GPU has too little memory ({first}); simulate fewer robots (train: --set n_envs=N), end other programs "
         "that use it, or work on the cores (--device cpu)"
     )
-
-
-def _in_capitals(command: Any) -> Any:
-    """The same command, whose arguments, and those of its sub-commands, are called as in the documentation: LOGS."""
-    for parameter in command.params:
-        if parameter.param_type_name == "argument" and parameter.metavar is None:
-            parameter.metavar = parameter.name.upper()
-    for child in getattr(command, "commands", {}).values():
-        _in_capitals(child)
-    return command
 
 
 def _was_interrupted(end: SystemExit) -> bool:
