@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +52,14 @@ def checkpoint_policy(checkpoint: Path) -> Policy:
 def policy_of(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
     """A network with its contract, as the runtime loads it; ``file_bytes`` of it is the file.
 
+    The stored pair's action becomes that of this network.
+
     Raises:
         BadInputError: torch and onnxruntime do not compute the same.
     """
+    pair = contract.stored_pair
+    pair = pair.model_copy(update={"action": _action(layers, pair.observation)})
+    contract = contract.model_copy(update={"stored_pair": pair})
     policy = policy_from_bytes(onnx_bytes(layers, contract), source=source)
     check_agreement(layers, policy)
     return policy
@@ -236,7 +241,7 @@ def check_agreement(layers: Layers, policy: Policy) -> float:
 
 def contract_of(config: TrainConfig, layers: Layers, name: str, training: TrainingRecord) -> PolicyContract:
     """The contract of a network that was trained on a config's task, with no gait stated."""
-    inputs = _inputs(1)
+    observation = tuple(_inputs(1)[0].tolist())
     commands = config.task.commands
     ranges = (commands.v_x_m_s, commands.v_y_m_s, commands.yaw_rate_rad_s)
     return PolicyContract(
@@ -244,10 +249,12 @@ def contract_of(config: TrainConfig, layers: Layers, name: str, training: Traini
         velocity_command_low=(ranges[0][0], ranges[1][0], ranges[2][0]),
         velocity_command_high=(ranges[0][1], ranges[1][1], ranges[2][1]),
         training=training,
-        stored_pair=StoredPair(
-            observation=tuple(float(v) for v in inputs[0]), action=tuple(float(v) for v in _torch(layers, inputs)[0])
-        ),
+        stored_pair=StoredPair(observation=observation, action=_action(layers, observation)),
     )
+
+
+def _action(layers: Layers, observation: Sequence[float]) -> tuple[float, ...]:
+    return tuple(_torch(layers, np.array([observation], dtype=np.float32))[0].tolist())
 
 
 def _training(config: TrainConfig, record: dict[str, Any], checkpoint: Path) -> TrainingRecord:

@@ -44,9 +44,9 @@ def refine(
     check_new(out)
     typer.echo("loading torch …", err=True)
     from trainer.ppo.checkpoint import command_line
-    from trainer.ppo.checkpoint_policy import read_layers
+    from trainer.ppo.checkpoint_policy import policy_of, read_layers
     from trainer.refine.config import load_refine_config
-    from trainer.refine.gains import gains_of, refined, with_gains
+    from trainer.refine.gains import gains_of, with_gains
     from trainer.refine.search import Problem, compare, in_words, search
     from trainer.simulate.engine import Place
 
@@ -100,6 +100,7 @@ def refine(
         seed=settings.seed,
         model_sha256=contract.training.model_sha256,
     )
+    made = policy_of(with_gains(layers, gains, values), contract.model_copy(update={"training": record}))
     with whole_file(out) as part:
-        part.write_bytes(refined(with_gains(layers, gains, values), contract, record).file_bytes)
+        part.write_bytes(made.file_bytes)
     typer.echo(f"policy {out} ({out.stat().st_size} bytes)")
