@@ -39,16 +39,6 @@ Layers = list[tuple[torch.Tensor, torch.Tensor]]
 """Weight (out, in) and bias (out,) of each linear layer; ELU between them."""
 
 
-def checkpoint_policy(checkpoint: Path) -> Policy:
-    """The policy of a checkpoint, with no gait stated, as quickly as it can be had.
-
-    Raises:
-        BadInputError: It is not a checkpoint of this trainer.
-    """
-    _, layers, contract = read_actor(checkpoint)
-    return policy_of(layers, contract, str(checkpoint))
-
-
 def policy_of(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
     """A network with its contract, as the runtime loads it; ``file_bytes`` of it is the file.
 
@@ -295,7 +285,8 @@ class NewestPolicy:
         """
         self._seen = find_checkpoint(self._run)
         self._tell(self._seen.name)
-        return checkpoint_policy(self._seen)
+        _, layers, contract = read_actor(self._seen)
+        return policy_of(layers, contract, str(self._seen))
 
     def newer(self) -> Policy | None:
         """One that is newer than the last; None if there is none, or it was looked for a moment ago."""
