@@ -41,8 +41,6 @@ LONG = (
     "spot_rl/test_api.py",
     "docs/test_in_a_clone.py",
     "docs/test_apart.py",
-    "withheld/blind/test_run.py",
-    "withheld/test_distances.py",
     "withheld/test_end_to_end.py",
     "deploy/test_install.py",
     "docs/test_installing.py",

@@ -23,7 +23,7 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import SpotRlError
-from spot_model.policy.built_in import policy_file
+from spot_model.policy.built_in import config_file, policy_file
 from spot_model.user_code import OWN_PACKAGES
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
@@ -33,6 +33,12 @@ OptionalPolicyFile = Annotated[
     Path | None, typer.Option("--policy", parser=policy_file, metavar="POLICY", help=_POLICY_HELP)
 ]
 PolicyArgument = Annotated[Path, typer.Argument(parser=policy_file, metavar="POLICY", help=_POLICY_HELP)]
+_RAN_HELP = "The policy that ran; default: the built-in one, or the file in ./policies, with the log's digest."
+PolicyThatRan = Annotated[Path | None, typer.Option("--policy", parser=policy_file, metavar="POLICY", help=_RAN_HELP)]
+_CONFIG_HELP = "YAML file, or the name of a built-in config."
+TrainingConfig = Annotated[
+    Path | None, typer.Option("--config", parser=config_file, metavar="CONFIG", help=_CONFIG_HELP)
+]
 Overrides = Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")]
 TorchDevice = Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")]
 ScenarioName = Annotated[str, typer.Option("--scenario", help="Scenario of the fake robot.")]

@@ -72,7 +72,7 @@ ELSEWHERE = {
         "trainer/test_refine.py",
         '["refine", str(POLICY), "--config"',
     ),
-    "spot-rl withheld run --cases 800 --seed-from-os --out DIR --workers 2 --only 0:200 --until 3600 --engine ray": (
+    "spot-rl withheld run --cases 800 --out DIR --workers 2 --only 0:200 --until 3600 --engine ray": (
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
@@ -88,7 +88,7 @@ ELSEWHERE = {
         "withheld/test_own_reality.py",
         'source_of("rubbing:RubbingKnees")',
     ),
-    "spot-rl withheld score judged": ("withheld/scoring/test_verify.py", "write_scores([run], run)"),
+    "spot-rl withheld score judged": ("withheld/scoring/test_reading.py", "write_scores([run], run)"),
     "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
     "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
     "spot-rl withheld score DIR": ("withheld/test_end_to_end.py", '["score", '),

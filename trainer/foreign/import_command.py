@@ -51,9 +51,6 @@ def import_policy(
     commands: Annotated[
         str, typer.Option(help="Lower and upper limits of V_x,V_y,ω_z as 'a,b,c:d,e,f', if no file names them.")
     ] = "",
-    action_output: Annotated[
-        str, typer.Option(help="The network's output that is the action, if it has several without a usual name.")
-    ] = "",
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
 ) -> None:
     """Import a policy of another framework, and check that its network gives the same actions."""
@@ -73,7 +70,7 @@ def import_policy(
     if not yes and not typer.confirm("Is this what the policy was trained with?"):
         raise BadInputError("nothing was written; correct the side file, or name it with --env")
     network = read_network(policy, described.width)
-    made = ours_from(network, described, revision=f"{like.value}/{policy.name}", action=action_output)
+    made = ours_from(network, described, revision=f"{like.value}/{policy.name}")
     typer.echo("measuring gait and turning at each speed", err=True)
     made = with_gait(made, load_model("paper_identified"))
     with whole_file(target) as part:

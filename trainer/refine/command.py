@@ -9,19 +9,13 @@ from typing import Annotated, Any
 
 import typer
 
-from spot_model.console.command_registry import PolicyArgument
-from spot_model.policy.built_in import config_file
+from spot_model.console.command_registry import PolicyArgument, TrainingConfig
 
 
 def refine(
     policy: PolicyArgument,
     out: Annotated[Path, typer.Option("--out", help="ONNX file to write.")] = Path("refined.onnx"),
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", parser=config_file, metavar="CONFIG", help="YAML file, or the name of a built-in config."
-        ),
-    ] = None,
+    config: TrainingConfig = None,
     folder: Annotated[
         Path | None,
         typer.Option(
