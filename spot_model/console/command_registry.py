@@ -13,8 +13,8 @@ Options that commands of several packages share stand here, too.
 
 from __future__ import annotations
 
-import ast
 import importlib.util
+import re
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -46,6 +46,8 @@ ScenarioName = Annotated[str, typer.Option("--scenario", help="Scenario of the f
 
 COMMAND_GROUP = "spot_rl.commands"
 EXTRAS_FOR_PYTHON_3_10 = frozenset({"runtime", "gamepad"})
+_DOCSTRING = re.compile(r'(?:#.*\n|\s)*[rR]?"""\s*(.*?)\s*(?:"""|$)', re.MULTILINE)
+"""A docstring at this place, after comments; its first line is the group."""
 
 
 class CommandUnavailableError(SpotRlError):
@@ -77,17 +79,16 @@ def find_commands() -> dict[str, EntryPoint]:
 
 
 def describe_command(entry: EntryPoint) -> str:
-    """Return the first docstring line of what ``entry`` names, read from source so that nothing heavy is imported.
+    """Return the first docstring line of what ``entry`` names, found in its source, which is not imported.
 
     A function answers with its own docstring, an app with its module's. Empty where there is no source or docstring.
+    To parse the sources of all commands takes longer than all else that prints the help, so they are searched.
     """
     source = source_of(entry.module)
-    if source is None:
-        return ""
-    tree = ast.parse(source.read_text(encoding="utf-8"))
-    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-    docstring = ast.get_docstring(functions.get(entry.attr, tree)) or ""
-    return docstring.partition("\n")[0]
+    text = "" if source is None else source.read_text(encoding="utf-8")
+    signature = re.search(rf"^def {re.escape(entry.attr)}\((?:.*|(?:\n(?:[ \t].*)?)*\n\).*):\n", text, re.MULTILINE)
+    docstring = _DOCSTRING.match(text, signature.end() if signature else 0)
+    return docstring[1] if docstring else ""
 
 
 def load_command(entry: EntryPoint) -> object:

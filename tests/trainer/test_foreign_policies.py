@@ -623,6 +623,14 @@ def test_an_import_states_the_gait_that_it_measures(run: Callable[..., Path], mo
     assert sentence.startswith("policy mine falls at 0.3, 0.5 m/s; measured in simulation: fall at")
 
 
+def test_an_imported_policy_is_measured_anew(run: Callable[..., Path], tmp_path: Path) -> None:
+    ours = imported(run(environment()))
+    invoke("export", str(ours.path), "--out", str(tmp_path / "again.onnx"), "--name", "again")
+    again = load_policy(tmp_path / "again.onnx")
+    assert again.contract == ours.contract.model_copy(update={"name": "again"})
+    _assert_same_policy(ours, again)
+
+
 def test_the_vendors_example_and_back(tmp_path: Path) -> None:
     folder = tmp_path / "theirs"
     told = invoke("export", str(WALK), "--for", "spot-rl-example", "--out", str(folder))

@@ -27,7 +27,7 @@ from spot_model.policy.contract import (
     StoredPair,
 )
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION
-from spot_model.policy.policy import policy_from_bytes
+from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.foreign.description import JOINT_FIELDS, LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
 from trainer.foreign.inspection import action_output, check_no_memory, check_normaliser, observation_input
@@ -201,8 +201,8 @@ def _words_for_the_network() -> Iterator[None]:
 
 
 @_words_for_the_network()
-def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
-    """The file that our runtime loads.
+def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> Policy:
+    """The policy, and in it the file, that our runtime loads.
 
     Args:
         network: The ONNX file's bytes.
@@ -236,7 +236,7 @@ def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
     error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
     if not error <= TOLERANCE:
         raise BadInputError(f"the file that was made differs from the network by {error:g}; allowed: {TOLERANCE:g}")
-    return data
+    return made
 
 
 def surrounded(
