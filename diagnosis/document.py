@@ -7,10 +7,21 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from diagnosis.decision_constants import NAMED
 from spot_model.io.settings import Settings
 
 Status = Literal["explained", "partly_explained", "unknown_effect", "calibration", "no_gap", "cannot_tell"]
-GapName = Literal["torque", "joint motion", "body motion"]
+GapName = Literal[
+    "torque",
+    "joint motion",
+    "body motion",
+    "swing-leg torque",
+    "joint velocity",
+    "body force",
+    "body acceleration",
+    "body velocity",
+]
+"""Three in closed loop; the others are what is predicted of logged signals in place of the motion."""
 
 
 class GapCell(Settings):
@@ -71,7 +82,7 @@ class GapChange(Settings):
     """One of the three gaps between robot and simulator, without something and with it."""
 
     gap: GapName
-    """Which of the three."""
+    """What is compared."""
     unit: str
     """Unit of the distances."""
     before: float
@@ -82,8 +93,8 @@ class GapChange(Settings):
     """The larger of ``repeats`` and 2 % of the signal's own spread, in closed loop; without repeats, models' scatter
     stands in for them. In open loop, what formulas and noise leave."""
     share: float | None
-    """(before - after) / (before - floor), measured on sequences that nothing was fitted to; null where ``before`` does
-    not exceed ``floor``. In closed loop a distance under 2 % of the signal's spread counts as that."""
+    """(before - after) / (before - floor), at most 1, measured on sequences that nothing was fitted to; null where
+    ``before`` does not exceed ``floor``. In closed loop a distance under 2 % of the signal's spread counts as that."""
     low: float | None = None
     """Lower end of its 90 % interval."""
     high: float | None = None
@@ -154,6 +165,11 @@ class Difference(Settings):
     consequences: Consequences | None = None
     """What it does; null where nothing could be measured."""
 
+    @property
+    def is_found(self) -> bool:
+        """Whether it is more probable than not; else it is merely possible."""
+        return self.probability > NAMED
+
 
 class CalibratedNumber(Settings):
     """One number of this robot beside the nominal model's."""
@@ -201,7 +217,7 @@ class GapLeft(Settings):
     """What nothing that was found explains of one gap."""
 
     gap: GapName
-    """Which of the three."""
+    """What is compared."""
     unit: str
     """Unit of the distances."""
     left: float

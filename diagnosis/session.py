@@ -19,8 +19,8 @@ from diagnosis.library.registry import chosen_library
 from diagnosis.read import apart_by_gains, find_policy_file, read_logs
 from diagnosis.read.robot_file import SPOT, load_robot
 from diagnosis.read.signal_checks import robot_of
+from diagnosis.report.headline import headline
 from diagnosis.report.output import write_all
-from diagnosis.report.words import headline
 from diagnosis.selection.robot_models import merged
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.console import progress

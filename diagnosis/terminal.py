@@ -8,6 +8,7 @@ from typing import Final
 
 from diagnosis.document import Difference, Verdict
 from diagnosis.report import words
+from diagnosis.report.headline import headline
 
 MOST: Final = 3
 """Differences that are told; the page has all."""
@@ -20,13 +21,14 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
     splits = [d.split.command for d in v.differences if d.split is not None]
     lines = [
         *(("warning", w) for w in v.warnings),
-        ("verdict", v.headline or words.headline(v)),
+        ("verdict", v.headline or headline(v)),
         ("logs", f"{len(v.logs)}; {used} of {len(v.channels)} channels can be used"),
         *([("difference", _difference(d)) for d in v.differences[:MOST]] or [("difference", "none is shown")]),
-        ("otherwise", _otherwise(v)),
+        ("otherwise", words.otherwise(v)),
+        ("unknown", words.unknown_told(v.unknown) if v.unknown is not None else ""),
         ("calibration", words.own_told(v)),
         ("held", "; ".join(v.held)),
-        ("corrected", "; ".join(map(words.gap_in_units, words.all_gaps(v))) or "not measured"),
+        ("corrected", "; ".join(map(words.gap_told, words.all_gaps(v))) or "not measured"),
         ("remains", "; ".join(map(words.left_told, v.remainder))),
         ("invisible", ", ".join(map(words.plain, v.invisible))),
         ("to decide", "".join(splits[:1])),
@@ -39,16 +41,5 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
 
 def _difference(d: Difference) -> str:
     values = ", ".join(words.size_told(name, p) for name, p in d.parameters.items())
-    does = ""
-    if d.consequences is not None:
-        change = words.largest_change([d.consequences])
-        gaps = map(words.gap_in_units, d.consequences.gaps)
-        does = words.change_told(change) if change is not None else next(gaps, "")
-    return f"{words.found(d)}, P {d.probability:.2f}" + "".join(f"; {told}" for told in (values, does) if told)
-
-
-def _otherwise(v: Verdict) -> str:
-    where = f" ({words.unknown_told(v.unknown)})" if v.unknown is not None else ""
-    told = f"an effect that the library lacks, P {v.probability_unknown:.2f}{where}; "
-    told += f"nothing beside the robot's own calibration, P {v.probability_none:.2f}"
-    return f"{told}; effects can act together, so probabilities do not add up to 1" if v.differences else told
+    told = (f"{words.found(d)}, P {d.probability:.2f}", values, words.does(d.consequences))
+    return "; ".join(filter(None, told))

@@ -140,7 +140,7 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], stead
 def shrinkage(
     compared: Sequence[SequenceDistances], before: str, after: str, rng: np.random.Generator, doubt: float = 0.0
 ) -> Shrinkage:
-    """S = (D0 − D1)/(D0 − floor), averaged over sequences, with a paired hierarchical bootstrap.
+    """S = (D0 − D1)/(D0 − floor), at most 1, averaged over sequences, with a paired hierarchical bootstrap.
 
     Each resample draws sequences, within them real runs, and simulated runs, the same for both models. Without
     repeats the floor is the scatter of simulated runs. ``doubt`` is a standard error of the distance after that no
@@ -160,10 +160,11 @@ def shrinkage(
         sums = np.maximum(sums, least)
         if sums[0] - sums[2] > 1e-9:
             draws.append((sums[0] - sums[1]) / (sums[0] - sums[2]))
-    s = (d0 - max(d1, _least(compared))) / (d0 - floor)
+    s = min((d0 - max(d1, _least(compared))) / (d0 - floor), 1.0)
     if not draws:
         return Shrinkage(d0, d1, floor, s, None, None)
-    return Shrinkage(d0, d1, floor, s, *interval(s, draws, [min(size) for size in sizes], doubt / (d0 - floor)))
+    low, high = interval(s, draws, [min(size) for size in sizes], doubt / (d0 - floor))
+    return Shrinkage(d0, d1, floor, s, low, min(high, 1.0))
 
 
 def mean_distance(compared: Sequence[SequenceDistances], model: str) -> float:

@@ -79,7 +79,7 @@ class Improvement:
 
 def worth_training(verdict: Verdict, limits: Sequence[Limit]) -> Outcome | None:
     """Why nothing is trained; None where the logs give a training something to learn from."""
-    if verdict.differences or any(limit.differs for limit in limits):
+    if any(d.is_found for d in verdict.differences) or any(limit.differs for limit in limits):
         return None
     is_open = verdict.status in ("unknown_effect", "cannot_tell") or verdict.probability_unknown > LIKELY
     return "unknown" if is_open else "nothing"

@@ -10,6 +10,7 @@ import numpy as np
 from diagnosis.document import Verdict
 from diagnosis.improve.improvement import Improvement
 from diagnosis.report import words
+from diagnosis.report.headline import headline
 from spot_log.page.chart import Series, chart
 from spot_log.page.look import Html, beside, boxed, folded, framed, headed, listed, table
 from spot_log.page.svg import HALF, esc, legend
@@ -38,7 +39,7 @@ def improvement_page(result: Improvement, verdict: Verdict, evaluations: Sequenc
     badge, kind = BADGES[result.outcome]
     body = [
         headed(badge, kind, result.headline, result.sentences, "Simulated; the robot may differ."),
-        boxed("What the logs say", verdict.headline or words.headline(verdict), listed(_found(result, verdict))),
+        boxed("What the logs say", verdict.headline or headline(verdict), listed(_found(result, verdict))),
     ]
     if evaluations:
         body += [

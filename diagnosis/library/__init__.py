@@ -317,6 +317,16 @@ def with_stand_in(views: Views) -> Views:
     return views if drive is None else {**views, Channel.SET_POINT_TO_LOAD: drive}
 
 
+def lacks_loads(effect: LibraryEffect, views: Views) -> bool:
+    """Whether an effect changes loads that no log has: it shows in the motion alone, beside what is moved.
+
+    There it is gain · (what the servo asks for) − (what the drive takes) = mass · acceleration + weight: each number is
+    seen relative to all others, at any gains of the servo.
+    """
+    drive = views.get(Channel.SET_POINT_TO_LOAD)
+    return Channel.SET_POINT_TO_LOAD in effect.channels and drive is not None and not drive.is_measured
+
+
 class ThroughMotion:
     """What an effect of the drive adds to a channel of the body.
 

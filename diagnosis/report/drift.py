@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from diagnosis.closed_loop.gap_map import benjamini_hochberg
 from diagnosis.decision_constants import NAMED
-from diagnosis.document import CalibratedNumber, Difference, Number, Status, Verdict
+from diagnosis.document import CalibratedNumber, Difference, Status, Verdict
 from diagnosis.library import Robot
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report import words
@@ -43,8 +43,6 @@ class Point(Settings):
     """Lower end of the 90 % interval; null where the logs of that date do not tell the number."""
     high: float | None = None
     """Upper end."""
-    is_named: bool = False
-    """Whether the diagnosis of that date names its effect here as a difference from an earlier date."""
 
 
 class Track(Settings):
@@ -60,6 +58,8 @@ class Track(Settings):
     """Joint, joint type, leg, several joints, `body` or `floor`."""
     unit: str = ""
     """Unit of the values; empty for a share."""
+    is_named: bool = False
+    """Whether a diagnosis names its effect here as a difference from an earlier date."""
     has_changed: bool = False
     """Whether the first and the last date differ in it significantly."""
     points: tuple[Point, ...]
@@ -68,11 +68,6 @@ class Track(Settings):
     def at(self, date: str) -> Point | None:
         """The number at a date."""
         return next((p for p in self.points if p.date == date), None)
-
-    @property
-    def is_named(self) -> bool:
-        """Whether a diagnosis ever named it."""
-        return any(p.is_named for p in self.points)
 
 
 class Date(Settings):
@@ -116,7 +111,7 @@ class Moved(NamedTuple):
     before: Point
     after: Point
     distance: float
-    """In standard deviations."""
+    """In standard deviations; NaN where neither date has any."""
 
 
 def drift_of(history: Sequence[Dated]) -> Drift:
@@ -124,18 +119,12 @@ def drift_of(history: Sequence[Dated]) -> Drift:
     tracks = tuple(_tracks(history))
     first, last = history[0], history[-1]
     moved = significant(tracks, first.name, last.name) if len(history) > 1 else []
-    far = {id(m.track): -abs(m.distance) for m in moved}
-    ordered = sorted(tracks, key=lambda t: (not t.is_named, far.get(id(t), 0.0)))
+    far = {id(m.track): i for i, m in enumerate(moved)}
+    ordered = sorted(tracks, key=lambda t: (not t.is_named, far.get(id(t), len(tracks))))
     return Drift(
         robot=next((d.verdict.robot for d in reversed(history) if d.verdict.robot), ""),
         dates=tuple(
-            Date(
-                date=d.name,
-                status=d.verdict.status,
-                headline=d.verdict.headline,
-                nominal=d.verdict.nominal,
-                since=d.verdict.since,
-            )
+            Date(date=d.name, **{k: getattr(d.verdict, k) for k in ("status", "headline", "nominal", "since")})
             for d in history
         ),
         outcome=_outcome(history, tracks),
@@ -162,38 +151,42 @@ def _named(before: Dated, after: Dated) -> tuple[Difference, ...]:
 
 def _tracks(history: Sequence[Dated]) -> Iterator[Track]:
     """Numbers that are measured with the calibration, then those of effects that are differences alone."""
-    known: dict[tuple[str, str, str], list[tuple[CalibratedNumber, Point]]] = {}
+    known: dict[tuple[str, str, str], list[tuple[CalibratedNumber, Dated]]] = {}
     for d in history:
-        own = {
-            (n.effect, n.parameter, n.where): n for n in (*d.verdict.calibration.numbers, *d.verdict.calibration.units)
-        }
-        for key, n in own.items():
-            point = Point(date=d.name, value=n.value, low=n.low, high=n.high, is_named=_names(d.verdict, n))
-            known.setdefault(key, []).append((n, point))
+        numbers = (*d.verdict.calibration.numbers, *d.verdict.calibration.units)
+        for key, n in {(n.effect, n.parameter, n.where): n for n in numbers}.items():
+            known.setdefault(key, []).append((n, d))
     for found in known.values():
         n = found[-1][0]
-        points = tuple(point for _, point in found)
-        yield Track(effect=n.effect, parameter=n.parameter, title=n.title, where=n.where, unit=n.unit, points=points)
+        yield Track(
+            **{name: getattr(n, name) for name in ("effect", "parameter", "title", "where", "unit")},
+            is_named=any(_names(d.verdict, n) for _, d in found),
+            points=tuple(Point(date=d.name, value=n.value, low=n.low, high=n.high) for n, d in found),
+        )
     measured = {effect for effect, _, _ in known}
     places = {(e.name, e.joints): e for d in history for e in d.verdict.differences if e.name not in measured}
-    for e in places.values():
+    for (effect, joints), e in places.items():
+        dates = [d.name for d in history if d.verdict.since and any(_is_same(o, e) for o in d.verdict.differences)]
         for name, number in e.parameters.items():
-            points = tuple(filter(None, (_held(d, e, name) for d in history)))
-            title = f"{e.title or words.plain(e.name)}: {words.parameter(name)}"
-            where = words.joints_in_short(e.joints)
-            unit = "" if number.unit == "1" else number.unit
-            yield Track(effect=e.name, parameter=name, title=title, where=where, unit=unit, points=points)
+            yield Track(
+                effect=effect,
+                parameter=name,
+                title=f"{e.title or words.plain(effect)}: {words.parameter(name)}",
+                where=words.joints_in_short(joints),
+                unit="" if number.unit == "1" else number.unit,
+                is_named=bool(dates),
+                points=tuple(filter(None, (_held(d, e, name) for d in history))),
+            )
 
 
 def _names(v: Verdict, n: CalibratedNumber) -> bool:
     """Whether a difference from an earlier date is of this number's effect, and at its joint, leg or body."""
-    return bool(v.since) and any(
-        e.name == n.effect and (n.where in e.joints or _is_leg(n.where, e)) for e in v.differences
-    )
+    here = [(n.where in ("body", "floor", *e.joints), e) for e in v.differences if v.since and e.name == n.effect]
+    return any(is_here or any(j.startswith(f"{n.where}_") for j in e.joints) for is_here, e in here)
 
 
-def _is_leg(where: str, e: Difference) -> bool:
-    return where in ("body", "floor") or any(joint.rsplit("_", 1)[0] == where for joint in e.joints)
+def _is_same(one: Difference, other: Difference) -> bool:
+    return (one.name, one.joints) == (other.name, other.joints)
 
 
 def _held(d: Dated, e: Difference, name: str) -> Point | None:
@@ -201,34 +194,23 @@ def _held(d: Dated, e: Difference, name: str) -> Point | None:
 
     None where the model does not have the number, as a limit that is never met.
     """
-    own = next((o for o in d.verdict.differences if o.name == e.name and o.joints == e.joints), None)
-    number = None if own is None else own.parameters.get(name)
+    n = next((o.parameters.get(name) for o in d.verdict.differences if _is_same(o, e)), None)
     effect = LIBRARY[e.name].effect if e.name in LIBRARY else None
     known = None if effect is None else next((p for p in effect.parameters() if p.name == name), None)
     if effect is None or known is None or abs(known.null) >= NEVER_MET:
-        return None if number is None else _measured(d, number, 1.0, 0.0)
+        return None if n is None else Point(date=d.name, value=n.value, low=n.low, high=n.high)
     value = in_model(d.model, SPOT, effect, known, np.isin(JOINT_NAMES, e.joints))
-    if number is None:
+    if n is None:
         return Point(date=d.name, value=value)
     # What the date measured came on top of the model that it started from: a factor, or a summand.
-    is_factor = known.null == 1.0 and number.value != 0.0
-    return _measured(d, number, *((value / number.value, 0.0) if is_factor else (1.0, value - number.value)))
-
-
-def _measured(d: Dated, n: Number, factor: float, summand: float) -> Point:
-    value, low, high = (factor * x + summand for x in (n.value, n.low, n.high))
-    return Point(date=d.name, value=value, low=low, high=high, is_named=bool(d.verdict.since))
+    factor = value / n.value if known.null == 1.0 and n.value != 0.0 else 1.0
+    low, high = (value + factor * (x - n.value) for x in (n.low, n.high))
+    return Point(date=d.name, value=value, low=low, high=high)
 
 
 def significant(tracks: Sequence[Track], before: str, after: str) -> list[Moved]:
     """Numbers that two dates are significantly apart in, farthest first."""
-    found = []
-    for track in tracks:
-        old, new = track.at(before), track.at(after)
-        if old is not None and new is not None and track.where not in words.PLACES:
-            deviation = float(np.hypot(_deviation(old), _deviation(new)))
-            if deviation > 0.0:
-                found.append(Moved(track, old, new, (new.value - old.value) / deviation))
+    found = [m for m in _moved(tracks, before, after) if m.track.where not in words.PLACES and np.isfinite(m.distance)]
     if not found:
         return []
     p_values = benjamini_hochberg(2.0 * norm.sf(np.abs([m.distance for m in found])))
@@ -236,8 +218,13 @@ def significant(tracks: Sequence[Track], before: str, after: str) -> list[Moved]
     return sorted(kept, key=lambda m: -abs(m.distance))
 
 
-def _is_measured(p: Point | None) -> bool:
-    return p is not None and p.low is not None
+def _moved(tracks: Sequence[Track], before: str, after: str) -> Iterator[Moved]:
+    """Numbers that both dates know."""
+    for track in tracks:
+        old, new = track.at(before), track.at(after)
+        if old is not None and new is not None:
+            deviation = float(np.hypot(_deviation(old), _deviation(new)))
+            yield Moved(track, old, new, (new.value - old.value) / deviation if deviation > 0.0 else np.nan)
 
 
 def _deviation(p: Point) -> float:
@@ -247,21 +234,20 @@ def _deviation(p: Point) -> float:
 
 def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator[str]:
     """What changed between two dates."""
-    v, moved = after.verdict, significant(tracks, before.name, after.name)
-    named = _named(before, after)
+    v, named = after.verdict, _named(before, after)
+    both = list(_moved(tracks, before.name, after.name))
     for e in named:
         places = (*e.joints, words.joints_in_short(e.joints), "body", "floor")
-        own = [t for t in tracks if t.effect == e.name and t.where in places]
-        both = [m for t in own if (m := _between(t, before, after)) is not None]
-        told = _told(both, is_title_known=True) or f": {', '.join(words.size_told(*p) for p in e.parameters.items())}"
-        yield words.sentence(f"{words.found(e)}, P {e.probability:.2f}{told.removesuffix(': ')}")
-    rest = [m for m in moved if not any(m.track.effect == e.name for e in named)]
+        own = [m for m in both if m.track.effect == e.name and m.track.where in places]
+        told = _told(own).replace(f"{e.title}: ", "") or "; ".join(words.size_told(*p) for p in e.parameters.items())
+        yield words.sentence(f"{words.found(e)}, P {e.probability:.2f}: {told}".removesuffix(": "))
+    others = {e.name for e in named}
+    rest = [m for m in significant(tracks, before.name, after.name) if m.track.effect not in others]
     if rest:
-        yield words.sentence(f"{'also ' if named else ''}changed, beyond what the intervals allow{_told(rest)}")
+        yield words.sentence(f"{'also ' if named else ''}changed, beyond what the intervals allow: {_told(rest)}")
     if not named and not rest and v.status != "cannot_tell":
-        known = [[_is_measured(t.at(own.name)) for t in tracks] for own in (before, after)]
-        both = sum(map(min, *known))
-        compared = f"{both} of its {sum(known[0])} numbers are measured on both dates"
+        measured = [[(p := t.at(d.name)) is not None and p.low is not None for t in tracks] for d in (before, after)]
+        compared = f"{sum(map(min, *measured))} of its {sum(measured[0])} numbers are measured on both dates"
         yield f"No number is shown to have changed since {before.name}; {compared}."
     if v.status == "cannot_tell":
         yield f"The logs of {after.name} cannot tell."
@@ -270,23 +256,14 @@ def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator
         yield f"Something acts that no effect of the library explains (P {v.probability_unknown:.2f}){as_before}."
 
 
-def _between(track: Track, before: Dated, after: Dated) -> Moved | None:
-    old, new = track.at(before.name), track.at(after.name)
-    return None if old is None or new is None else Moved(track, old, new, 0.0)
-
-
-def _told(moved: Sequence[Moved], *, is_title_known: bool = False) -> str:
+def _told(moved: Sequence[Moved]) -> str:
     """Numbers with where they came from; empty without any."""
-    told = [_change_told(m, is_title_known) for m in moved[:MOST]]
-    more = f"; {len(moved) - MOST} more numbers" if len(moved) > MOST else ""
-    return f": {'; '.join(told)}{more}" if told else ""
-
-
-def _change_told(m: Moved, is_title_known: bool) -> str:
-    title = words.parameter(m.track.parameter) if is_title_known else m.track.title
-    title += of_place(m.track)
-    within = "" if m.after.low is None else f" (90 %: {m.after.low:.3g} to {m.after.high:.3g})"
-    return f"{title} {m.before.value:.3g} → {m.after.value:.3g}{within} {m.track.unit}".rstrip()
+    told = [
+        f"{m.track.title}{of_place(m.track)} {words.number(m.before.value, m.track.unit)} → "
+        f"{words.number(m.after.value, m.track.unit, m.after.low, m.after.high)}"
+        for m in moved[:MOST]
+    ]
+    return "; ".join([*told, *([f"{len(moved) - MOST} more numbers"] if len(moved) > MOST else [])])
 
 
 def of_place(track: Track) -> str:

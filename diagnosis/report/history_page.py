@@ -11,16 +11,16 @@ from diagnosis.report.drift import Drift, Track, drift_of, of_place
 from diagnosis.report.history import day_of, read_history
 from diagnosis.report.output import NAMES
 from spot_log.page.chart import Series, chart
-from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
-from spot_log.page.svg import esc, legend
+from spot_log.page.look import Html, boxed, framed, headed, listed, table
+from spot_log.page.svg import esc
 from spot_model.io.whole import write_over
 from spot_model.text import counted
 
 PAGE: Final = "history.html"
 DATA: Final = "history.json"
 MOST_CHARTS: Final = 12
-SHOWN_DATES: Final = 5
-"""Dates of which the table of all numbers has a column: the first and the newest."""
+MOST_COLUMNS: Final = 4
+"""Numbers that have a column in the table of dates."""
 OUTCOMES: Final = {"unchanged": "no change shown", "unknown_effect": "something unknown", "changed": "changed"}
 STYLE: Final = """
 .calibration { background: #2f6fb5; } .unchanged { background: #2f6fb5; } .changed { background: #b7791f; }
@@ -52,23 +52,16 @@ def history_page(drift: Drift) -> str:
     meta = f"robot {drift.robot or 'without a serial number'} · {counted(len(drift.dates), 'date')}, "
     meta += f"{drift.dates[0].date} to {last.date}"
     changed = [t for t in drift.tracks if t.is_named or t.has_changed]
-    gains = [t for t in drift.tracks if t.effect == "torque_gain" and t.where in words.PLACES]
-    shown = [p for t in changed[:MOST_CHARTS] for p in t.points if p.low is not None]
-    entries = [("var(--corrected)", "measured, with its 90 % interval", not all(p.is_named for p in shown))]
-    entries += [("var(--found)", "named as a difference", any(p.is_named for p in shown))]
-    key = legend((colour, name) for colour, name, is_there in entries if is_there and shown)
     body = [
         headed(badge, drift.outcome, lead, drift.since_last[1:], meta),
         boxed("Since the first date", drift.dates[0].date, listed(drift.since_first)),
         boxed(
             "What changed",
-            "Numbers in which the first and the last date differ significantly, or that a date names. Where there is "
-            "only a dotted line, the model holds a number that the date did not measure.",
-            (key + _charts(changed, at) if changed else ""),
+            "Numbers in which the first and the last date differ significantly, or that a date names. Bars are 90 % "
+            "intervals. Where there is only a dotted line, the model holds a number that the date did not measure.",
+            _charts(changed, at),
         ),
-        boxed("Torque gains by joint type", "Share of the torque asked for that arrives.", _charts(gains, at)),
-        boxed("Dates", "", _dates(drift)),
-        boxed("All numbers", "", folded(counted(len(drift.tracks), "number"), _numbers(drift))),
+        boxed("Dates", "", _dates(drift, changed or drift.tracks)),
     ]
     return framed("Has it changed?", body, STYLE)
 
@@ -84,8 +77,7 @@ def _places(drift: Drift) -> dict[str, float]:
 
 def _charts(tracks: Sequence[Track], at: Mapping[str, float]) -> str:
     drawn = "".join(f"<div>{_chart(t, at)}</div>" for t in tracks[:MOST_CHARTS])
-    more = f"<p class='note'>{len(tracks) - MOST_CHARTS} more are in the table.</p>" if tracks[MOST_CHARTS:] else ""
-    return f"<div class='charts'>{drawn}</div>{more}" if drawn else ""
+    return f"<div class='charts'>{drawn}</div>" if drawn else ""
 
 
 def _chart(track: Track, at: Mapping[str, float]) -> str:
@@ -95,34 +87,26 @@ def _chart(track: Track, at: Mapping[str, float]) -> str:
     lines = [Series("var(--other)", x, y, width=1.2, is_dotted=True)]
     for place, p in zip(x, points, strict=True):
         if p.low is not None and p.high is not None:
-            colour = "var(--found)" if p.is_named else "var(--corrected)"
-            lines.append(Series(colour, [place, place], [p.low, p.high], width=3))
+            lines.append(Series("var(--corrected)", [place, place], [p.low, p.high], width=3))
             name = f"{track.title}{of_place(track)}, {p.date}:"
-            lines.append(Series(colour, [place], [p.value], has_points=True, name=name))
+            lines.append(Series("var(--corrected)", [place], [p.value], has_points=True, name=name))
     unit = f", {track.unit}" if track.unit else ""
     title = f"{track.title}{of_place(track)}{unit}"
     first = min(at, key=lambda date: at[date])
     return chart(lines, title=title, x_title=f"days since {first}", width=400, height=130)
 
 
-def _dates(drift: Drift) -> Html:
+def _dates(drift: Drift, tracks: Sequence[Track]) -> Html:
+    """A row each date: its verdict, and the numbers that changed most."""
+    columns = tracks[:MOST_COLUMNS]
+    head = ("date", "verdict", "compared with", *(f"{t.title}{of_place(t)}" for t in columns))
     rows = [
-        (Html(f"<a href='{esc(d.date)}/{NAMES['report']}'>{esc(d.date)}</a>"), d.headline, d.since or d.nominal)
+        (
+            Html(f"<a href='{esc(d.date)}/{NAMES['report']}'>{esc(d.date)}</a>"),
+            d.headline,
+            d.since or d.nominal,
+            *(words.number(p.value, t.unit, p.low, p.high) if (p := t.at(d.date)) else "—" for t in columns),
+        )
         for d in reversed(drift.dates)
     ]
-    return table(("date", "verdict", "compared with"), rows)
-
-
-def _numbers(drift: Drift) -> Html:
-    """All numbers, changed ones first, at the first date and the newest."""
-    names = [d.date for d in drift.dates]
-    names = names if len(names) <= SHOWN_DATES else [names[0], *names[1 - SHOWN_DATES :]]
-    rows = [(t.title, words.place(t.where), *(_at(t, name) for name in names), t.unit) for t in drift.tracks]
-    return table(("number", "where", *names, "unit"), rows)
-
-
-def _at(track: Track, name: str) -> str:
-    p = track.at(name)
-    if p is None:
-        return "—"
-    return f"{p.value:.3g}" if p.low is None else f"{p.value:.3g} ({p.low:.3g} to {p.high:.3g})"
+    return table(head, rows)

@@ -37,7 +37,9 @@ def status_of(belief: Belief, measured: Measurements, unknown: float, is_simulat
     found, gaps = belief.found, measured.whole.gaps
     if not found.views.keys() & FORCES and not is_simulated:
         return "cannot_tell"
-    if found.selection.best.terms:
+    if found.effects and all(belief.there[name] <= NAMED for name in found.effects):
+        return "cannot_tell"
+    if found.effects:
         return "partly_explained" if unknown > NAMED or any(map(is_open, gaps)) else "explained"
     if unknown > NAMED:
         return "unknown_effect"

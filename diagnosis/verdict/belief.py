@@ -6,6 +6,9 @@ already, so that odds are even at 0. Where much is left of the channels in which
 its place. No run tells more than log((1 − ε)/ε), ε being the share of odd runs: one short run never proves a
 difference.
 
+Where no log has loads, an effect of the drive is seen relative to what it moves (:func:`lacks_loads`): what the motion
+adds speaks for it and for what is moved alike, so that its odds are even at most. Only what other channels add counts.
+
 Whether an effect matters is no part of this: closed loops measure what it does.
 """
 
@@ -20,7 +23,7 @@ from scipy.special import expit
 
 from diagnosis.channels import Array
 from diagnosis.decision_constants import FORMULA_ERROR, GROUP_ODDS, NAMED, ODD_RUN
-from diagnosis.library import LibraryEffect
+from diagnosis.library import MOTION, LibraryEffect, lacks_loads
 from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.scoring import Placed, Scored, Scorer, likeness, null_of
 from diagnosis.verdict.explanation import Explanation
@@ -38,7 +41,7 @@ class Belief:
     """What was decided."""
 
     found: Explanation
-    """With the differences alone: effects that are more probably out of the ordinary than not."""
+    """With the differences alone: effects that are at least as probably out of the ordinary as not."""
     there: Mapping[str, float]
     """By effect that was shown, also those that are no difference: that it, or a rival in its place, is there."""
     groups: Mapping[str, Mapping[str, float]]
@@ -69,7 +72,7 @@ def decide(found: Explanation, library: Mapping[str, LibraryEffect]) -> Belief:
         own = probabilities(found)
         there |= own
         weakest = min(own, key=lambda name: own[name])
-        if own[weakest] > NAMED:
+        if own[weakest] >= NAMED:
             break
         kept = [t for t in found.selection.best.terms if t.effect.name != weakest]
         found = found.with_effects(kept, library)
@@ -86,7 +89,17 @@ def probabilities(found: Explanation) -> dict[str, float]:
     own = beyond_formulas(gains + prices, alike) - prices
     most = most_log_odds(found.n_runs)
     there = expit(np.minimum(own, most)) * (1.0 - unknown_instead(found, gains + prices))
+    there = np.minimum(there, expit([most_of_motion(found, name) for name in found.effects]))
     return dict(zip(found.effects, map(float, there), strict=True))
+
+
+def most_of_motion(found: Explanation, name: str) -> float:
+    """What channels other than those of the motion say for an effect of a drive without loads; of others no bound."""
+    effect = next(t.effect for t in found.selection.best.terms if t.effect.name == name)
+    if not lacks_loads(effect, found.board.views):
+        return float(np.inf)
+    elsewhere = sum(nats for channel, nats in found.selection.channels[name].items() if channel not in MOTION)
+    return max(elsewhere - FAULTLESS.price(name), 0.0)
 
 
 def unknown_instead(found: Explanation, gains: Array) -> Array:

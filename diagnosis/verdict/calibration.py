@@ -19,7 +19,7 @@ from scipy.special import expit
 from diagnosis.channels import Array, Flags
 from diagnosis.decision_constants import ERROR_SCALES, NAMED, PARAMETER_SPREAD
 from diagnosis.document import CalibratedNumber, Number
-from diagnosis.library import LibraryEffect, Location, Robot
+from diagnosis.library import LibraryEffect, Location, Robot, lacks_loads
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.priors import LARGEST_IN_SPREADS
@@ -189,7 +189,10 @@ def _of_coefficient(
         before = in_model(nominal, robot, effect.effect, known, left @ robot.units(effect.location) > 0.5)
         alone = len(effect.coefficients) == 1 or len(kind.chosen) == 1
         title = effect.title if alone else f"{effect.title}: {_words(known.name)}"
-        yield _made(effect.name, known, title, where, before, value, deviation, spread)
+        number = _made(effect.name, known, title, where, before, value, deviation, spread)
+        if lacks_loads(effect, fit.board.views) and number.stands_out:
+            number = number.model_copy(update={"probability": NAMED, "stands_out": False})
+        yield number
 
 
 def _centre_of_mass(fit: _Fit, kind: ErrorKind, nominal: RobotModel) -> Iterator[CalibratedNumber]:

@@ -124,16 +124,20 @@ def _less(effect: str) -> str:
 SIGNALS: Final = {Channel.SET_POINT_TO_LOAD: "load error", Channel.LOAD_TO_MOTION: "torque error of swinging legs"}
 MEAN_OF_NORMAL: Final = float(np.sqrt(2.0 / np.pi))
 """Mean size of a normal variable over its standard deviation."""
-STANDS_FOR: Final[Mapping[GapName, Sequence[tuple[Channel, str, str]]]] = {
-    "torque": ((Channel.SET_POINT_TO_LOAD, "", "N·m"),),
-    "joint motion": ((Channel.LOAD_TO_MOTION, "", "N·m"), (Channel.JOINT_RATES, "", "rad/s")),
-    "body motion": (
-        (Channel.BASE_WRENCH, "force", "N"),
-        (Channel.INERTIAL_UNIT, "acceleration", "m/s²"),
-        (Channel.STANCE_KINEMATICS, "velocity", "m/s"),
+STANDS_FOR: Final[Sequence[Sequence[tuple[GapName, Channel, str, str]]]] = (
+    (("torque", Channel.SET_POINT_TO_LOAD, "", "N·m"),),
+    (
+        ("swing-leg torque", Channel.LOAD_TO_MOTION, "", "N·m"),
+        ("joint velocity", Channel.JOINT_RATES, "", "rad/s"),
     ),
-}
-"""What shows each gap without a closed loop: the first channel that is on, how its rows' names begin, their unit."""
+    (
+        ("body force", Channel.BASE_WRENCH, "force", "N"),
+        ("body acceleration", Channel.INERTIAL_UNIT, "acceleration", "m/s²"),
+        ("body velocity", Channel.STANCE_KINEMATICS, "velocity", "m/s"),
+    ),
+)
+"""What stands for each gap without a closed loop: the first whose channel is on. Its name is that of what is predicted;
+then how the names of the channel's rows begin, and their unit."""
 FEW_RUNS: Final = 5
 """With fewer runs, intervals come from pieces of runs."""
 
@@ -186,8 +190,8 @@ def gap_changes(board: Evidence, before: Scored | None, after: Scored) -> tuple[
     """
     left = [_left(board, before), _left(board, after)]
     found = []
-    for gap, stands in STANDS_FOR.items():
-        for channel, prefix, unit in stands:
+    for stands in STANDS_FOR:
+        for gap, channel, prefix, unit in stands:
             every = board.by_channel.get(channel, ())
             numbers = [n for n in every if board.views[channel].rows[board.blocks[n].row].startswith(prefix)]
             if numbers:
@@ -230,7 +234,7 @@ def _change(
     if both[0] - _half_width(others[:, 0]) > floor:
         value = float(shares(both[None])[0])
         width = _half_width(shares(others))
-        low, high = (value - width, value + width) if n_pieces > 1 else (None, None)
+        low, high = (value - width, min(value + width, 1.0)) if n_pieces > 1 else (None, None)
     return GapChange(
         gap=gap,
         unit=unit,

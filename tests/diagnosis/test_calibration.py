@@ -312,17 +312,17 @@ def test_what_a_log_cannot_show_is_no_gap() -> None:
     _, board = _slow_walk(3)
     found = {g.gap: g for g in gap_changes(board, None, crossed(board, null_of(board)))}
     # A state every 18 ms says too little of accelerations: joint rates stand for the joints' motion.
-    assert found["joint motion"].unit == "rad/s"
-    assert "body motion" not in found
+    assert found["joint velocity"].unit == "rad/s"
+    assert found.keys() & {"body force", "body acceleration", "body velocity"} == set()
 
 
 def test_the_body_s_gap_closes_with_its_mass() -> None:
     board = _board(planted_runs(Truth((PayloadMass(mass_kg=4.0),)), 2, sequence=walk_sequence(3.0)))
     scored = Scorer(board).scored(LIBRARY["payload_mass"], {}, np.ones(1))
     gaps = {g.gap: g for g in gap_changes(board, None, crossed(board, scored))}
-    assert gaps["body motion"].unit == "N"
-    assert gaps["body motion"].before == pytest.approx(4.0 * 9.81 / np.sqrt(3.0), rel=0.15)
-    assert (gaps["body motion"].share or 0.0) > 0.9
+    assert gaps["body force"].unit == "N"
+    assert gaps["body force"].before == pytest.approx(4.0 * 9.81 / np.sqrt(3.0), rel=0.15)
+    assert (gaps["body force"].share or 0.0) > 0.9
     assert (gaps["torque"].share or 0.0) < 0.2
     # Against itself nothing closes.
     assert all((g.share or 0.0) == 0.0 for g in gap_changes(board, crossed(board, scored), crossed(board, scored)))

@@ -84,24 +84,23 @@ def _measured(before: float, share: float | None) -> Measurements:
 
 
 @pytest.mark.parametrize(
-    ("terms", "unknown", "before", "share", "status"),
+    ("there", "unknown", "before", "share", "status"),
     [
-        ((), 0.1, 1.1, None, "no_gap"),
-        ((), 0.1, 1.3, 0.0, "calibration"),
-        ((), 0.6, 1.1, 0.0, "unknown_effect"),
-        ((object(),), 0.1, 1.1, None, "explained"),
-        ((object(),), 0.1, 9.0, 0.6, "explained"),
-        ((object(),), 0.1, 9.0, 0.4, "partly_explained"),
-        ((object(),), 0.6, 9.0, 0.9, "partly_explained"),
+        ({}, 0.1, 1.1, None, "no_gap"),
+        ({}, 0.1, 1.3, 0.0, "calibration"),
+        ({}, 0.6, 1.1, 0.0, "unknown_effect"),
+        ({"armature": 0.9}, 0.1, 1.1, None, "explained"),
+        ({"armature": 0.9}, 0.1, 9.0, 0.6, "explained"),
+        ({"armature": 0.9, "torque_gain": 0.5}, 0.1, 9.0, 0.4, "partly_explained"),
+        ({"armature": 0.9}, 0.6, 9.0, 0.9, "partly_explained"),
+        ({"armature": 0.5, "torque_gain": 0.5}, 0.1, 9.0, 0.9, "cannot_tell"),
     ],
 )
 def test_a_status_follows_from_what_is_left_of_the_gaps(
-    terms: tuple[object, ...], unknown: float, before: float, share: float | None, status: str
+    there: dict[str, float], unknown: float, before: float, share: float | None, status: str
 ) -> None:
     views = {Channel.SET_POINT_TO_LOAD: None}
-    belief: Any = SimpleNamespace(
-        found=SimpleNamespace(views=views, selection=SimpleNamespace(best=SimpleNamespace(terms=terms)))
-    )
+    belief: Any = SimpleNamespace(found=SimpleNamespace(views=views, effects=tuple(there)), there=there)
     measured = _measured(before, share)
     assert status_of(belief, measured, unknown, is_simulated=True) == status
     assert status_of(belief, measured, unknown, is_simulated=False) == status

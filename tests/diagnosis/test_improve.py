@@ -429,6 +429,10 @@ def test_a_gap_without_a_name_is_no_reason_to_train() -> None:
     quiet = {"status": "calibration", "probability_unknown": 0.1}
     assert worth_training(found.model_copy(update=quiet), ()) == "nothing"
     assert worth_training(found, LIMITS) is None
+    sure = verdict(()).differences[0]
+    assert worth_training(found.model_copy(update={"differences": (sure,)}), ()) is None
+    possible = sure.model_copy(update={"probability": 0.5})
+    assert worth_training(found.model_copy(update={"differences": (possible,)}), ()) == "unknown"
 
 
 def test_wrong_inputs_are_told_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
