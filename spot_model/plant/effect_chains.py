@@ -6,7 +6,7 @@ the robots report.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -21,6 +21,8 @@ from spot_model.effects.base import (
     Memory,
     ModelEffect,
     Motion,
+    Outside,
+    OutsideEffect,
     SensorEffect,
     SoftwareEffect,
     TorqueEffect,
@@ -28,11 +30,12 @@ from spot_model.effects.base import (
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tensors_of, with_leaves
 from spot_model.robot import facts
-from spot_model.robot.arrays import namespace_of
+from spot_model.robot.arrays import copy_of, namespace_of
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import AnyArray
 
 Kind = TypeVar("Kind", TorqueEffect, SensorEffect, EstimateEffect)
+Some = TypeVar("Some", bound=Effect)
 
 
 class EffectChain(Generic[Kind]):
@@ -145,7 +148,43 @@ class EstimateChain(EffectChain[EstimateEffect]):
         return truth
 
 
-PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)
+class OutsideChain:
+    """Gravity and outside forces of a batch of simulations; without an effect on them it does nothing.
+
+    Args:
+        effects: All that act; the others are left aside.
+        qpos: Live coordinates, shape (n, 19).
+        qvel: Live velocities, shape (n, 18).
+        force: Live generalised forces from outside, shape (n, 18).
+        gravity: Gives the live gravity, shape (n, 3).
+    """
+
+    def __init__(
+        self, effects: Sequence[Effect], qpos: AnyArray, qvel: AnyArray, force: AnyArray, gravity: Callable[[], Any]
+    ) -> None:
+        self._effects = [effect.arrays_like(qpos) for effect in effects if isinstance(effect, OutsideEffect)]
+        self._qpos, self._qvel, self._force = qpos, qvel, force
+        force[...] = 0.0
+        if self._effects:
+            self._gravity = gravity()
+            self._upright = copy_of(self._gravity)
+
+    def act(self, time_s: Any) -> None:
+        """Set gravity and forces for the next physics step, so long after the start: shape (n,), or a number."""
+        if not self._effects:
+            return
+        elapsed_s = 0.0 * self._qpos[:, :1] + (time_s if isinstance(time_s, float) else time_s[:, None])
+        self._gravity[...], self._force[...] = self._upright, 0.0
+        for effect in self._effects:
+            effect.surround(Outside(self._gravity, self._force, self._qpos, self._qvel, elapsed_s))
+
+
+def of_kind(effects: Sequence[Effect], kind: type[Some]) -> list[Some]:
+    """The effects of one kind, in their order."""
+    return [effect for effect in effects if isinstance(effect, kind)]
+
+
+PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect, OutsideEffect)
 """Kinds of effect that the plant has a place for."""
 
 

@@ -1,0 +1,127 @@
+"""Robots on slopes, in grass and with tilted units, diagnosed: told apart where the walk turned, grouped where not.
+
+    python benchmarks/ground.py robots --seed 1 --to 24 --out FOLDER [--workers 2]
+    python benchmarks/ground.py score FOLDER...
+
+The robots are of the withheld simulator, which shares no code with the effect library: its ground is a plane that
+leans 3 to 6 degrees, its grass bends under the foot, and its inertial unit is screwed on askew. Each has ordinary
+errors, and walks straight on or turns.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from argparse import Namespace
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from many_robots import make_all, two_steps
+
+from diagnosis.library.registry import LIBRARY
+from diagnosis.read.prepare import prepared
+from diagnosis.read.robot_file import SPOT
+from diagnosis.selection.normal_equations import one_thread
+from diagnosis.verdict.belief import decide
+from diagnosis.verdict.explanation import explain
+from spot_model.io.velocity_sequence import sequence_of
+from spot_model.policy.built_in import FOLDER
+from spot_model.policy.policy import load_policy
+from spot_model.robot.facts import Array
+from withheld.measuring import record_runs
+from withheld.plan import FaultRequest, RecordingPlan
+from withheld.realities.fault_kind import BODY, Ask, FaultKind, Parameters
+from withheld.realities.reality import make
+from withheld.simulator.robot import Robot
+
+DEGREES: Final = (3.0, 6.0)
+LOW_N_S_PER_M: Final = (4.0, 15.0)
+BLADE_M: Final = (0.06, 0.2)
+SECONDS: Final = 8.0
+WALKS: Final = {
+    "straight": sequence_of("straight", SECONDS, (0, 0, 0, 0), (0.5, 0.7, 0, 0), (4, 1.0, 0, 0), (7.5, 0, 0, 0)),
+    "turning": sequence_of("turning", SECONDS, (0, 0, 0, 0), (0.5, 0.5, 0, 0.8), (4, 0.6, 0, 0.8), (7.5, 0, 0, 0)),
+}
+REPEATS: Final = 2
+
+
+def slope(robot: Robot, ask: Ask) -> Parameters:
+    """A plane that leans, and lies so low that no foot starts within it."""
+    angle, uphill = np.radians(ask.rng.uniform(*DEGREES)), ask.rng.uniform(-np.pi, np.pi)
+
+    def edit(model: mujoco.MjModel) -> None:
+        ground = model.geom("ground").id
+        axis = np.array([np.sin(uphill), -np.cos(uphill), 0.0])
+        mujoco.mju_axisAngle2Quat(model.geom_quat[ground], axis, angle)
+        model.geom_pos[ground, 2] = -0.45 * np.tan(angle)
+
+    robot.model_edits.append(edit)
+    return {"ground_slope": float(angle)}
+
+
+def tilt(robot: Robot, ask: Ask) -> Parameters:
+    """An inertial unit askew about a level axis."""
+    angle, about = np.radians(ask.rng.uniform(*DEGREES)), ask.rng.uniform(-np.pi, np.pi)
+    robot.sensing.imu_tilt_rpy_rad = robot.sensing.imu_tilt_rpy_rad + angle * np.array(
+        [np.cos(about), np.sin(about), 0.0]
+    )
+    return {"imu_tilt": float(angle)}
+
+
+def grass(robot: Robot, ask: Ask) -> Parameters:
+    """Blades that hold a foot back the more the deeper it is among them."""
+    drag, length = ask.rng.uniform(*LOW_N_S_PER_M), ask.rng.uniform(*BLADE_M)
+
+    def force(height_m: Array, velocity_m_s: Array) -> Array:
+        return -drag * np.clip(1.5 * (1.0 - height_m / length), 0.0, 1.0)[..., None] * velocity_m_s
+
+    robot.foot_forces.append(force)
+    return {"foot_drag": float(drag)}
+
+
+def nothing(robot: Robot, ask: Ask) -> Parameters:
+    """A robot with ordinary errors on level ground."""
+    return {}
+
+
+KINDS: Final = {
+    "slope": FaultKind("slope", "ground", ("ground_slope",), BODY, slope),
+    "tilt": FaultKind("tilt", "sensing", ("imu_tilt",), BODY, tilt),
+    "grass": FaultKind("grass", "ground", ("foot_drag",), BODY, grass),
+    "nothing": FaultKind("nothing", "ground", (), BODY, nothing),
+}
+
+
+def robot(seed: int, kind: str, walk: str, loads: bool, out: Path) -> str:
+    """Simulate and diagnose one robot, and write what was found; returns a line to print."""
+    began_s, name = time.process_time(), f"{seed}-{kind}-{walk}-{'loads' if loads else 'none'}"
+    reality = make([FaultRequest(kind=kind, place="body", size=0.5)], seed, KINDS)
+    missing = frozenset() if loads else frozenset({"load"})
+    plan = RecordingPlan(FOLDER / "walk.onnx", (WALKS[walk],), REPEATS, seed, missing)
+    with tempfile.TemporaryDirectory() as folder:
+        runs, _ = prepared(record_runs(reality, plan, Path(folder)), SPOT)
+    with one_thread():
+        belief = decide(explain(runs, reality.nominal, load_policy(plan.policy), LIBRARY, lambda _: None), LIBRARY)
+    terms = {t.effect.name: (t, c) for t, c in zip(belief.best.terms, belief.best.coefficients, strict=True)}
+    found: dict[str, Any] = {
+        "truth": reality.truth.faults[0].parameters,
+        "there": dict(belief.there),
+        "groups": {own: dict(group) for own, group in belief.groups.items()},
+        "values": {n: dict(t.effect.values(c, t.shape)) | {"shape": dict(t.shape)} for n, (t, c) in terms.items()},
+        "first": [(s.terms[-1].effect.name, round(s.value, 1)) for s in belief.found.selection.first],
+        "error_scale": reality.truth.error_scale,
+    }
+    (out / f"{name}.json").write_text(json.dumps(found, default=float))
+    return f"{name}: {found['truth']} {found['groups']} {found['values']} {time.process_time() - began_s:.0f} s"
+
+
+def robots(given: Namespace) -> None:
+    """Make what is missing."""
+    given.out.mkdir(parents=True, exist_ok=True)
+    every = [(k, *rest) for k, rest in enumerate(product(KINDS, WALKS, (True, False)))]
+    jobs = [(given.seed + k // len(every), *every[k % len(every)][1:], given.out) for k in range(given.to)]
+    make_all(robot, jobs, given.workers)
