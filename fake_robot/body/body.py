@@ -65,8 +65,9 @@ class Body:
         rows = (values[np.newaxis] for values in (data.qpos, data.qvel, data.qfrc_applied))
         self._outside = OutsideChain(effects, *rows, lambda: self.model.opt.gravity[np.newaxis])
         sensors, estimators = of_kind(effects, SensorEffect), of_kind(effects, EstimateEffect)
-        self.has_sensors, self.has_estimators = bool(sensors), bool(estimators)
-        """Whether any effect changes what the joints, or the body's estimator, report."""
+        self.has_sensors = bool(sensors)
+        self.has_estimators = bool(estimators) or self._outside.odom_from_ground_wxyz() is not None
+        """Whether anything changes what the joints, or the body's estimator, report."""
         self.torque_gain: Array | None = None
         """A fault of the drives: motor torque is multiplied by this, shape (12,)."""
         self._sit_down()
@@ -181,6 +182,6 @@ class Body:
         return BodyEstimate(
             linear_vel_of_body_in_body_m_s=rotate_inverse_wxyz(attitude, self.base_velocity[np.newaxis, :3]),
             angular_vel_of_body_in_body_rad_s=self.base_velocity[np.newaxis, 3:].copy(),
-            world_from_body_wxyz=attitude,
+            world_from_body_wxyz=self._outside.in_odom(attitude),
             foot_contact=(self._feet[np.newaxis, :, 0] > 0.0).astype(np.float64),
         )

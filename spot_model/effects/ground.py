@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from spot_model.effects.base import (
-    BodyEstimate,
-    Draws,
-    Effect,
-    EstimateEffect,
-    JointReading,
-    Memory,
-    Outside,
-    OutsideEffect,
-    parameter,
-)
+from spot_model.effects.base import Effect, Outside, OutsideEffect, parameter
 from spot_model.robot import facts
 from spot_model.robot.arrays import namespace_of
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
@@ -29,17 +18,16 @@ BEND_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class GroundSlope(OutsideEffect, EstimateEffect):
+class GroundSlope(OutsideEffect):
     """The ground rises along x and y of odom, or does so for a stretch of the run; several stretches follow each other.
 
-    A simulation's world is the ground, and gravity leans in it. The estimator's odom is true to gravity, as an inertial
-    unit makes it, so it reports the body's attitude against the vertical.
+    A simulation's world is the ground, and gravity leans in it. Odom is true to gravity, as an inertial unit makes it,
+    so that estimators report the body's attitude against the vertical.
 
     Source: ramps for wheelchairs 5 degrees, lawns and roads up to 10.
     """
 
     name: ClassVar[str] = "ground_slope"
-    hook: ClassVar = OutsideEffect.hook
 
     rise_x_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="ramps 0.09 rad, roads up to 0.17")
     rise_y_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="ramps 0.09 rad, roads up to 0.17")
@@ -50,23 +38,11 @@ class GroundSlope(OutsideEffect, EstimateEffect):
         """Lean gravity as odom's vertical leans in the frame of the ground."""
         outside.gravity_m_s2[...] = rotate_wxyz(self.ground_from_odom_wxyz(outside.time_s), outside.gravity_m_s2)
 
-    def start(self, estimate: BodyEstimate) -> Memory:
-        """No time has passed."""
-        return 0.0 * estimate.world_from_body_wxyz[:, :1]
-
-    def estimate(
-        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: Draws
-    ) -> tuple[BodyEstimate, Memory]:
-        """Report the attitude in odom; velocities are in the body's own frame, and stay."""
-        time_s = memory + dt_s
-        attitude = multiply_wxyz(self.ground_from_odom_wxyz(time_s, -1.0), estimate.world_from_body_wxyz)
-        return dataclasses.replace(estimate, world_from_body_wxyz=attitude), time_s
-
-    def ground_from_odom_wxyz(self, time_s: AnyArray, sign: float = 1.0) -> AnyArray:
-        """The turn at a time since the start, (n, 1) to (n, 4); back with ``sign`` -1."""
+    def ground_from_odom_wxyz(self, time_s: AnyArray) -> AnyArray:
+        """The turn at a time since the start, (n, 1) to (n, 4)."""
         xp = namespace_of(time_s)
         began, goes_on = (time_s - self.from_s) / BEND_S + 0.5, (self.until_s - time_s) / BEND_S + 0.5
-        share = sign * xp.clip(began, 0.0, 1.0) * xp.clip(goes_on, 0.0, 1.0)
+        share = xp.clip(began, 0.0, 1.0) * xp.clip(goes_on, 0.0, 1.0)
         return level_turn_wxyz(share * self.rise_x_rad, share * self.rise_y_rad)
 
 

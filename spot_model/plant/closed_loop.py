@@ -46,13 +46,12 @@ class Tick:
 
 def true_state(plant: Plant) -> Sensed:
     """What perfect sensors would report."""
-    return Sensed(
-        plant.joint_position_rad,
-        plant.joint_velocity_rad_s,
-        plant.world_from_body_wxyz,
-        plant.linear_vel_of_body_in_world_m_s,
-        plant.angular_vel_of_body_in_world_rad_s,
-    )
+    attitude, turn = plant.world_from_body_wxyz, plant.outside.odom_from_ground_wxyz()
+    velocities = plant.linear_vel_of_body_in_world_m_s, plant.angular_vel_of_body_in_world_rad_s
+    if turn is not None:
+        attitude = multiply_wxyz(turn, attitude)
+        velocities = rotate_wxyz(turn, velocities[0]), rotate_wxyz(turn, velocities[1])
+    return Sensed(plant.joint_position_rad, plant.joint_velocity_rad_s, attitude, *velocities)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tens
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, namespace_of
 from spot_model.robot.control import pd_torque
-from spot_model.robot.rotation import AnyArray
+from spot_model.robot.rotation import AnyArray, multiply_wxyz
 
 Kind = TypeVar("Kind", TorqueEffect, SensorEffect, EstimateEffect)
 Some = TypeVar("Some", bound=Effect)
@@ -148,6 +148,9 @@ class EstimateChain(EffectChain[EstimateEffect]):
         return truth
 
 
+LEAST_M_S2 = 1e-12
+
+
 class OutsideChain:
     """Gravity and outside forces of a batch of simulations; without an effect on them it does nothing.
 
@@ -168,6 +171,7 @@ class OutsideChain:
         if self._effects:
             self._gravity = gravity()
             self._upright = copy_of(self._gravity)
+            self.act(0.0)
 
     def act(self, time_s: Any) -> None:
         """Set gravity and forces for the next physics step, so long after the start: shape (n,), or a number."""
@@ -177,6 +181,21 @@ class OutsideChain:
         self._gravity[...], self._force[...] = self._upright, 0.0
         for effect in self._effects:
             effect.surround(Outside(self._gravity, self._force, self._qpos, self._qvel, elapsed_s))
+
+    def odom_from_ground_wxyz(self) -> AnyArray | None:
+        """What turns the frame of the ground into one that is true to gravity, (n, 4); None where it is."""
+        if not self._effects:
+            return None
+        xp, (x, y, z) = namespace_of(self._gravity), (self._gravity[:, i : i + 1] for i in range(3))
+        level = xp.sqrt(x * x + y * y)
+        half = 0.5 * xp.atan2(level, -z)
+        share = xp.sin(half) / xp.clip(level, LEAST_M_S2, None)
+        return xp.concat([xp.cos(half), -share * y, share * x, 0.0 * x], axis=1)
+
+    def in_odom(self, ground_from_body_wxyz: AnyArray) -> AnyArray:
+        """Attitudes against the vertical, shape (n, 4)."""
+        turn = self.odom_from_ground_wxyz()
+        return ground_from_body_wxyz if turn is None else multiply_wxyz(turn, ground_from_body_wxyz)
 
 
 def of_kind(effects: Sequence[Effect], kind: type[Some]) -> list[Some]:

@@ -185,7 +185,7 @@ class Plant(PlantState):
             motion = Motion(copy_of(self._joint_pos), copy_of(self._joint_vel), self.timestep_s)
             believed = self._reading if self._has_sensing else motion
             self._ctrl[...] = self._torques.torque_nm(self._channel.at(self._now_s), motion, believed)
-            self._outside.act(self.physics.time)
+            self.outside.act(self.physics.time)
             self.physics.step()
             self._pass_step()
             if self._has_sensing:
@@ -340,7 +340,7 @@ class Plant(PlantState):
         for edits in of_kind(acting, ModelEffect):
             edits.edit(self.fields)
         self.fields.commit()
-        self._outside = OutsideChain(acting, self._qpos, self._qvel, physics.applied, physics.gravity)
+        self.outside = OutsideChain(acting, self._qpos, self._qvel, physics.applied, physics.gravity)
         self._software = [e.arrays_like(rest) for e in of_kind(acting, SoftwareEffect)]
         self._torques = TorqueChain(of_kind(acting, TorqueEffect), rest)
         still = ServoCommand(position_rad=rest)
