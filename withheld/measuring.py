@@ -197,7 +197,7 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
     own = [e for e in model.effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
     mjcf = MjcfOptions(timestep_s=STEP_S, cone="elliptic", collision="all", link_torque_sensors=True, visuals=False)
     plant = Plant(own, len(runs), PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
-    last_action = put_at(plant, [start_of(run) for run in followed], own)
+    last_action = put_at(plant, [start_of(run) for run in followed])
     loop = RecordedLoop(
         plant,
         policy,

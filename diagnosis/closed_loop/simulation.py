@@ -73,7 +73,7 @@ def simulate(
     )
     options = PlantOptions(mjcf=mjcf, device=device, n_threads=available_threads(), on_divergence="flag")
     plant = Plant(own, len(scripts), options)
-    last_action = put_at(plant, [script.start for script in scripts], own)
+    last_action = put_at(plant, [script.start for script in scripts])
     loop = RecordedLoop(
         plant,
         policy,

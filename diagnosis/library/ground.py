@@ -63,7 +63,7 @@ class GroundSlopeEntry(LibraryEffect):
         if not shape["stretch_s"]:
             time_s = view.state * view.signals.stack.period_s
             is_there = (time_s >= shape.get("from_s", 0.0)) & (time_s < shape.get("until_s", np.inf))
-            return plane * is_there[:, None, None]
+            return np.asarray(plane * is_there[:, None, None])
         of = _stretches(view, shape["stretch_s"])
         rise = _rises(view, plane, of)[of]
         rise /= max(float(np.sqrt(np.mean(np.sum(rise**2, axis=1)))), LEAST_SQUARE)
@@ -118,7 +118,8 @@ class FootDragEntry(LibraryEffect):
     location = Location.ROBOT
     coefficients = (Coefficient("drag_n_s_per_m", "N·s/m", 0.0, 40.0),)
     grid: ClassVar[Grid] = {"height_m": (0.04, 0.08, 0.16)}
-    confused_with = ("leg_mass", "viscous_friction", "load_filter")
+    # A foot meets the grass before the ground.
+    confused_with = ("leg_mass", "viscous_friction", "contact_delay")
     split_by = OTHER_GROUND
 
     def show(self, views: Views) -> tuple[Channel, ...]:
@@ -131,13 +132,11 @@ class FootDragEntry(LibraryEffect):
         """Torque of the joints that moves a low foot on against one newton for each metre per second."""
         s: DynamicsSignals = view.signals
         if "foot_drag" not in s.cache:
-            attitude = s.stack.filled(lambda r: r.odom_from_body_wxyz)
-            body = (
-                rotate_inverse_wxyz(attitude, s.stack.filled(of))
-                for of in (lambda r: r.linear_vel_of_body_in_odom_m_s, lambda r: r.angular_vel_of_body_in_odom_rad_s)
-            )
-            joints_of = (s.stack.filled(lambda r: r.position_rad), s.stack.filled(lambda r: r.velocity_rad_s))
-            foot, jacobian, velocity = foot_motion(*body, *joints_of)
+            filled = s.stack.filled
+            attitude, position = filled(lambda r: r.odom_from_body_wxyz), filled(lambda r: r.position_rad)
+            linear = rotate_inverse_wxyz(attitude, filled(lambda r: r.linear_vel_of_body_in_odom_m_s))
+            turn = rotate_inverse_wxyz(attitude, filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
+            foot, jacobian, velocity = foot_motion(linear, turn, position, filled(lambda r: r.velocity_rad_s))
             s.cache["foot_drag"] = joint_torques_nm(jacobian, velocity), attitude, foot
         torque, attitude, foot = s.cache["foot_drag"]
         low = low_feet(attitude, foot, shape["height_m"])

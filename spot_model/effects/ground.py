@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from spot_model.effects.base import Effect, Outside, OutsideEffect, parameter
+from spot_model.effects.base import Outside, OutsideEffect, parameter
 from spot_model.robot import facts
 from spot_model.robot.arrays import namespace_of
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
-from spot_model.robot.rotation import AnyArray, cross, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
+from spot_model.robot.rotation import AnyArray, cross, rotate_inverse_wxyz, rotate_wxyz
 
 BEND_S = 1.0
 """Time in which a walking robot crosses from one slope onto the next."""
@@ -36,14 +35,11 @@ class GroundSlope(OutsideEffect):
 
     def surround(self, outside: Outside) -> None:
         """Lean gravity as odom's vertical leans in the frame of the ground."""
-        outside.gravity_m_s2[...] = rotate_wxyz(self.ground_from_odom_wxyz(outside.time_s), outside.gravity_m_s2)
-
-    def ground_from_odom_wxyz(self, time_s: AnyArray) -> AnyArray:
-        """The turn at a time since the start, (n, 1) to (n, 4)."""
-        xp = namespace_of(time_s)
+        xp, time_s = namespace_of(outside.time_s), outside.time_s
         began, goes_on = (time_s - self.from_s) / BEND_S + 0.5, (self.until_s - time_s) / BEND_S + 0.5
         share = xp.clip(began, 0.0, 1.0) * xp.clip(goes_on, 0.0, 1.0)
-        return level_turn_wxyz(share * self.rise_x_rad, share * self.rise_y_rad)
+        turn = level_turn_wxyz(share * self.rise_x_rad, share * self.rise_y_rad)
+        outside.gravity_m_s2[...] = rotate_wxyz(turn, outside.gravity_m_s2)
 
 
 SMALL_RAD = 1e-12
@@ -55,15 +51,6 @@ def level_turn_wxyz(rise_x_rad: AnyArray, rise_y_rad: AnyArray) -> AnyArray:
     steep = xp.sqrt(rise_x_rad * rise_x_rad + rise_y_rad * rise_y_rad)
     share = xp.sin(0.5 * steep) / xp.clip(steep, SMALL_RAD, None)
     return xp.concat([xp.cos(0.5 * steep), -share * rise_y_rad, share * rise_x_rad, 0.0 * steep], axis=1)
-
-
-def ground_at_start_wxyz(effects: Sequence[Effect], odom_from_body_wxyz: AnyArray) -> AnyArray:
-    """What turns vectors of odom into the frame of the ground at the start, like the attitudes (n, 4)."""
-    start_s = 0.0 * odom_from_body_wxyz[:, :1]
-    turn = level_turn_wxyz(start_s, start_s)
-    for slope in (e.arrays_like(start_s) for e in effects if isinstance(e, GroundSlope)):
-        turn = multiply_wxyz(slope.ground_from_odom_wxyz(start_s), turn)
-    return turn
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,17 +14,15 @@ import numpy as np
 from array_api_compat import device
 from numpy.typing import NDArray
 
-from spot_model.effects.base import Effect
-from spot_model.effects.ground import ground_at_start_wxyz
 from spot_model.plant.command_path import CommandPath, PlantPath
 from spot_model.plant.plant import Plant
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.arrays import like, namespace_of
+from spot_model.robot.arrays import like, namespace_of, on_host
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from spot_model.robot.rotation import AnyArray, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
+from spot_model.robot.rotation import AnyArray, conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
 CommandAt = Callable[[int], Array]
 """What is asked of all robots at a policy tick: velocities, shape (n, 3); offsets of a joint script, shape (n, 12)."""
@@ -159,31 +157,36 @@ def standing_height_m(start: StartState) -> float:
     return float(facts.FOOT_RADIUS_M - np.min(np.asarray(feet)[..., 2]))
 
 
-def put_at(plant: Plant, starts: Sequence[StartState], effects: Sequence[Effect] = ()) -> NDArray[np.float32]:
-    """Put each simulation into its start, on the ground; return the last actions, shape (n_sims, 12).
+def _from_odom(start: StartState, odom_from_ground_wxyz: Array) -> StartState:
+    attitude = multiply_wxyz(conjugate_wxyz(odom_from_ground_wxyz), start.world_from_body_wxyz)
+    names = ("linear_vel_of_body_in_world_m_s", "angular_vel_of_body_in_world_rad_s")
+    velocities = {name: rotate_inverse_wxyz(odom_from_ground_wxyz, getattr(start, name)) for name in names}
+    return replace(start, world_from_body_wxyz=attitude, **velocities)
 
-    Starts are as an estimator reports them; the plant's effects say where its ground rises.
+
+def put_at(plant: Plant, starts: Sequence[StartState]) -> NDArray[np.float32]:
+    """Put each simulation into its start, as odom has it, on the ground; return the last actions, shape (n_sims, 12).
 
     Raises:
         ValueError: There is not one start a simulation.
     """
 
+    if (turns := plant.outside.odom_from_ground_wxyz()) is not None:
+        starts = [_from_odom(start, turn) for start, turn in zip(starts, on_host(turns), strict=True)]
+
     def each(name: str) -> Array:
         return np.stack([getattr(start, name) for start in starts])
 
-    reported = each("world_from_body_wxyz")
-    turn = ground_at_start_wxyz(effects, reported)
-    attitude = multiply_wxyz(turn, reported)
-    level = [replace(start, world_from_body_wxyz=own) for start, own in zip(starts, attitude, strict=True)]
-    height = np.array([standing_height_m(start) - SETTLED_M for start in level])
-    attitude, reported = (a / np.linalg.norm(a, axis=1, keepdims=True) for a in (attitude, reported))
+    height = np.array([standing_height_m(start) - SETTLED_M for start in starts])
+    attitude = each("world_from_body_wxyz")
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     plant.reset(
         position_of_body_in_world_m=np.stack([0.0 * height, 0.0 * height, height], axis=1),
         world_from_body_wxyz=attitude,
         joint_position_rad=each("position_rad"),
-        linear_vel_of_body_in_world_m_s=rotate_wxyz(turn, each("linear_vel_of_body_in_world_m_s")),
+        linear_vel_of_body_in_world_m_s=each("linear_vel_of_body_in_world_m_s"),
         angular_vel_of_body_in_body_rad_s=np.asarray(
-            rotate_inverse_wxyz(reported, each("angular_vel_of_body_in_world_rad_s"))
+            rotate_inverse_wxyz(attitude, each("angular_vel_of_body_in_world_rad_s"))
         ),
         joint_velocity_rad_s=each("velocity_rad_s"),
     )

@@ -27,6 +27,7 @@ from spot_model.effects.base import (
     SoftwareEffect,
     TorqueEffect,
 )
+from spot_model.effects.ground import level_turn_wxyz
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tensors_of, with_leaves
 from spot_model.robot import facts
@@ -35,7 +36,6 @@ from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import AnyArray, multiply_wxyz
 
 Kind = TypeVar("Kind", TorqueEffect, SensorEffect, EstimateEffect)
-Some = TypeVar("Some", bound=Effect)
 
 
 class EffectChain(Generic[Kind]):
@@ -152,15 +152,7 @@ LEAST_M_S2 = 1e-12
 
 
 class OutsideChain:
-    """Gravity and outside forces of a batch of simulations; without an effect on them it does nothing.
-
-    Args:
-        effects: All that act; the others are left aside.
-        qpos: Live coordinates, shape (n, 19).
-        qvel: Live velocities, shape (n, 18).
-        force: Live generalised forces from outside, shape (n, 18).
-        gravity: Gives the live gravity, shape (n, 3).
-    """
+    """Gravity and forces from outside, (n, 3) and (n, 18), all arrays live; without an effect on them, nothing."""
 
     def __init__(
         self, effects: Sequence[Effect], qpos: AnyArray, qvel: AnyArray, force: AnyArray, gravity: Callable[[], Any]
@@ -186,11 +178,10 @@ class OutsideChain:
         """What turns the frame of the ground into one that is true to gravity, (n, 4); None where it is."""
         if not self._effects:
             return None
-        xp, (x, y, z) = namespace_of(self._gravity), (self._gravity[:, i : i + 1] for i in range(3))
-        level = xp.sqrt(x * x + y * y)
-        half = 0.5 * xp.atan2(level, -z)
-        share = xp.sin(half) / xp.clip(level, LEAST_M_S2, None)
-        return xp.concat([xp.cos(half), -share * y, share * x, 0.0 * x], axis=1)
+        x, y, z = (self._gravity[:, i : i + 1] for i in range(3))
+        level = namespace_of(z).clip(namespace_of(z).sqrt(x * x + y * y), LEAST_M_S2, None)
+        steep = namespace_of(z).atan2(level, -z) / level
+        return level_turn_wxyz(x * steep, y * steep)
 
     def in_odom(self, ground_from_body_wxyz: AnyArray) -> AnyArray:
         """Attitudes against the vertical, shape (n, 4)."""
@@ -198,7 +189,7 @@ class OutsideChain:
         return ground_from_body_wxyz if turn is None else multiply_wxyz(turn, ground_from_body_wxyz)
 
 
-def of_kind(effects: Sequence[Effect], kind: type[Some]) -> list[Some]:
+def of_kind(effects: Sequence[Effect], kind: Any) -> list[Any]:
     """The effects of one kind, in their order."""
     return [effect for effect in effects if isinstance(effect, kind)]
 

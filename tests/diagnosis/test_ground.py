@@ -53,7 +53,6 @@ def is_grouped(found: dict[str, float], truth: str) -> bool:
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_where_a_robot_turned_only_the_true_one_explains_its_feet(truth: str) -> None:
     found = nats(truth, 1.0)
-    print(found)
     assert found[truth] > LEAST_NATS
     assert not is_grouped(found, truth)
 
@@ -61,7 +60,6 @@ def test_where_a_robot_turned_only_the_true_one_explains_its_feet(truth: str) ->
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_where_a_robot_kept_its_heading_each_explains_its_feet(truth: str) -> None:
     found = nats(truth, 0.0)
-    print(found)
     assert found[truth] > LEAST_NATS
     assert is_grouped(found, truth)
 

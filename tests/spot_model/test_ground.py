@@ -26,9 +26,7 @@ def test_drag_on_a_foot_does_what_the_same_force_does_in_mujoco() -> None:
     for leg in facts.LEG_NAMES:
         foot, shank = plant.model.geom(f"{leg}_foot").id, plant.model.body(f"{leg}_lleg").id
         mujoco.mj_objectVelocity(plant.model, data, mujoco.mjtObj.mjOBJ_GEOM, foot, velocity, 0)
-        mujoco.mj_applyFT(
-            plant.model, data, -drag * velocity[3:], np.zeros(3), data.geom_xpos[foot], shank, expected
-        )
+        mujoco.mj_applyFT(plant.model, data, -drag * velocity[3:], np.zeros(3), data.geom_xpos[foot], shank, expected)
     force = np.zeros((1, 18))
     around = Outside(np.zeros((1, 3)), force, data.qpos[None], data.qvel[None], np.zeros((1, 1)))
     FootDrag(drag_n_s_per_m=drag, height_m=0.5).arrays_like(force).surround(around)
@@ -70,8 +68,7 @@ def test_stretches_of_a_run_follow_each_other() -> None:
 
 
 def test_a_logged_start_is_put_onto_the_slope() -> None:
-    slope = GroundSlope(rise_x_rad=RISE_RAD)
-    plant = Plant([slope])
+    plant = Plant([GroundSlope(rise_x_rad=RISE_RAD)])
     odom_from_ground = plant.outside.odom_from_ground_wxyz()
     reported = np.asarray(multiply_wxyz(odom_from_ground, np.array([[np.cos(0.4), 0.0, 0.0, np.sin(0.4)]])))
     velocity = np.asarray(rotate_wxyz(odom_from_ground, np.array([[0.8, 0.1, 0.0]])))
@@ -79,7 +76,7 @@ def test_a_logged_start_is_put_onto_the_slope() -> None:
         facts.DEFAULT_POSITION_RAD, np.zeros(12), reported[0], velocity[0], np.zeros(3), np.zeros(12, dtype=np.float32)
     )
     level = Plant().foot_position_in_world_m[0, :, 2]
-    put_at(plant, [start], [slope])
+    put_at(plant, [start])
     np.testing.assert_allclose(plant.foot_position_in_world_m[0, :, 2], level, atol=1e-5)
     np.testing.assert_allclose(plant.linear_vel_of_body_in_world_m_s, [[0.8, 0.1, 0.0]], atol=1e-9)
     np.testing.assert_allclose(plant.estimate.world_from_body_wxyz, reported, atol=1e-9)

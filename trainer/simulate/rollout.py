@@ -137,7 +137,7 @@ def _started_plant(
         n_candidates * len(cases),
         PlantOptions(mjcf=mjcf, device=options.device, n_threads=options.n_threads, on_divergence="flag"),
     )
-    return plant, put_at(plant, [c.start for c in cases] * n_candidates, effects)
+    return plant, put_at(plant, [c.start for c in cases] * n_candidates)
 
 
 def _noise(case: RolloutCase, n_ticks: int) -> NDArray[np.float32]:

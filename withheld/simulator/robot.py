@@ -58,7 +58,7 @@ BodyForce = Callable[[Array, float], Array]
 """Force on the body in the world, N, shape (n, 3), from its velocities, m/s, shape (n, 3), and the time, s."""
 
 FootForce = Callable[[Array, Array], Array]
-"""Force on each foot in the world, N, (n, 4, 3), from heights above the ground, m, (n, 4), and velocities, (n, 4, 3)."""
+"""Force on each foot in the world, N, from its height above level ground, m, (n, 4), and its velocity, (n, 4, 3)."""
 
 
 class ReadingPart(Protocol):

@@ -94,10 +94,12 @@ class _Simulation:
         self._qpos, self._qvel, self._applied, self._pushed, self._sensed = (
             self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied", "xfrc_applied", "sensordata")
         )
+        self._before: Array = np.zeros(0)
         self._geoms, self._centres = self.batch.bind("geom_xpos"), self.batch.bind("xipos")
-        self._feet = [self.model.geom(f"{leg}_foot").id for leg in LEG_NAMES], [
-            self.model.body(f"{leg}_lleg").id for leg in LEG_NAMES
-        ]
+        self._feet = (
+            [self.model.geom(f"{leg}_foot").id for leg in LEG_NAMES],
+            [self.model.body(f"{leg}_lleg").id for leg in LEG_NAMES],
+        )
         self.n_states = int(np.ceil((settings.ramp_s + requests[0].sequence.duration_s + settings.tail_s) / STATE_S))
         self._start_poses()
         self.position: Array = self._qpos[:, :7]
