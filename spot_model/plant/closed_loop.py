@@ -170,7 +170,6 @@ def put_at(plant: Plant, starts: Sequence[StartState]) -> NDArray[np.float32]:
     Raises:
         ValueError: There is not one start a simulation.
     """
-
     if (turns := plant.outside.odom_from_ground_wxyz()) is not None:
         starts = [_from_odom(start, turn) for start, turn in zip(starts, on_host(turns), strict=True)]
 
