@@ -12,7 +12,7 @@ from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.kinematics import StanceSignals
 from diagnosis.library import Coefficient, Grid, LibraryEffect, Location
 from diagnosis.library.experiments import OTHER_GROUND, TURN
-from spot_model.effects.ground import FootDrag, GroundSlope, foot_motion, joint_torques_nm, level_turn_wxyz, low_feet
+from spot_model.effects.ground import FootDrag, GroundSlope, foot_motion, level_turn_wxyz, low_feet
 from spot_model.robot import facts
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
 from trainer.signals.smoothing import smooth
@@ -137,7 +137,7 @@ class FootDragEntry(LibraryEffect):
             linear = rotate_inverse_wxyz(attitude, filled(lambda r: r.linear_vel_of_body_in_odom_m_s))
             turn = rotate_inverse_wxyz(attitude, filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
             foot, jacobian, velocity = foot_motion(linear, turn, position, filled(lambda r: r.velocity_rad_s))
-            s.cache["foot_drag"] = joint_torques_nm(jacobian, velocity), attitude, foot
+            s.cache["foot_drag"] = (jacobian * velocity[..., None]).sum(axis=2).reshape(-1, 12), attitude, foot
         torque, attitude, foot = s.cache["foot_drag"]
         low = low_feet(attitude, foot, shape["height_m"])
         return np.asarray(smooth(torque * np.repeat(low, 3, axis=1), s.rows)[:, :, None])

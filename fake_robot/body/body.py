@@ -62,8 +62,12 @@ class Body:
         self._row_velocity: Array = self.joint_velocity_rad_s[np.newaxis]
         effects = [e for e in scenario.robot_model.effects if not e.is_null]
         self._drive = Drive(of_kind(effects, TorqueEffect))
-        qpos, qvel, force = (values[np.newaxis] for values in (data.qpos, data.qvel, data.qfrc_applied))
-        self._outside = OutsideChain(effects, qpos, qvel, force, lambda: self.model.opt.gravity[np.newaxis])
+        self._outside = OutsideChain(
+            effects,
+            self.model,
+            lambda name: getattr(data, name)[np.newaxis],
+            lambda: self.model.opt.gravity[np.newaxis],
+        )
         sensors, estimators = of_kind(effects, SensorEffect), of_kind(effects, EstimateEffect)
         self.has_sensors = bool(sensors)
         self.has_estimators = bool(estimators) or self._outside.odom_from_ground_wxyz() is not None

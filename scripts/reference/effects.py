@@ -22,7 +22,7 @@ HOOKS = {
     Hook.COMMAND: ("arrival_s", "The way of a command from the policy to the servos"),
     Hook.SENSOR: ("read", "What the joints' sensors report"),
     Hook.ESTIMATE: ("estimate", "What the state estimator reports of the body"),
-    Hook.OUTSIDE: ("surround", "Gravity and the forces of the surroundings, at every physics step"),
+    Hook.OUTSIDE: ("surround", "Gravity and forces on the feet, at every physics step"),
 }
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "reference" / "effects"
 ABOUT = """\

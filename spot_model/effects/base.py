@@ -46,7 +46,7 @@ class Hook(enum.Enum):
     ESTIMATE = "estimate"
     """What the state estimator reports of the body: to the log and the policy."""
     OUTSIDE = "outside"
-    """Gravity and the forces of the surroundings, at every physics step."""
+    """Gravity and forces on the feet, at every physics step."""
 
 
 class Draws(Protocol):
@@ -345,8 +345,8 @@ class Outside:
 
     gravity_m_s2: AnyArray
     """In the frame of the ground, shape (n, 3)."""
-    force: AnyArray
-    """Forces and moments on the coordinates of ``qvel``, shape (n, 18), N and N·m."""
+    foot_force_n: AnyArray
+    """On the centre of each foot, in the frame of the ground, shape (n, 4, 3)."""
     qpos: AnyArray
     """MuJoCo's, shape (n, 19)."""
     qvel: AnyArray
@@ -356,7 +356,7 @@ class Outside:
 
 
 class OutsideEffect(Effect):
-    """An effect of the surroundings, on gravity and external forces at every physics step."""
+    """An effect of the surroundings, on gravity and the feet at every physics step."""
 
     hook: ClassVar[Hook] = Hook.OUTSIDE
 

@@ -68,13 +68,12 @@ class FootDrag(OutsideEffect):
     height_m: Any = parameter(null=0.0, low=0.0, high=0.5, unit="m", source="lawn 0.05 m, meadow 0.3 m")
 
     def surround(self, outside: Outside) -> None:
-        """Add the force at each foot's centre: what it does to body and joints."""
-        xp, q, v = namespace_of(outside.force), outside.qpos, outside.qvel
+        """Add the force at each foot's centre."""
+        q, v = outside.qpos, outside.qvel
         attitude, linear = q[:, 3:7], rotate_inverse_wxyz(q[:, 3:7], v[:, :3])
-        foot, jacobian, velocity = foot_motion(linear, v[:, 3:6], q[:, 7:], v[:, 6:])
-        force = -(self.drag_n_s_per_m * low_feet(attitude, foot, self.height_m))[..., None] * velocity
-        body = rotate_wxyz(attitude, xp.sum(force, axis=1)), xp.sum(cross(foot, force), axis=1)
-        outside.force[...] += xp.concat([*body, joint_torques_nm(jacobian, force)], axis=1)
+        foot, _, velocity = foot_motion(linear, v[:, 3:6], q[:, 7:], v[:, 6:])
+        drag = self.drag_n_s_per_m * low_feet(attitude, foot, self.height_m)
+        outside.foot_force_n[...] -= drag[..., None] * rotate_wxyz(attitude[:, None, :], velocity)
 
 
 def foot_motion(
@@ -85,11 +84,6 @@ def foot_motion(
     rates = velocity_rad_s.reshape(-1, facts.N_LEGS, 1, 3)
     moving = (jacobian * rates).sum(axis=-1) + cross(turn_in_body_rad_s[:, None, :], foot)
     return foot, jacobian, linear_in_body_m_s[:, None, :] + moving
-
-
-def joint_torques_nm(jacobian: AnyArray, force_n: AnyArray) -> AnyArray:
-    """What forces on the feet, (n, 4, 3), do to the joints, (n, 12)."""
-    return (jacobian * force_n[..., None]).sum(axis=2).reshape(-1, facts.N_JOINTS)
 
 
 def low_feet(world_from_body_wxyz: AnyArray, foot_in_body_m: AnyArray, height_m: Any) -> AnyArray:

@@ -33,7 +33,7 @@ from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tens
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, namespace_of
 from spot_model.robot.control import pd_torque
-from spot_model.robot.rotation import AnyArray, multiply_wxyz
+from spot_model.robot.rotation import AnyArray, cross, multiply_wxyz
 
 Kind = TypeVar("Kind", TorqueEffect, SensorEffect, EstimateEffect)
 
@@ -152,15 +152,27 @@ LEAST_M_S2 = 1e-12
 
 
 class OutsideChain:
-    """Gravity and forces from outside, (n, 3) and (n, 18), all arrays live; without an effect on them, nothing."""
+    """Gravity, and forces on the feet of a batch of simulations; without an effect on them, nothing.
+
+    Args:
+        effects: All that act; the others are left aside.
+        model: MuJoCo's.
+        live: Gives a live array of MuJoCo's data by its name, with the simulations as first axis.
+        gravity: Gives the live gravity, shape (n, 3).
+    """
 
     def __init__(
-        self, effects: Sequence[Effect], qpos: AnyArray, qvel: AnyArray, force: AnyArray, gravity: Callable[[], Any]
+        self, effects: Sequence[Effect], model: Any, live: Callable[[str], AnyArray], gravity: Callable[[], AnyArray]
     ) -> None:
-        self._effects = [effect.arrays_like(qpos) for effect in effects if isinstance(effect, OutsideEffect)]
-        self._qpos, self._qvel, self._force = qpos, qvel, force
-        force[...] = 0.0
+        self._qpos, self._qvel = live("qpos"), live("qvel")
+        self._effects = [effect.arrays_like(self._qpos) for effect in effects if isinstance(effect, OutsideEffect)]
+        # Slices, since a GPU's recorded work may not fetch a list of numbers.
+        feet = _evenly([model.geom(f"{leg}_foot").id for leg in facts.LEG_NAMES])
+        shanks = _evenly([model.body(f"{leg}_lleg").id for leg in facts.LEG_NAMES])
+        self._pushed = live("xfrc_applied")[:, shanks]
+        self._pushed[...] = 0.0
         if self._effects:
+            self._feet, self._centres = live("geom_xpos")[:, feet], live("xipos")[:, shanks]
             self._gravity = gravity()
             self._upright = copy_of(self._gravity)
             self.act(0.0)
@@ -170,9 +182,10 @@ class OutsideChain:
         if not self._effects:
             return
         elapsed_s = 0.0 * self._qpos[:, :1] + (time_s if isinstance(time_s, float) else time_s[:, None])
-        self._gravity[...], self._force[...] = self._upright, 0.0
+        self._gravity[...], force = self._upright, 0.0 * self._feet
         for effect in self._effects:
-            effect.surround(Outside(self._gravity, self._force, self._qpos, self._qvel, elapsed_s))
+            effect.surround(Outside(self._gravity, force, self._qpos, self._qvel, elapsed_s))
+        self._pushed[...] = namespace_of(force).concat([force, cross(self._feet - self._centres, force)], axis=2)
 
     def odom_from_ground_wxyz(self) -> AnyArray | None:
         """What turns the frame of the ground into one that is true to gravity, (n, 4); None where it is."""
@@ -187,6 +200,10 @@ class OutsideChain:
         """Attitudes against the vertical, shape (n, 4)."""
         turn = self.odom_from_ground_wxyz()
         return ground_from_body_wxyz if turn is None else multiply_wxyz(turn, ground_from_body_wxyz)
+
+
+def _evenly(numbers: Sequence[int]) -> slice:
+    return slice(numbers[0], numbers[-1] + 1, numbers[1] - numbers[0])
 
 
 def of_kind(effects: Sequence[Effect], kind: Any) -> list[Any]:

@@ -35,13 +35,15 @@ class Physics(Protocol):
     """Shape (n_sims, 18)."""
     ctrl: AnyArray
     """Motor torques, shape (n_sims, 12), N·m."""
-    applied: AnyArray
-    """Generalised forces from outside, shape (n_sims, 18)."""
     sensordata: AnyArray
     time: AnyArray
     """Since the last reset, shape (n_sims,), s."""
     build: int
     """Number of the model that is simulated; work of a GPU that was recorded with an earlier one is void."""
+
+    def live(self, name: str) -> AnyArray:
+        """An array of MuJoCo's data by its name, with the simulations as first axis."""
+        ...
 
     def gravity(self) -> AnyArray:
         """Gravity in the frame of the ground, m/s², each simulation's own from then on; shape (n_sims, 3)."""
@@ -108,11 +110,14 @@ class CorePhysics:
         self.qpos: NDArray[np.float64] = batch.bind("qpos")
         self.qvel: NDArray[np.float64] = batch.bind("qvel")
         self.ctrl: NDArray[np.float64] = batch.bind("ctrl")
-        self.applied: NDArray[np.float64] = batch.bind("qfrc_applied")
         self.time: NDArray[np.float64] = batch.bind("time")
         self.sensordata: NDArray[np.float64] = batch.bind("sensordata")
         self._ncon: NDArray[np.int32] = batch.bind("ncon")
         self._foot_contacts = self.sensordata[:, : FOOT_SENSOR_SIZE * facts.N_LEGS : FOOT_SENSOR_SIZE]
+
+    def live(self, name: str) -> NDArray[Any]:
+        """An array of MuJoCo's data by its name."""
+        return self.batch.bind(name)
 
     def gravity(self) -> NDArray[np.float64]:
         """Gravity in the frame of the ground, shape (n_sims, 3)."""

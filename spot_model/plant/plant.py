@@ -340,7 +340,7 @@ class Plant(PlantState):
         for edits in of_kind(acting, ModelEffect):
             edits.edit(self.fields)
         self.fields.commit()
-        self.outside = OutsideChain(acting, self._qpos, self._qvel, physics.applied, physics.gravity)
+        self.outside = OutsideChain(acting, self.model, physics.live, physics.gravity)
         self._software = [e.arrays_like(rest) for e in of_kind(acting, SoftwareEffect)]
         self._torques = TorqueChain(of_kind(acting, TorqueEffect), rest)
         still = ServoCommand(position_rad=rest)

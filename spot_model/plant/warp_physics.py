@@ -63,7 +63,6 @@ class WarpPhysics:
         self.qpos: Tensor = wp.to_torch(self._data.qpos)
         self.qvel: Tensor = wp.to_torch(self._data.qvel)
         self.ctrl: Tensor = wp.to_torch(self._data.ctrl)
-        self.applied: Tensor = wp.to_torch(self._data.qfrc_applied)
         self._gravity = torch.tensor(model.opt.gravity, dtype=self.qpos.dtype, device=self.device).repeat(n_sims, 1)
         self.time: Tensor = wp.to_torch(self._data.time)
         self.sensordata: Tensor = wp.to_torch(self._data.sensordata)
@@ -93,6 +92,11 @@ class WarpPhysics:
                 f"{self.n_sims} robots do not fit into the {free / 2**30:.1f} GiB that are free on {self.device}; "
                 f"about {fit} do: simulate fewer at once, or free the GPU"
             ) from error
+
+    def live(self, name: str) -> Tensor:
+        """An array of MuJoCo's data by its name."""
+        found: Tensor = wp.to_torch(getattr(self._data, name))
+        return found
 
     def gravity(self) -> Tensor:
         """Gravity in the frame of the ground, shape (n_sims, 3)."""

@@ -120,7 +120,7 @@ def outcome(effect: Effect) -> np.ndarray:
     if isinstance(effect, OutsideEffect):
         around = surroundings()
         effect.arrays_like(around.qpos).surround(around)
-        return np.hstack([around.gravity_m_s2, around.force])
+        return np.hstack([around.gravity_m_s2, around.foot_force_n.reshape(4, -1)])
     if isinstance(effect, CommandEffect):
         return effect.arrival_s(np.linspace(0.0, 1.0, 50), np.random.default_rng(5))
     if isinstance(effect, SoftwareEffect):
@@ -138,7 +138,7 @@ def surroundings() -> Outside:
     qpos[:, 3] = 1.0
     qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
     gravity = np.tile([0.0, 0.0, -9.81], (4, 1))
-    return Outside(gravity, np.zeros((4, 18)), qpos, qvel, np.array([[0.0], [0.7], [2.0], [9.0]]))
+    return Outside(gravity, np.zeros((4, 4, 3)), qpos, qvel, np.array([[0.0], [0.7], [2.0], [9.0]]))
 
 
 def readings() -> list[JointReading]:
@@ -192,7 +192,7 @@ NULL_INPUT = {
     Hook.SOFTWARE: lambda: random_joints()[1].position_rad,
     Hook.SENSOR: lambda: stacked(readings()),
     Hook.ESTIMATE: lambda: stacked(estimates()),
-    Hook.OUTSIDE: lambda: np.hstack([surroundings().gravity_m_s2, surroundings().force]),
+    Hook.OUTSIDE: lambda: np.hstack([surroundings().gravity_m_s2, np.zeros((4, 12))]),
 }
 
 ACTIVE = (

@@ -1,46 +1,45 @@
 """Ground that leans and grass, in the plant: against MuJoCo's own, and what robots report on them."""
 
-import mujoco
 import numpy as np
 import pytest
 
-from spot_model.effects.base import Outside
 from spot_model.effects.ground import FootDrag, GroundSlope, foot_motion
 from spot_model.plant.closed_loop import StartState, put_at, true_state
-from spot_model.plant.plant import Plant
+from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import multiply_wxyz, projected_gravity, rotate_wxyz
 
 RISE_RAD = 0.1
+SHANKS = slice(4, None, 3)
 UPRIGHT = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 
-def test_drag_on_a_foot_does_what_the_same_force_does_in_mujoco() -> None:
-    plant, rng = Plant(), np.random.default_rng(3)
-    data = mujoco.MjData(plant.model)
-    data.qpos[:], data.qvel[:] = plant.batch.qpos[0], rng.normal(0.0, 1.0, 18)
-    data.qpos[3:7] = np.array([0.98, 0.1, -0.1, 0.1]) / np.linalg.norm([0.98, 0.1, -0.1, 0.1])
-    data.qpos[7:] += rng.normal(0.0, 0.2, 12)
-    mujoco.mj_forward(plant.model, data)
-    drag, expected, velocity = 7.0, np.zeros(18), np.zeros(6)
-    for leg in facts.LEG_NAMES:
-        foot, shank = plant.model.geom(f"{leg}_foot").id, plant.model.body(f"{leg}_lleg").id
-        mujoco.mj_objectVelocity(plant.model, data, mujoco.mjtObj.mjOBJ_GEOM, foot, velocity, 0)
-        mujoco.mj_applyFT(plant.model, data, -drag * velocity[3:], np.zeros(3), data.geom_xpos[foot], shank, expected)
-    force = np.zeros((1, 18))
-    around = Outside(np.zeros((1, 3)), force, data.qpos[None], data.qvel[None], np.zeros((1, 1)))
-    FootDrag(drag_n_s_per_m=drag, height_m=0.5).arrays_like(force).surround(around)
-    np.testing.assert_allclose(force[0], expected, atol=1e-6)
-
-
-def test_only_low_feet_are_held_back() -> None:
-    plant = Plant([FootDrag(drag_n_s_per_m=10.0, height_m=0.05)])
+def test_feet_are_held_back_against_their_velocity_and_only_where_they_are_low() -> None:
+    plant = Plant([FootDrag(drag_n_s_per_m=7.0, height_m=0.05)])
     lifted = np.array(facts.DEFAULT_POSITION_RAD)
     lifted[[1, 2]] += (0.4, -0.6)
-    plant.reset(joint_position_rad=lifted, joint_velocity_rad_s=1.0)
-    plant.advance()
-    assert not plant.physics.applied[0, 6:9].any()
-    assert plant.physics.applied[0, 9:].any()
+    turned = np.array([0.98, 0.02, -0.02, 0.2]) / np.linalg.norm([0.98, 0.02, -0.02, 0.2])
+    plant.reset(joint_position_rad=lifted, joint_velocity_rad_s=1.0, world_from_body_wxyz=turned)
+    plant.outside.act(0.0)
+    pushed, velocity = plant.physics.live("xfrc_applied")[0, SHANKS], plant.foot_velocity_in_world_m_s[0]
+    np.testing.assert_allclose(pushed[1:, :3], -7.0 * velocity[1:], atol=1e-9)
+    assert not pushed[0].any()
+    # At the foot, not at the middle of the lower leg.
+    arm = plant.foot_position_in_world_m[0] - plant.physics.live("xipos")[0, SHANKS]
+    np.testing.assert_allclose(pushed[:, 3:], np.cross(arm, pushed[:, :3]), atol=1e-6)
+
+
+def test_a_load_cell_feels_what_holds_a_foot_back() -> None:
+    loads = []
+    for drag in (0.0, 20.0):
+        options = PlantOptions(mjcf=MjcfOptions(timestep_s=0.001, link_torque_sensors=True))
+        plant = Plant([FootDrag(drag_n_s_per_m=drag, height_m=0.5)], options=options)
+        plant.reset(position_of_body_in_world_m=(0.0, 0.0, 2.0), linear_vel_of_body_in_world_m_s=(1.0, 0.0, 0.0))
+        plant.advance(20)
+        loads.append(plant.link_torque_nm[0, 1::3])
+    # Each of four thighs holds its foot against some newtons, half a metre down, once it has been moved along.
+    assert np.all(np.abs(loads[1] - loads[0]) > 1.0)
 
 
 def test_a_robot_falls_down_the_slope_and_reports_its_attitude_against_the_vertical() -> None:
@@ -86,9 +85,10 @@ def test_effects_that_end_leave_no_force_and_no_lean() -> None:
     plant = Plant([GroundSlope(rise_y_rad=RISE_RAD), FootDrag(drag_n_s_per_m=10.0, height_m=0.5)])
     plant.reset(joint_velocity_rad_s=1.0)
     plant.advance()
-    assert plant.physics.applied.any()
+    plant.outside.act(0.0)
+    assert plant.physics.live("xfrc_applied").any()
     plant.change_effects([])
-    assert not plant.physics.applied.any()
+    assert not plant.physics.live("xfrc_applied").any()
     assert plant.physics.gravity()[0].tolist() == [0.0, 0.0, -9.81]
     assert plant.outside.odom_from_ground_wxyz() is None
 
