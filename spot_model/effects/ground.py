@@ -30,13 +30,14 @@ class GroundSlope(OutsideEffect):
 
     rise_x_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="ramps 0.09 rad, roads up to 0.17")
     rise_y_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="ramps 0.09 rad, roads up to 0.17")
-    from_s: Any = parameter(null=-math.inf, low=0.0, high=1e5, unit="s", source="since the start")
+    from_s: Any = parameter(null=0.0, low=0.0, high=1e5, unit="s", source="since the start")
     until_s: Any = parameter(null=math.inf, low=0.0, high=1e5, unit="s", source="since the start")
 
     def surround(self, outside: Outside) -> None:
         """Lean gravity as odom's vertical leans in the frame of the ground."""
         xp, time_s = namespace_of(outside.time_s), outside.time_s
         began, goes_on = (time_s - self.from_s) / BEND_S + 0.5, (self.until_s - time_s) / BEND_S + 0.5
+        began = xp.where(self.from_s > 0.0, began, 1.0)
         share = xp.clip(began, 0.0, 1.0) * xp.clip(goes_on, 0.0, 1.0)
         turn = level_turn_wxyz(share * self.rise_x_rad, share * self.rise_y_rad)
         outside.gravity_m_s2[...] = rotate_wxyz(turn, outside.gravity_m_s2)

@@ -117,7 +117,8 @@ class CorePhysics:
 
     def live(self, name: str) -> NDArray[Any]:
         """An array of MuJoCo's data by its name."""
-        return self.batch.bind(name)
+        found: NDArray[Any] = self.batch.bind(name)
+        return found
 
     def gravity(self) -> NDArray[np.float64]:
         """Gravity in the frame of the ground, shape (n_sims, 3)."""
