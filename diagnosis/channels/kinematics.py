@@ -156,7 +156,7 @@ def stance_view(
     unchanged = np.all((stack.inner(contact) | stack.inner(~contact))[rows], axis=1)
     several = steady & (standing[rows].sum(axis=1, keepdims=True) >= 2) & unchanged[:, None]
     settled = steady & stack.inner(contact, SPRINGS_BACK, 0)[rows]
-    velocities = np.stack([steady, steady, settled], axis=2).reshape(len(rows), 3 * facts.N_LEGS)
+    velocities = np.stack([steady, steady, settled], axis=2).reshape(len(rows), -1)
     usable = np.concatenate([velocities, several], axis=1)
     legs = np.arange(facts.N_LEGS)
     acceleration = _acceleration_in_body(stack, inputs)

@@ -30,8 +30,8 @@ RISE: Final = ("rise_x_rad", "rise_y_rad")
 class GroundSlopeEntry(LibraryEffect):
     """Standing feet that lie on a plane which keeps its direction in odom, whichever way the robot faces.
 
-    The slope is one of all recordings in odom, or one of each recording or stretch, as its feet show it. Of several, the
-    coefficients say how much of them there is: up the slopes, and across.
+    The slope is one of all recordings in odom, or one of each recording or stretch, as its feet show it. Of several,
+    the coefficients say how much of them there is: up the slopes, and across.
     """
 
     title = "slope of the ground"
