@@ -61,6 +61,8 @@ ERROR_SCALES: Final[Mapping[str, ErrorScale]] = {
         at={"lag_s": 0.005},
     ),
     "imu_tilt": ErrorScale({"roll_rad": 0.008, "pitch_rad": 0.008}, at={"packets_are_tilted": 1.0}),
+    # Paved ground falls by 1 to 2 % for drainage, screed by less.
+    "ground_slope": ErrorScale({"rise_x_rad": 0.01, "rise_y_rad": 0.01}, at={"stretch_s": 0.0}),
     # Contact detectors are late by 5 to 15 ms, and the policy never sees them.
     "contact_delay": ErrorScale({"delay_s": 0.006}),
     # Floors: the closed loop's ground is chosen by its own distance instead.

@@ -179,7 +179,7 @@ class ImuTiltEntry(LibraryEffect):
     coefficients = (Coefficient("roll_rad", "rad", -0.3, 0.3), Coefficient("pitch_rad", "rad", -0.3, 0.3))
     grid: ClassVar[Grid] = {"packets_are_tilted": (1.0, 0.0)}
     """Whether the unit's own packets are tilted with the attitude."""
-    confused_with = ("com_offset", "encoder_offset", "velocity_estimate")
+    confused_with = ("ground_slope", "com_offset", "encoder_offset", "velocity_estimate")
     split_by = TURN
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

@@ -16,6 +16,7 @@ from diagnosis.library import (
     LibraryEffect,
     contact,
     drive,
+    ground,
     joint_sensing,
     limits,
     program,
@@ -68,12 +69,14 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
         contact.GroundComplianceEntry(),
         contact.ContactDelayEntry(),
         contact.ImuTiltEntry(),
+        ground.GroundSlopeEntry(),
+        ground.FootDragEntry(),
         program.ActionScaleEntry(),
         program.DefaultPoseEntry(),
         program.JointSwapEntry(),
     )
 }
-"""40 effects. A leg that differs from the others is any of them at that leg's joints; a robot that does not follow its
+"""42 effects. A leg that differs from the others is any of them at that leg's joints; a robot that does not follow its
 commands is no effect but a cut (:mod:`diagnosis.read.segments`)."""
 
 

@@ -15,6 +15,9 @@ from spot_model.io.settings import Settings
 
 LEAST_NATS: Final = 3.0
 """What brings less than odds of 20 to 1 is no finding, however little faultless robots show of it."""
+UNLEARNED: Final = {"ground_slope": "imu_tilt", "foot_drag": "viscous_friction"}
+"""Effects that no faultless robot was asked about yet, with the learned one whose formula each shares: the attitude of
+standing feet, and a drag on swinging legs."""
 CONVEX_BELOW: Final = 1.0 / np.e
 """The bound on odds holds for p values below this."""
 
@@ -54,7 +57,7 @@ class Faultless(Settings):
 
     def price(self, effect: str) -> float:
         """Nats at which the odds of an effect are even: what it adds on faultless robots, and odds of 20 to 1."""
-        return max(LEAST_NATS, self.gains.get(effect, 0.0))
+        return max(LEAST_NATS, self.gains.get(effect, self.gains.get(UNLEARNED.get(effect, ""), 0.0)))
 
 
 def even_odds(p: float) -> float:

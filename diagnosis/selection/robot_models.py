@@ -40,6 +40,7 @@ ALIKE: Mapping[str, tuple[str, ...]] = {
     "foot_radius": ("change_m",),
     "velocity_estimate": ("scale", "bias_x_m_s", "bias_y_m_s", "lag_s"),
     "imu_tilt": ("roll_rad", "pitch_rad"),
+    "ground_slope": ("rise_x_rad", "rise_y_rad"),
     "contact_delay": ("delay_s",),
     "ground_friction": ("scale",),
     "ground_compliance": ("time_constant_s", "damping_ratio"),

@@ -32,7 +32,7 @@ from spot_model.robot import facts
 
 ZEROS: Final = frozenset({"offset_rad", "bias_nm"})
 """Set joint by joint: their mean over a type is nobody's number."""
-NOT_OF_THE_ROBOT: Final = frozenset({"ground_friction", "ground_compliance"})
+NOT_OF_THE_ROBOT: Final = frozenset({"ground_friction", "ground_compliance", "ground_slope"})
 TAUGHT: Final = 0.5
 """Share of the published variance that a number's variance stays under, if the logs say at least as much of it as the
 publications do."""

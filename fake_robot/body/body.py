@@ -13,7 +13,7 @@ from fake_robot.body.drive import Drive
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Motion, SensorEffect, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.plant.effect_chains import EstimateChain, SensorChain
+from spot_model.plant.effect_chains import EstimateChain, OutsideChain, SensorChain, of_kind
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, Array
@@ -61,11 +61,17 @@ class Body:
         self._row_position: Array = self.joint_position_rad[np.newaxis]
         self._row_velocity: Array = self.joint_velocity_rad_s[np.newaxis]
         effects = [e for e in scenario.robot_model.effects if not e.is_null]
-        self._drive = Drive([e for e in effects if isinstance(e, TorqueEffect)])
-        sensors = [e for e in effects if isinstance(e, SensorEffect)]
-        estimators = [e for e in effects if isinstance(e, EstimateEffect)]
-        self.has_sensors, self.has_estimators = bool(sensors), bool(estimators)
-        """Whether any effect changes what the joints, or the body's estimator, report."""
+        self._drive = Drive(of_kind(effects, TorqueEffect))
+        self._outside = OutsideChain(
+            effects,
+            self.model,
+            lambda name: getattr(data, name)[np.newaxis],
+            lambda: self.model.opt.gravity[np.newaxis],
+        )
+        sensors, estimators = of_kind(effects, SensorEffect), of_kind(effects, EstimateEffect)
+        self.has_sensors = bool(sensors)
+        self.has_estimators = bool(estimators) or self._outside.odom_from_ground_wxyz() is not None
+        """Whether anything changes what the joints, or the body's estimator, report."""
         self.torque_gain: Array | None = None
         """A fault of the drives: motor torque is multiplied by this, shape (12,)."""
         self._sit_down()
@@ -86,6 +92,7 @@ class Body:
             motion = Motion(self._row_position.copy(), self._row_velocity.copy(), self._dt_s)
             torque = self._drive.torque_nm(servo, motion, self._reading or motion)[0]
             self.motor_torque_nm[:] = torque if self.torque_gain is None else torque * self.torque_gain
+        self._outside.act(self._data.time)
         mujoco.mj_step(self.model, self._data)
         if self.has_sensors:
             self._reading = self._sensor_chain.read(self._true_reading(), self._dt_s, self._rng)
@@ -179,6 +186,6 @@ class Body:
         return BodyEstimate(
             linear_vel_of_body_in_body_m_s=rotate_inverse_wxyz(attitude, self.base_velocity[np.newaxis, :3]),
             angular_vel_of_body_in_body_rad_s=self.base_velocity[np.newaxis, 3:].copy(),
-            world_from_body_wxyz=attitude,
+            world_from_body_wxyz=self._outside.in_odom(attitude),
             foot_contact=(self._feet[np.newaxis, :, 0] > 0.0).astype(np.float64),
         )

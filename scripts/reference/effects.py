@@ -22,6 +22,7 @@ HOOKS = {
     Hook.COMMAND: ("arrival_s", "The way of a command from the policy to the servos"),
     Hook.SENSOR: ("read", "What the joints' sensors report"),
     Hook.ESTIMATE: ("estimate", "What the state estimator reports of the body"),
+    Hook.OUTSIDE: ("surround", "Gravity and forces on the feet, at every physics step"),
 }
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "reference" / "effects"
 ABOUT = """\
@@ -93,10 +94,10 @@ def _bases() -> list[str]:
     """The classes that an effect is derived from, and what its formula is given."""
     found = []
     hooks = (base.ModelEffect, base.TorqueEffect, base.SoftwareEffect, base.CommandEffect)
-    for cls in (*hooks, base.SensorEffect, base.EstimateEffect):
+    for cls in (*hooks, base.SensorEffect, base.EstimateEffect, base.OutsideEffect):
         method = getattr(cls, HOOKS[cls.hook][0])
         found.append(f"### {cls.__name__}\n\n{plain(cls.__doc__ or '')}\n\n{method_text(method)}")
-    for given in (base.Motion, base.JointReading, base.BodyEstimate):
+    for given in (base.Motion, base.JointReading, base.BodyEstimate, base.Outside):
         rows = [(f"`{name}`", text) for name, text in attribute_docs(given).items()]
         found.append(f"### {given.__name__}\n\n{plain(given.__doc__ or '')}\n\n{table(('attribute', 'what'), rows)}")
     return found

@@ -45,6 +45,8 @@ class Hook(enum.Enum):
     """What the joints' sensors report: to the servo, the log and the policy."""
     ESTIMATE = "estimate"
     """What the state estimator reports of the body: to the log and the policy."""
+    OUTSIDE = "outside"
+    """Gravity and forces on the feet, at every physics step."""
 
 
 class Draws(Protocol):
@@ -335,6 +337,32 @@ class EstimateEffect(Effect):
 
         ``joints`` holds the reading of the joints' sensors at this instant.
         """
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What surrounds robots at a physics step, for an effect to write into, and the robots' state."""
+
+    gravity_m_s2: AnyArray
+    """In the frame of the ground, shape (n, 3)."""
+    foot_force_n: AnyArray
+    """On the centre of each foot, in the frame of the ground, shape (n, 4, 3)."""
+    qpos: AnyArray
+    """MuJoCo's, shape (n, 19)."""
+    qvel: AnyArray
+    """MuJoCo's, shape (n, 18)."""
+    time_s: AnyArray
+    """Since the start, shape (n, 1)."""
+
+
+class OutsideEffect(Effect):
+    """An effect of the surroundings, on gravity and the feet at every physics step."""
+
+    hook: ClassVar[Hook] = Hook.OUTSIDE
+
+    @abstractmethod
+    def surround(self, outside: Outside) -> None:
+        """Turn gravity, or add to the forces, in place. The effect's parameters are arrays here."""
 
 
 @functools.lru_cache(maxsize=256)

@@ -7,7 +7,7 @@ sees, in the commands' way to the servos, and in what is kept of each tick.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,10 +19,10 @@ from spot_model.plant.plant import Plant
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.arrays import like, namespace_of
+from spot_model.robot.arrays import like, namespace_of, on_host
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from spot_model.robot.rotation import AnyArray, rotate_inverse_wxyz, rotate_wxyz
+from spot_model.robot.rotation import AnyArray, conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
 CommandAt = Callable[[int], Array]
 """What is asked of all robots at a policy tick: velocities, shape (n, 3); offsets of a joint script, shape (n, 12)."""
@@ -44,13 +44,12 @@ class Tick:
 
 def true_state(plant: Plant) -> Sensed:
     """What perfect sensors would report."""
-    return Sensed(
-        plant.joint_position_rad,
-        plant.joint_velocity_rad_s,
-        plant.world_from_body_wxyz,
-        plant.linear_vel_of_body_in_world_m_s,
-        plant.angular_vel_of_body_in_world_rad_s,
-    )
+    attitude, turn = plant.world_from_body_wxyz, plant.outside.odom_from_ground_wxyz()
+    velocities = plant.linear_vel_of_body_in_world_m_s, plant.angular_vel_of_body_in_world_rad_s
+    if turn is not None:
+        attitude = multiply_wxyz(turn, attitude)
+        velocities = rotate_wxyz(turn, velocities[0]), rotate_wxyz(turn, velocities[1])
+    return Sensed(plant.joint_position_rad, plant.joint_velocity_rad_s, attitude, *velocities)
 
 
 @dataclass(frozen=True)
@@ -158,12 +157,21 @@ def standing_height_m(start: StartState) -> float:
     return float(facts.FOOT_RADIUS_M - np.min(np.asarray(feet)[..., 2]))
 
 
+def _from_odom(start: StartState, odom_from_ground_wxyz: Array) -> StartState:
+    attitude = multiply_wxyz(conjugate_wxyz(odom_from_ground_wxyz), start.world_from_body_wxyz)
+    names = ("linear_vel_of_body_in_world_m_s", "angular_vel_of_body_in_world_rad_s")
+    velocities = {name: rotate_inverse_wxyz(odom_from_ground_wxyz, getattr(start, name)) for name in names}
+    return replace(start, world_from_body_wxyz=attitude, **velocities)
+
+
 def put_at(plant: Plant, starts: Sequence[StartState]) -> NDArray[np.float32]:
-    """Put each simulation into its start, on level ground; return the last actions, shape (n_sims, 12).
+    """Put each simulation into its start, as odom has it, on the ground; return the last actions, shape (n_sims, 12).
 
     Raises:
         ValueError: There is not one start a simulation.
     """
+    if (turns := plant.outside.odom_from_ground_wxyz()) is not None:
+        starts = [_from_odom(start, turn) for start, turn in zip(starts, on_host(turns), strict=True)]
 
     def each(name: str) -> Array:
         return np.stack([getattr(start, name) for start in starts])

@@ -6,7 +6,7 @@ the robots report.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -21,16 +21,19 @@ from spot_model.effects.base import (
     Memory,
     ModelEffect,
     Motion,
+    Outside,
+    OutsideEffect,
     SensorEffect,
     SoftwareEffect,
     TorqueEffect,
 )
+from spot_model.effects.ground import level_turn_wxyz
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.memory import keeper, leaves, own_tensors, restarted, tensors_of, with_leaves
 from spot_model.robot import facts
-from spot_model.robot.arrays import namespace_of
+from spot_model.robot.arrays import copy_of, namespace_of
 from spot_model.robot.control import pd_torque
-from spot_model.robot.rotation import AnyArray
+from spot_model.robot.rotation import AnyArray, cross, multiply_wxyz
 
 Kind = TypeVar("Kind", TorqueEffect, SensorEffect, EstimateEffect)
 
@@ -145,7 +148,70 @@ class EstimateChain(EffectChain[EstimateEffect]):
         return truth
 
 
-PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)
+LEAST_M_S2 = 1e-12
+
+
+class OutsideChain:
+    """Gravity, and forces on the feet of a batch of simulations; without an effect on them, nothing.
+
+    Args:
+        effects: All that act; the others are left aside.
+        model: MuJoCo's.
+        live: Gives a live array of MuJoCo's data by its name, with the simulations as first axis.
+        gravity: Gives the live gravity, shape (n, 3).
+    """
+
+    def __init__(
+        self, effects: Sequence[Effect], model: Any, live: Callable[[str], AnyArray], gravity: Callable[[], AnyArray]
+    ) -> None:
+        self._qpos, self._qvel = live("qpos"), live("qvel")
+        self._effects = [effect.arrays_like(self._qpos) for effect in effects if isinstance(effect, OutsideEffect)]
+        # Slices, since a GPU's recorded work may not fetch a list of numbers.
+        feet = _evenly([model.geom(f"{leg}_foot").id for leg in facts.LEG_NAMES])
+        shanks = _evenly([model.body(f"{leg}_lleg").id for leg in facts.LEG_NAMES])
+        self._pushed = live("xfrc_applied")[:, shanks]
+        self._pushed[...] = 0.0
+        if self._effects:
+            self._feet, self._centres = live("geom_xpos")[:, feet], live("xipos")[:, shanks]
+            self._gravity = gravity()
+            self._upright = copy_of(self._gravity)
+            self.act(0.0)
+
+    def act(self, time_s: Any) -> None:
+        """Set gravity and forces for the next physics step, so long after the start: shape (n,), or a number."""
+        if not self._effects:
+            return
+        elapsed_s = 0.0 * self._qpos[:, :1] + (time_s if isinstance(time_s, float) else time_s[:, None])
+        self._gravity[...], force = self._upright, 0.0 * self._feet
+        for effect in self._effects:
+            effect.surround(Outside(self._gravity, force, self._qpos, self._qvel, elapsed_s))
+        self._pushed[...] = namespace_of(force).concat([force, cross(self._feet - self._centres, force)], axis=2)
+
+    def odom_from_ground_wxyz(self) -> AnyArray | None:
+        """What turns the frame of the ground into one that is true to gravity, (n, 4); None where it is."""
+        if not self._effects:
+            return None
+        x, y, z = (self._gravity[:, i : i + 1] for i in range(3))
+        level = namespace_of(z).clip(namespace_of(z).sqrt(x * x + y * y), LEAST_M_S2, None)
+        steep = namespace_of(z).atan2(level, -z) / level
+        return level_turn_wxyz(x * steep, y * steep)
+
+    def in_odom(self, ground_from_body_wxyz: AnyArray) -> AnyArray:
+        """Attitudes against the vertical, shape (n, 4)."""
+        turn = self.odom_from_ground_wxyz()
+        return ground_from_body_wxyz if turn is None else multiply_wxyz(turn, ground_from_body_wxyz)
+
+
+def _evenly(numbers: Sequence[int]) -> slice:
+    return slice(numbers[0], numbers[-1] + 1, numbers[1] - numbers[0])
+
+
+def of_kind(effects: Sequence[Effect], kind: Any) -> list[Any]:
+    """The effects of one kind, in their order."""
+    return [effect for effect in effects if isinstance(effect, kind)]
+
+
+PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect, OutsideEffect)
 """Kinds of effect that the plant has a place for."""
 
 

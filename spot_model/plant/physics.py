@@ -41,6 +41,14 @@ class Physics(Protocol):
     build: int
     """Number of the model that is simulated; work of a GPU that was recorded with an earlier one is void."""
 
+    def live(self, name: str) -> AnyArray:
+        """An array of MuJoCo's data by its name, with the simulations as first axis."""
+        ...
+
+    def gravity(self) -> AnyArray:
+        """Gravity in the frame of the ground, m/s², each simulation's own from then on; shape (n_sims, 3)."""
+        ...
+
     def step(self) -> None:
         """Advance all simulations by one physics step."""
         ...
@@ -106,6 +114,15 @@ class CorePhysics:
         self.sensordata: NDArray[np.float64] = batch.bind("sensordata")
         self._ncon: NDArray[np.int32] = batch.bind("ncon")
         self._foot_contacts = self.sensordata[:, : FOOT_SENSOR_SIZE * facts.N_LEGS : FOOT_SENSOR_SIZE]
+
+    def live(self, name: str) -> NDArray[Any]:
+        """An array of MuJoCo's data by its name."""
+        found: NDArray[Any] = self.batch.bind(name)
+        return found
+
+    def gravity(self) -> NDArray[np.float64]:
+        """Gravity in the frame of the ground, shape (n_sims, 3)."""
+        return self.fields["opt.gravity"]
 
     def step(self) -> None:
         """Advance all simulations by one physics step."""

@@ -24,7 +24,7 @@ from spot_model.effects.base import (
     TorqueEffect,
 )
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
-from spot_model.plant.effect_chains import EstimateChain, SensorChain, TorqueChain, check_effects
+from spot_model.plant.effect_chains import EstimateChain, OutsideChain, SensorChain, TorqueChain, check_effects, of_kind
 from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
 from spot_model.plant.physics import PlantDivergedError, PlantOptions, make_physics
 from spot_model.plant.plant_state import PlantState
@@ -151,8 +151,7 @@ class Plant(PlantState):
         position = command.position_rad
         for effect in self._software:
             position = effect.setpoint_rad(position)
-        position = saturate_setpoint(position, *self._stops_rad)
-        self._channel.issue(replace(command, position_rad=position), self._now_s)
+        self._channel.issue(replace(command, position_rad=saturate_setpoint(position, *self._stops_rad)), self._now_s)
 
     def advance(self, n_substeps: int = 1) -> None:
         """Advance all simulations by physics steps, with the servo law and the torque effects at each.
@@ -186,6 +185,7 @@ class Plant(PlantState):
             motion = Motion(copy_of(self._joint_pos), copy_of(self._joint_vel), self.timestep_s)
             believed = self._reading if self._has_sensing else motion
             self._ctrl[...] = self._torques.torque_nm(self._channel.at(self._now_s), motion, believed)
+            self.outside.act(self.physics.time)
             self.physics.step()
             self._pass_step()
             if self._has_sensing:
@@ -336,18 +336,18 @@ class Plant(PlantState):
 
     def _let_act(self, effects: Sequence[Effect]) -> None:
         """Start the effects afresh, from the state that the robots are in."""
-        acting, rest = [effect for effect in effects if not effect.is_null], self._rest
-        for edits in [e for e in acting if isinstance(e, ModelEffect)]:
+        acting, rest, physics = [effect for effect in effects if not effect.is_null], self._rest, self.physics
+        for edits in of_kind(acting, ModelEffect):
             edits.edit(self.fields)
         self.fields.commit()
-        self._software = [e.arrays_like(rest) for e in acting if isinstance(e, SoftwareEffect)]
-        self._torques = TorqueChain([e for e in acting if isinstance(e, TorqueEffect)], rest)
-        commands = [e for e in acting if isinstance(e, CommandEffect)]
-        self._channel = CommandChannel(commands, ServoCommand(position_rad=rest), self.timestep_s, self._rng)
+        self.outside = OutsideChain(acting, self.model, physics.live, physics.gravity)
+        self._software = [e.arrays_like(rest) for e in of_kind(acting, SoftwareEffect)]
+        self._torques = TorqueChain(of_kind(acting, TorqueEffect), rest)
+        still = ServoCommand(position_rad=rest)
+        self._channel = CommandChannel(of_kind(acting, CommandEffect), still, self.timestep_s, self._rng)
         self._has_sensing = any(isinstance(e, (SensorEffect, EstimateEffect)) for e in acting)
-        self._sensors = SensorChain([e for e in acting if isinstance(e, SensorEffect)], rest, self.true_reading())
-        estimators = [e for e in acting if isinstance(e, EstimateEffect)]
-        self._estimators = EstimateChain(estimators, rest, self.true_estimate())
+        self._sensors = SensorChain(of_kind(acting, SensorEffect), rest, self.true_reading())
+        self._estimators = EstimateChain(of_kind(acting, EstimateEffect), rest, self.true_estimate())
 
     def _sense(self, dt_s: float) -> None:
         reading = self._sensors.read(self.true_reading(), dt_s, self._rng)

@@ -7,6 +7,7 @@ from typing import Final
 from array_api_compat import device
 
 from spot_model.effects.base import BodyEstimate, JointReading
+from spot_model.plant.effect_chains import OutsideChain
 from spot_model.plant.model_fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
 from spot_model.plant.physics import FOOT_SENSOR_SIZE, Physics, PlantDivergedError
 from spot_model.robot import facts
@@ -26,6 +27,9 @@ class PlantState:
     Positions and velocities are those of now. Contacts, forces, torques and accelerations are those that acted in the
     last physics step, which started one step ago; after a reset they are those of the new state without motor torque.
     """
+
+    outside: OutsideChain
+    """Gravity and what else surrounds the robots."""
 
     def __init__(self, physics: Physics, *, has_link_torque: bool) -> None:
         self.physics = physics
@@ -87,7 +91,7 @@ class PlantState:
         return BodyEstimate(
             linear_vel_of_body_in_body_m_s=self.linear_vel_of_body_in_body_m_s,
             angular_vel_of_body_in_body_rad_s=copy_of(self._qvel[:, 3:6]),
-            world_from_body_wxyz=copy_of(self._qpos[:, 3:7]),
+            world_from_body_wxyz=self.outside.in_odom(copy_of(self._qpos[:, 3:7])),
             foot_contact=namespace_of(self._qpos).astype(self.foot_contact, self._qpos.dtype),
         )
 

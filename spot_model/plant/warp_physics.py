@@ -63,6 +63,7 @@ class WarpPhysics:
         self.qpos: Tensor = wp.to_torch(self._data.qpos)
         self.qvel: Tensor = wp.to_torch(self._data.qvel)
         self.ctrl: Tensor = wp.to_torch(self._data.ctrl)
+        self._gravity = torch.tensor(model.opt.gravity, dtype=self.qpos.dtype, device=self.device).repeat(n_sims, 1)
         self.time: Tensor = wp.to_torch(self._data.time)
         self.sensordata: Tensor = wp.to_torch(self._data.sensordata)
         self._warmstart: Tensor = wp.to_torch(self._data.qacc_warmstart)
@@ -91,6 +92,15 @@ class WarpPhysics:
                 f"{self.n_sims} robots do not fit into the {free / 2**30:.1f} GiB that are free on {self.device}; "
                 f"about {fit} do: simulate fewer at once, or free the GPU"
             ) from error
+
+    def live(self, name: str) -> Tensor:
+        """An array of MuJoCo's data by its name."""
+        found: Tensor = wp.to_torch(getattr(self._data, name))
+        return found
+
+    def gravity(self) -> Tensor:
+        """Gravity in the frame of the ground, shape (n_sims, 3)."""
+        return self._gravity
 
     def step(self) -> None:
         """Advance all simulations by one physics step; the first one compiles the kernels and records them."""
@@ -171,6 +181,7 @@ class WarpPhysics:
             own = self._own_fields()
             self._model = mjw.put_model(self.model, batch_sizes=dict.fromkeys(own, self.n_sims))
             self._model.opt.warn_overflow = 0
+            self._model.opt.gravity = wp.from_torch(self._gravity, dtype=wp.vec3)
             self._copy_fields()
             if not self._wp_device.is_cuda:
                 return

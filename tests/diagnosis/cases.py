@@ -147,6 +147,8 @@ CASES = (
     ),
     Case("contact_delay", ALL, {"delay_s": 0.03}),
     Case("imu_tilt", ALL, {"roll_rad": 0.02, "pitch_rad": -0.03}),
+    Case("ground_slope", ALL, {"rise_x_rad": 0.07, "rise_y_rad": -0.03}),
+    Case("foot_drag", ALL, {"drag_n_s_per_m": 8.0, "height_m": 0.08}, unchecked=("height_m",)),
     Case("action_scale", ("kn",), {"scale": 1.2}, {"scale": 1e-3}),
     Case("default_pose", ("hl",), {"offset_rad": 0.05}, {"offset_rad": 1e-3}),
     Case("joint_swap", ("hx",), {"share": 0.5}, {"share": 1e-3}),

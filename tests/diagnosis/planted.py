@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 TICK_STATES = (7, 7, 6)
 """State messages between two ticks of a 50 Hz policy on a 3 ms stream."""
 START_NS = 1_700_000_000_000_000_000
-GRAVITY_M_S2 = 9.81
 POLL_STATES = 33
 """State messages between two polls of the slow state."""
 
@@ -160,6 +159,7 @@ class _Recorder:
         self.plant = Plant(own, n, PlantOptions(mjcf=truth.mjcf, n_threads=1, seed=seed))
         pose = facts.DEFAULT_POSITION_RAD + 0.03 * self.rng.standard_normal((n, facts.N_JOINTS))
         self.plant.reset(joint_position_rad=pose, position_of_body_in_world_m=(0.0, 0.0, default_height_m() + 0.01))
+        self.gravity = self.plant.physics.gravity()
         self.substeps = round(facts.STATE_PERIOD_NS * 1e-9 / truth.mjcf.timestep_s)
         self.step_ns = facts.STATE_PERIOD_NS // self.substeps
         self.states: dict[str, list[Any]] = {}
@@ -200,7 +200,8 @@ class _Recorder:
         attitude = estimate.world_from_body_wxyz
         imu = self.imu.copy()
         if self.truth.imu_is_tilted:
-            true = plant.world_from_body_wxyz
+            # Against the vertical, as the estimate is.
+            true = plant.outside.in_odom(plant.world_from_body_wxyz)
             imu = np.concatenate(
                 [rotate_inverse_wxyz(attitude, rotate_wxyz(true, part)) for part in np.split(imu, 2, axis=2)], axis=2
             )
@@ -318,7 +319,7 @@ class _Recorder:
         """Inertial packets 2, 1 and 0 ms before the next state: specific force of the step that holds the instant."""
         before, _ = self._moved
         velocity, attitude = self._velocity(), self.plant.world_from_body_wxyz
-        force = (velocity[:, :3] - before[:, :3]) / self.plant.timestep_s + np.array([0.0, 0.0, GRAVITY_M_S2])
+        force = (velocity[:, :3] - before[:, :3]) / self.plant.timestep_s - self.gravity
         packet = np.concatenate([rotate_inverse_wxyz(attitude, force), velocity[:, 3:]], axis=1)
         for i, age_s in enumerate((0.002, 0.001, 0.0)):
             if step == self.substeps - 1 - int(age_s / self.plant.timestep_s + 1e-6):

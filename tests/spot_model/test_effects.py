@@ -15,6 +15,8 @@ from spot_model.effects.base import (
     Hook,
     JointReading,
     Motion,
+    Outside,
+    OutsideEffect,
     SensorEffect,
     SoftwareEffect,
     TorqueEffect,
@@ -32,6 +34,7 @@ from spot_model.effects.commands import ActionScale, CommandDelay, CommandDrop, 
 from spot_model.effects.drivetrain import Backlash, TorqueBandwidth, TorqueDelay, TorqueGain, TorqueOffset, TorqueRipple
 from spot_model.effects.estimator import ContactDelay, ImuTilt, VelocityEstimate
 from spot_model.effects.friction import Armature, CoulombFriction, LoadFriction, StribeckFriction, ViscousFriction
+from spot_model.effects.ground import FootDrag, GroundSlope
 from spot_model.effects.joint_sensors import (
     EncoderOffset,
     JointCompliance,
@@ -114,6 +117,10 @@ def outcome(effect: Effect) -> np.ndarray:
         fields = Fields()
         effect.edit(fields)
         return fields.flat()
+    if isinstance(effect, OutsideEffect):
+        around = surroundings()
+        effect.arrays_like(around.qpos).surround(around)
+        return np.hstack([around.gravity_m_s2, around.foot_force_n.reshape(4, -1)])
     if isinstance(effect, CommandEffect):
         return effect.arrival_s(np.linspace(0.0, 1.0, 50), np.random.default_rng(5))
     if isinstance(effect, SoftwareEffect):
@@ -122,6 +129,16 @@ def outcome(effect: Effect) -> np.ndarray:
         return read_over_steps(effect)
     assert isinstance(effect, EstimateEffect)
     return estimate_over_steps(effect)
+
+
+def surroundings() -> Outside:
+    """Four robots that move in different ways, at different times."""
+    rng = np.random.default_rng(6)
+    qpos, qvel = rng.normal(0.0, 0.3, (4, 19)), rng.normal(0.0, 1.0, (4, 18))
+    qpos[:, 3] = 1.0
+    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+    gravity = np.tile([0.0, 0.0, -9.81], (4, 1))
+    return Outside(gravity, np.zeros((4, 4, 3)), qpos, qvel, np.array([[0.0], [0.7], [2.0], [9.0]]))
 
 
 def readings() -> list[JointReading]:
@@ -175,6 +192,7 @@ NULL_INPUT = {
     Hook.SOFTWARE: lambda: random_joints()[1].position_rad,
     Hook.SENSOR: lambda: stacked(readings()),
     Hook.ESTIMATE: lambda: stacked(estimates()),
+    Hook.OUTSIDE: lambda: np.hstack([surroundings().gravity_m_s2, np.zeros((4, 12))]),
 }
 
 ACTIVE = (
@@ -222,6 +240,8 @@ ACTIVE = (
     VelocityEstimate(scale=0.95, bias_x_m_s=0.05, bias_y_m_s=0.02, lag_s=0.02),
     ImuTilt(roll_rad=0.02, pitch_rad=0.03),
     ContactDelay(delay_s=0.02),
+    GroundSlope(rise_x_rad=0.06, rise_y_rad=0.03, from_s=1.0, until_s=2.4),
+    FootDrag(drag_n_s_per_m=8.0, height_m=0.15),
     ActionScale(scale=1.25),
     DefaultPose(offset_rad=0.1),
     JointSwap(share=1.0),

@@ -8,6 +8,7 @@ import pytest
 
 from spot_model.effects.base import Effect
 from spot_model.effects.bodies import GroundFriction
+from spot_model.effects.ground import FootDrag, GroundSlope
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
@@ -71,6 +72,17 @@ def test_the_committed_walk_walks_and_stands() -> None:
     assert result.survived.all()
     velocity = result.mean_velocity(result.ticks(3.0, 6.0))
     np.testing.assert_allclose(velocity[:, 0], [0.0, 1.0], atol=0.15)
+
+
+def test_a_policy_is_evaluated_on_a_slope_and_in_grass() -> None:
+    policy, speeds = load_policy(POLICY), []
+    for effects in ((), (GroundSlope(rise_x_rad=0.14),), (FootDrag(drag_n_s_per_m=20.0, height_m=0.2),)):
+        setting = Setting(policy, model=RobotModel(effects), n_threads=1)
+        result = record_walks(policy, setting.plant(1), lambda _: np.array([[1.0, 0.0, 0.0]]), 150)
+        assert result.survived.all()
+        speeds.append(result.velocity[75:, 0, 0].mean())
+    assert speeds[1] < speeds[0] - 0.02
+    assert speeds[2] < speeds[0] - 0.02
 
 
 def test_a_whole_evaluation_and_its_page() -> None:

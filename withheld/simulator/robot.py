@@ -57,6 +57,9 @@ DelayPart = Callable[[int, np.random.Generator], Array]
 BodyForce = Callable[[Array, float], Array]
 """Force on the body in the world, N, shape (n, 3), from its velocities, m/s, shape (n, 3), and the time, s."""
 
+FootForce = Callable[[Array, Array], Array]
+"""Force on each foot in the world, N, from its height above level ground, m, (n, 4), and its velocity, (n, 4, 3)."""
+
 
 class ReadingPart(Protocol):
     """Something that happens to the joints' readings."""
@@ -120,6 +123,8 @@ class Robot:
     """What becomes of the joints' readings before servo, policy and log get them."""
     body_forces: list[BodyForce] = field(default_factory=list)
     """External forces on the body."""
+    foot_forces: list[FootForce] = field(default_factory=list)
+    """External forces on the feet."""
 
 
 def leg_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from spot_model.errors import SpotRlError
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+from spot_model.robot.facts import FOOT_RADIUS_M, LEG_NAMES, N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
 from spot_model.robot.mjcf import default_height_m
 from spot_model.robot.rotation import multiply_wxyz
 from withheld.simulator.body import build_model
@@ -94,6 +94,12 @@ class _Simulation:
         self._qpos, self._qvel, self._applied, self._pushed, self._sensed = (
             self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied", "xfrc_applied", "sensordata")
         )
+        self._before: Array = np.zeros(0)
+        self._geoms, self._centres = self.batch.bind("geom_xpos"), self.batch.bind("xipos")
+        self._feet = (
+            [self.model.geom(f"{leg}_foot").id for leg in LEG_NAMES],
+            [self.model.body(f"{leg}_lleg").id for leg in LEG_NAMES],
+        )
         self.n_states = int(np.ceil((settings.ramp_s + requests[0].sequence.duration_s + settings.tail_s) / STATE_S))
         self._start_poses()
         self.position: Array = self._qpos[:, :7]
@@ -160,6 +166,14 @@ class _Simulation:
         body = self.model.body("body").id
         for part in self.robot.body_forces:
             self._pushed[:, body, :3] = part(self.velocity[:, :3], time_s)
+        if not self.robot.foot_forces:
+            return
+        feet, shanks = self._feet
+        place = self._geoms[:, feet].copy()
+        speed = (place - self._before) / STATE_S if time_s else np.zeros_like(place)
+        force = sum(part(place[..., 2] - FOOT_RADIUS_M, speed) for part in self.robot.foot_forces)
+        self._before, self._pushed[:, shanks, :3] = place, force
+        self._pushed[:, shanks, 3:] = np.cross(place - self._centres[:, shanks], force)
 
     def _foot_force_n(self) -> Array:
         """True normal forces, shape (n, 4)."""
@@ -196,7 +210,7 @@ class _Simulation:
             if len(ticking):
                 self._tick(record, ticking, number_of[state, ticking], state, held)
             record.sent[state] = self.setpoint
-            if robot.body_forces:
+            if robot.body_forces or robot.foot_forces:
                 self._push_body(state * STATE_S)
             for step in range(state * sub, (state + 1) * sub):
                 if is_new[step]:
