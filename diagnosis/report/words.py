@@ -234,7 +234,8 @@ def _numbers_told(numbers: Sequence[CalibratedNumber]) -> str:
         told = f"{place(first.where)} give {percent(first.value)} of the torque asked"
         return ", ".join([told, *(f"{place(n.where)} {percent(n.value)}" for n in rest)])
     n = numbers[0]
-    return f"{n.title} of {place(n.where)} is {number(n.value, n.unit)}, nominal {number(n.nominal, n.unit)}"
+    of = "" if n.where == BODY else f" of {place(n.where)}"
+    return f"{n.title}{of} is {number(n.value, n.unit)}, nominal {number(n.nominal, n.unit)}"
 
 
 def closing_kinds(v: Verdict) -> dict[str, GapChange]:

@@ -54,7 +54,7 @@ def search(board: Evidence, library: Mapping[str, LibraryEffect], say: Say) -> S
     best, candidates = null_of(board), first
     while candidates and candidates[0].value > max(best.value, 0.0) and len(best.terms) < MAX_TERMS:
         best = candidates[0]
-        say(f"+ {best.terms[-1].effect.name}: {best.value:.0f} nats")
+        say(f"found: {best.terms[-1].effect.title}")
         if len(best.terms) > 1:
             best = _pruned(board, _exchanged(board, best, usable))
         candidates = ranked(board, best.terms, beside(usable, best.terms))
