@@ -68,7 +68,7 @@ def mutants_of(file: str) -> Iterator[Mutant]:
 
 
 def _unjudged(tree: ast.AST) -> set[int]:
-    """Nodes that are no code: annotations, docstrings, texts put together for people."""
+    """Nodes that decide nothing: annotations, docstrings, texts for people, and ``strict``, which only asserts."""
     skipped: set[int] = set()
     for node in ast.walk(tree):
         parts: list[ast.AST | None] = []
@@ -77,7 +77,7 @@ def _unjudged(tree: ast.AST) -> set[int]:
             parts += node.decorator_list
         if isinstance(node, ast.AnnAssign):
             parts.append(node.annotation)
-        if isinstance(node, ast.JoinedStr):
+        if isinstance(node, ast.JoinedStr) or (isinstance(node, ast.keyword) and node.arg == "strict"):
             parts.append(node)
         for part in parts:
             skipped |= {id(inner) for inner in ast.walk(part)} if part is not None else set()
@@ -113,7 +113,7 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, Callable[[Any], object]]]:
         yield "call left out", _setter("value", ast.Constant(None))
     if isinstance(node, ast.Call):
         for i, keyword in enumerate(node.keywords):
-            if keyword.arg not in (None, "description", "default"):
+            if keyword.arg not in (None, "description", "default", "strict"):
                 yield f"argument {keyword.arg} left out", lambda twin, at=i: twin.keywords.pop(at)
 
 
