@@ -28,7 +28,7 @@ import time
 import types
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import pytest
 
@@ -45,7 +45,7 @@ CPU_S, TIMEOUT_S = 60, 600
 """A mutant that computes, or waits, for longer hangs. All tests of one file take 20 s of CPU time."""
 SCORE = 0.90
 FEWEST = 60
-"""Mutants below which a score says little: so many are tried even where a busy computer needs more time than is given."""
+"""Mutants below which a score says little: so many are tried, however long a busy computer takes."""
 
 
 class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
