@@ -16,6 +16,8 @@ from tests.spot_runtime.live.viewer import Viewer
 from .blocks import REPOSITORY
 from .shell import ENVIRONMENT, bash, block_with, said_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def certificates(tmp_path: Path) -> Path:

@@ -219,6 +219,7 @@ def run(words: list[str], folder: Path, given: str = "") -> None:
 
 
 @pytest.mark.parametrize("page", RUN_PAGES, ids=lambda page: page.stem)
+@pytest.mark.slow
 def test_marked_blocks_run_as_they_stand(page: Path, folder_of: Callable[[str], Path]) -> None:
     folder_of(page.stem)
 
@@ -248,6 +249,7 @@ SESSION_PAGES = [page for page in PAGES if any(block.order == "session" for bloc
 
 
 @pytest.mark.parametrize("page", SESSION_PAGES, ids=lambda page: page.stem)
+@pytest.mark.slow
 def test_sessions_go_as_the_page_says(page: Path, tmp_path: Path) -> None:
     with Session(tmp_path / "a folder") as session:
         for block in blocks_of(page):

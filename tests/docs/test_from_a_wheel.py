@@ -15,6 +15,8 @@ import pytest
 from .blocks import REPOSITORY, spans_of
 from .shell import OFFLINE, bash, write_program
 
+pytestmark = pytest.mark.slow
+
 EXTRAS = ("fake", "cameras", "web", "live", "train", "sysid", "diagnosis", "gamepad", "gym", "ros", "all")
 PLUGIN_TEST = """
 def test_the_robot_answers(fake_spot):

@@ -9,6 +9,8 @@ import pytest
 
 from .shell import bash
 
+pytestmark = pytest.mark.slow
+
 
 def digests(folder: Path) -> dict[str, str]:
     return {

@@ -18,6 +18,8 @@ from tests.deploy.test_install import FILES, PIP, write_wheel
 from .blocks import REPOSITORY, spans_of
 from .shell import OFFLINE, PROGRAMS, bash, block_with, write_program
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def programs(tmp_path: Path) -> Path:

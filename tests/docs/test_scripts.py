@@ -119,6 +119,7 @@ def log_in(folder: Path) -> str:
 
 
 @pytest.mark.parametrize("script", SMALL)
+@pytest.mark.slow
 def test_it_runs_at_its_smallest(script: str, folder: Path) -> None:
     run_script(script, SMALL[script], folder)
 

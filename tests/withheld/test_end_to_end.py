@@ -14,6 +14,8 @@ from withheld.command import app
 from withheld.outcome import read_outcome
 from withheld.scoring.verify import check
 
+pytestmark = pytest.mark.slow
+
 REALITY = "tests.withheld.stand_in:StandIn"
 SEED = "5"
 
@@ -27,7 +29,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.slow
 def test_each_case_has_a_verdict_a_truth_and_the_size_of_its_faults(run: Path) -> None:
     outcomes = check([run], Path("policies")).outcomes
     assert [o.case.number for o in outcomes] == [1]
@@ -37,14 +38,12 @@ def test_each_case_has_a_verdict_a_truth_and_the_size_of_its_faults(run: Path) -
         assert 0.5 <= o.truth.error_scale <= 5.0
 
 
-@pytest.mark.slow
 def test_the_seal_was_published_before_the_verdict_and_opened_after(run: Path) -> None:
     events = [e.event for e in read_ledger(run / "cases" / "0001" / "ledger.jsonl")]
     assert events == ["sealed", "verdict", "opened"]
     assert {e.data["case"] for e in read_ledger(run / "ledger.jsonl")} == {1}
 
 
-@pytest.mark.slow
 def test_what_was_given_is_logs_model_and_policy_and_says_nothing(run: Path) -> None:
     outcome = read_outcome(run / "cases" / "0001" / "outcome.json")
     given = run / "cases" / "0001" / "given"
@@ -60,7 +59,6 @@ def test_what_was_given_is_logs_model_and_policy_and_says_nothing(run: Path) -> 
     assert str(run) not in words
 
 
-@pytest.mark.slow
 def test_a_finished_part_is_resumed_at_once_and_gives_the_same_scores(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -74,7 +72,6 @@ def test_a_finished_part_is_resumed_at_once_and_gives_the_same_scores(
     assert len(list((run / "cases").iterdir())) == 1
 
 
-@pytest.mark.slow
 def test_the_packed_run_scores_the_same(run: Path, tmp_path: Path) -> None:
     file = tmp_path / "run.tar.gz"
     assert CliRunner().invoke(app, ["pack", str(run), str(file)]).output.startswith("1 case")
@@ -84,7 +81,6 @@ def test_the_packed_run_scores_the_same(run: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again" / "scores.json").read_text() == (run / "scores.json").read_text()
 
 
-@pytest.mark.slow
 def test_the_table_is_markdown_without_empty_rows(run: Path) -> None:
     text = CliRunner().invoke(app, ["table", str(run)]).output
     assert "| figure | asked | measured (cases; 95 % interval) | |" in text
@@ -92,7 +88,6 @@ def test_the_table_is_markdown_without_empty_rows(run: Path) -> None:
     assert "no case" not in text
 
 
-@pytest.mark.slow
 def test_a_case_is_shown(run: Path) -> None:
     done = CliRunner().invoke(app, ["case", "open", f"{run}/1"])
     assert done.exit_code == 0, done.exception
@@ -100,7 +95,6 @@ def test_a_case_is_shown(run: Path) -> None:
     assert status in done.output
 
 
-@pytest.mark.slow
 def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("withheld.blind.run_folder.source_digests", lambda: ("another", ""))
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
