@@ -207,9 +207,6 @@ def _told(own: Subject, first: Answer, story: Story) -> dict[str, Any]:
             truth=own.reality.truth,
             verdict=verdict,
             moved=(size,),
-            seal="",
-            verdict_sha256="",
-            locked_in="none",
             seconds={},
         )
         is_so = bool(is_right(outcome))

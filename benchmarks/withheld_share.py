@@ -4,9 +4,10 @@
     python3 benchmarks/withheld_share.py share --first 0 --end 400 --seed S --minutes 8 --to $OUT
     python benchmarks/withheld_share.py merge --out DIR share-*.tar.gz
 
-``share`` needs the repository's sources, the wheels and NumPy, SciPy, scikit-learn, ONNX Runtime, Typer and PyYAML of
-the machine itself. It begins no case after its minutes, finishes those that it has begun, and leaves one file; with
-``--from`` such a file it goes on where that stopped. Every share of a run has the same seed; ``merge`` scores them.
+``share`` needs the repository's sources, the wheels and NumPy, SciPy, ONNX Runtime, Typer and PyYAML of the machine
+itself; where the sources have no history, SPOT_RL_REVISION says their revision. It begins no case after its minutes,
+finishes those that it has begun, and leaves one file; with ``--from`` such a file it goes on where that stopped. Every
+share of a run has the same seed; ``merge`` scores them.
 
     python3 benchmarks/withheld_share.py share ... -- --reality calibrating --kind single
 """
@@ -16,7 +17,6 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -44,15 +44,12 @@ CARRIED: Final = (
     "zstandard",
     "array-api-compat",
     "cmaes",
-    "narwhals",
     "cloudpickle",
     "typer",
     "rich",
     "shellingham",
 )
 """What such a machine lacks, or has in another version."""
-DIAGNOSING: Final = ("diagnosis", "trainer", "spot_model", "spot_log", "spot_runtime", "spot_protos")
-"""Of the repository: what ``withheld.blind.jail`` shows to the diagnosis."""
 COMMAND: Final = "from withheld.command import app; app()"
 MOST_MIB: Final = 15.0
 
@@ -84,9 +81,6 @@ def share(
     site, run = to.parent / "withheld-site", to.parent / f"withheld-{first}-{end}"
     for wheel in sorted(wheels.glob("*.whl")):
         zipfile.ZipFile(wheel).extractall(site)  # noqa: S202 - pinned wheels
-    # The locked-in diagnosis finds only installed packages: it may not list the repository's folder.
-    for package in DIAGNOSING:
-        shutil.copytree(ROOT / package, site / package, dirs_exist_ok=True)
     paths = [str(ROOT), *([str(site)] if site.is_dir() else []), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     words = ["run", "--out", str(run), "--workers", str(workers), "--until", str(60.0 * minutes)]

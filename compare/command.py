@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from spot_model.policy.built_in import policy_file
+from spot_model.console.command_registry import PolicyThatRan
 
 
 def compare(
@@ -17,15 +17,7 @@ def compare(
         typer.Argument(help="Other logs, or models: a model is simulated with LOG's commands.", metavar="OTHER"),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder for page, ghost log, figures and layout.")],
-    policy: Annotated[
-        Path | None,
-        typer.Option(
-            "--policy",
-            parser=policy_file,
-            metavar="POLICY",
-            help="The policy that ran; default: the built-in one, or the file in ./policies, with the log's digest.",
-        ),
-    ] = None,
+    policy: PolicyThatRan = None,
     verdict: Annotated[
         Path | None,
         typer.Option("--verdict", help="Folder of a diagnosis of LOG, whose cause is marked on the timeline."),

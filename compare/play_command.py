@@ -83,15 +83,6 @@ def play(
     if web:
         os.environ["MUJOCO_GL"] = "disable"
     typer.echo("loading the simulator …", err=True)
-    try:
-        import mujoco  # noqa: F401 - it loads the OpenGL that MUJOCO_GL names
-    except ModuleNotFoundError:
-        raise
-    except Exception as error:
-        raise BadInputError(
-            f"MuJoCo cannot be loaded with MUJOCO_GL={os.environ.get('MUJOCO_GL', '')} "
-            f"({type(error).__name__}: {error}); unset it, or install the package libegl1 (egl) or libosmesa6 (osmesa)"
-        ) from error
     from trainer.play.start import Started, film_it, in_browsers, in_window
 
     if is_log:

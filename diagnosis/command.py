@@ -13,8 +13,8 @@ import typer
 from typer.core import TyperGroup
 
 from diagnosis.next.command import next_experiment, predict_run
+from spot_model.console.command_registry import PolicyThatRan
 from spot_model.errors import BadInputError
-from spot_model.policy.built_in import policy_file
 from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 EXPLAIN = "explain"
@@ -58,15 +58,7 @@ def explain_logs(
         Path | None,
         typer.Option("--history", help="Folder of dated diagnoses of this robot; writes history.html there."),
     ] = None,
-    policy: Annotated[
-        Path | None,
-        typer.Option(
-            "--policy",
-            parser=policy_file,
-            metavar="POLICY",
-            help="The policy that ran; default: the built-in one, or the file in ./policies, with the log's digest.",
-        ),
-    ] = None,
+    policy: PolicyThatRan = None,
     robot: Annotated[
         Path | None, typer.Option("--robot", help="YAML file that describes a robot other than Spot.")
     ] = None,

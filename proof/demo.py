@@ -5,21 +5,18 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_log import read_run
-from spot_log.page.page import write_page
-from spot_log.page.summary import summarise
 from spot_model.console.command_registry import PolicyFile, ScenarioName
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.velocity_sequence import forward_sequence, save_sequence
 from spot_model.policy.built_in import WALK
-from spot_model.policy.policy import load_policy
 from spot_model.process.child_process import module_command
 from spot_model.process.signals import run_in_foreground
+
+if TYPE_CHECKING:
+    from fake_robot.start.process import FakeAddress
 
 
 class DemoError(SpotRlError):
@@ -40,6 +37,13 @@ def demo(
     ] = False,
 ) -> None:
     """Walk a fake Spot through the forward sequence; write a log, a summary and a page of plots."""
+    from fake_robot.start.process import FakeProcess
+    from spot_log import read_run
+    from spot_log.page.page import write_page
+    from spot_log.page.summary import summarise
+    from spot_model.io.velocity_sequence import forward_sequence, save_sequence
+    from spot_model.policy.policy import load_policy
+
     began_s = time.monotonic()
     contract = load_policy(policy).contract
     speed_m_s = min(contract.velocity_command_high[0], top_speed or float("inf"))

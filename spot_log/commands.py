@@ -8,12 +8,7 @@ from typing import Annotated
 
 import typer
 
-from spot_log.read.reader import read_run
-from spot_log.read.recover import recover_log
-from spot_log.tools.export import export_run
-from spot_log.tools.log_info import log_info
 from spot_model.errors import BadInputError
-from spot_model.io.whole import write_new
 from spot_model.text import plain, plain_lines
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
@@ -34,6 +29,8 @@ def info(
 ) -> None:
     """Summarise a log: gait, falls, rates, gaps, ages, delays, drops, temperatures, events."""
     from spot_log.page.summary import detail_lines, summary_lines
+    from spot_log.read.reader import read_run
+    from spot_log.tools.log_info import log_info
 
     told = log_info(read_run(file))
     if as_json:
@@ -54,9 +51,10 @@ def export(
     ] = None,
 ) -> None:
     """Write a log as flat tables, one file a topic, for data frames and plotting programs; or as a ROS 2 bag."""
-    if file_format == "rosbag2":
-        from spot_log.tools.export import write_rosbag2
+    from spot_log.read.reader import read_run
+    from spot_log.tools.export import export_run, write_rosbag2
 
+    if file_format == "rosbag2":
         typer.echo(write_rosbag2(read_run(file), out))
         return
     chosen = [topic.strip() for topic in topics.split(",") if topic.strip()] if topics else None
@@ -73,6 +71,8 @@ def recover(
     out: Annotated[Path, typer.Option("--out", help="Name of the repaired log; never overwritten.")],
 ) -> None:
     """Repair a cut or damaged log, and report what is lost."""
+    from spot_log.read.recover import recover_log
+
     recovery = recover_log(file, out)
     for text in recovery.damage or ("nothing was damaged",):
         typer.echo(plain(f"{file}: {text}"))
@@ -96,6 +96,7 @@ def import_recording(
     """Convert another program's recording to a log, if it is what the mapping says."""
     from spot_log.importing import import_log, load_mapping
     from spot_log.importing.suggest import suggest
+    from spot_model.io.whole import write_new
 
     if suggestion is not None:
         text = suggest(suggestion)
@@ -119,6 +120,7 @@ def report(
 ) -> None:
     """Draw a log: one HTML page that opens from disk, without a network."""
     from spot_log.page.page import write_page
+    from spot_log.read.reader import read_run
 
     write_page(read_run(file), out)
     typer.echo(out)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack
 from typing import Final
 
@@ -10,11 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.errors import BadInputError
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 from spot_model.robot.terrain import Terrain
-from trainer.play.film import gl_context
+from trainer.play.film import renderer
 
 WIDTH: Final = 480
 HEIGHT: Final = 320
@@ -32,16 +30,7 @@ class Camera:
         model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
         self._data = mujoco.MjData(model)
         self._stack = ExitStack()
-        try:
-            self._gl = self._stack.enter_context(gl_context())
-            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        except Exception as error:
-            self._stack.close()
-            raise BadInputError(
-                f"render_mode 'rgb_array': MuJoCo cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', 'egl')} "
-                f"({type(error).__name__}: {error}); install the package libegl1 or libosmesa6, and set MUJOCO_GL to "
-                "egl or osmesa"
-            ) from error
+        self._gl, self._context = renderer(model, self._stack, "render_mode 'rgb_array'")
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(model, 1000)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):

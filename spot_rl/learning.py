@@ -108,7 +108,8 @@ def export(
     if not isinstance(run, torch.nn.Module):
         if env is not None:
             raise wrong("env", env, "None, where run is a folder or a checkpoint")
-        return export_policy(existing(run, "run"), place, name)
+        export_policy(existing(run, "run"), place, name)
+        return place
     from spot_rl.environment import SpotEnv
     from spot_rl.episodes import action_unit
     from spot_rl.vector_environment import SpotVectorEnv
@@ -119,7 +120,8 @@ def export(
     config = trained_in.config
     model = trained_in.model or model_of(config.model)[0]
     unit = action_unit(trained_in.action_space)
-    return export_network(run, config, model, place, name or config.name, unit)
+    export_network(run, config, model, place, name or config.name, unit)
+    return place
 
 
 @with_our_errors

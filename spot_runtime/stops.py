@@ -70,7 +70,7 @@ class StopReason(Enum):
         "end other programs, or check the link (a slow one: safety.state_age_damp_s); in real time, give a fake robot "
         "--lock-step",
     )
-    STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no state arrives any more", "check the link to the robot")
+    STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no readable state arrives any more", "check the link to the robot")
     STATE_NOT_FINITE = StopRule(Reaction.DAMP, 22, "a state contains a non-finite value", "check the robot's sensors")
     STATE_FROZEN = StopRule(Reaction.DAMP, 23, "joint values no longer change", "check the robot's sensors")
     STATE_REJECTED = StopRule(
@@ -79,7 +79,7 @@ class StopReason(Enum):
     STATE_ATTITUDE = StopRule(Reaction.DAMP, 25, "the attitude is no rotation", "check the robot's sensors")
     TILT = StopRule(Reaction.DAMP, 26, "the body tilts too far", "set the robot upright; check policy and ground")
     BODY_LOW = StopRule(Reaction.DAMP, 29, "the body is too low", "check policy, ground and payload")
-    JOINT_VELOCITY = StopRule(Reaction.DAMP, 27, "a joint moves too fast", "check policy and ground")
+    JOINT_VELOCITY = StopRule(Reaction.DAMP, 27, "a joint is measured too fast", "check policy, ground and sensors")
     JOINT_POSITION = StopRule(Reaction.DAMP, 28, "a joint is measured beyond its stop", "check the robot's calibration")
     POLICY_NOT_FINITE = StopRule(Reaction.DAMP, 30, "the policy gave a non-finite value", "check the policy file")
     SETPOINT_STEP = StopRule(Reaction.DAMP, 31, "set-points keep jumping", "check the policy's scale and joint order")
@@ -94,13 +94,13 @@ class StopReason(Enum):
         Reaction.DAMP,
         35,
         "signals contradict each other",
-        "see whether the robot was pushed or slid; if not, check its sensors and joint order",
+        "see whether the robot was pushed or slid; if not, check its sensors, motors and joint order",
     )
     POSITION_REFUSED = StopRule(
         Reaction.HAND_BACK,
         39,
-        "joints are not where they are reported",
-        "see whether the robot was pushed; if not, check its joint order, signs and calibration",
+        "loads do not fit the positions that joints report",
+        "see whether the robot was pushed; if not, check joint order, signs, calibration and load sensors",
     )
     SIGNAL_OUT_OF_RANGE = StopRule(
         Reaction.DAMP, 37, "a signal is beyond the range of a Spot", "check the robot's sensors and units"
@@ -119,7 +119,7 @@ class StopReason(Enum):
     CLOCK_JUMPED = StopRule(
         Reaction.DAMP, 43, "the robot's clock jumped", "start again; in real time, give a fake robot --lock-step"
     )
-    LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease was lost", "see who took it")
+    LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease was lost", "if nobody took it, it ran out: check the link")
     ESTOPPED = StopRule(Reaction.EXPIRE, 45, "an e-stop is pressed", "release the e-stop, then start again")
     MOTORS_OFF = StopRule(Reaction.EXPIRE, 46, "the motors have no power", "power on, then start again")
     BEHAVIOR_FAULT = StopRule(

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import json
-import sys
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from spot_model.console.command_registry import AsJson, OptionalPolicyFile
 from spot_tools.checks import Finding, Verdict, is_fit
-from spot_tools.computer_checks import Host, checks_of_computer
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config
-from spot_tools.robot_checks import RobotDoctor
 
-_COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.SKIPPED: "dim"}
+_COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "red", Verdict.SKIPPED: None}
 
 
 def doctor(
@@ -35,6 +29,9 @@ def doctor(
 
     Exit code 1 if a check failed.
     """
+    from spot_tools.computer_checks import Host, checks_of_computer
+    from spot_tools.robot_checks import RobotDoctor
+
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
     findings = [check.make() for check in checks_of_computer(Host(), settings, policy)]
     for address in robot or []:
@@ -43,25 +40,14 @@ def doctor(
     if as_json:
         data = {"fit": is_fit(findings), "checks": [finding.to_data() for finding in findings]}
         typer.echo(json.dumps(data, indent=2, ensure_ascii=False))
-    elif sys.stdout.isatty():
-        Console().print(table_of(findings))
     else:
         for finding in findings:
-            typer.echo(line_of(finding))
+            typer.secho(line_of(finding), fg=_COLOUR[finding.verdict])
     if not is_fit(findings):
         raise typer.Exit(1)
 
 
 def line_of(finding: Finding) -> str:
-    """A finding on one line, for pipes and journals."""
+    """A finding on one line."""
     advice = f"; {finding.advice}" if finding.advice else ""
     return f"{finding.verdict.value:<8} {finding.name}: {finding.found}{advice}"
-
-
-def table_of(findings: list[Finding]) -> Table:
-    """All findings as a table for a terminal."""
-    table = Table("check", "", "found", "what to do", show_lines=False)
-    for finding in findings:
-        verdict = Text(finding.verdict.value, style=_COLOUR[finding.verdict])
-        table.add_row(finding.name, verdict, Text(finding.found), Text(finding.advice))
-    return table

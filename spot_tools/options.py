@@ -1,16 +1,21 @@
-"""Options that several commands share, and the configuration that they make."""
+"""Options that several commands share, and the configuration that they make.
+
+A command's help needs the options alone, so what else it needs is imported where it runs.
+"""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from spot_model.errors import BadInputError
-from spot_runtime.config import RunConfig, load_config
 from spot_runtime.hal.address import as_people_write_it
+
+if TYPE_CHECKING:
+    from spot_runtime.config import RunConfig
 
 CA_VARIABLE = "SPOT_RL_CA_FILE"
 
@@ -31,6 +36,8 @@ def resolve_config(
     hal: str | None = None,
 ) -> RunConfig:
     """The configuration of the file, with what the command line and the environment say in its place."""
+    from spot_runtime.config import RunConfig, load_config
+
     config = RunConfig() if path is None else load_config(path)
     from_environment = os.environ.get(CA_VARIABLE)
     ca = ca_file or config.robot.ca_file or (Path(from_environment) if from_environment else None)

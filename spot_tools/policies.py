@@ -9,16 +9,16 @@ import typer
 
 from spot_model.console.command_registry import PolicyArgument
 from spot_model.errors import BadInputError
-from spot_model.io.whole import check_new, whole_file
-from spot_model.policy.card import card_lines, card_of, load_card, write_card
-from spot_model.policy.contract import gait_sentence
-from spot_model.policy.policy import Policy, load_policy
-from spot_model.policy.signature import check_signature, private_key, signature_path, signed_line
 from spot_model.text import plain
 
 
 def show(policy: PolicyArgument) -> None:
     """Check a policy file, and print its card: speeds, gait, gains, training, what it was tried on."""
+    from spot_model.policy.card import card_lines, load_card
+    from spot_model.policy.contract import gait_sentence
+    from spot_model.policy.policy import load_policy
+    from spot_model.policy.signature import signature_path
+
     loaded = load_policy(policy)
     for line in card_lines(loaded, load_card(policy)):
         typer.echo(plain(line))
@@ -41,6 +41,9 @@ def card(
     ] = None,
 ) -> None:
     """Write a policy's card beside it, with the figures of its evaluation."""
+    from spot_model.policy.card import card_of, write_card
+    from spot_model.policy.policy import load_policy
+
     made = card_of(
         load_policy(policy),
         evaluation,
@@ -60,6 +63,8 @@ def key(
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
+    from spot_model.io.whole import check_new, whole_file
+
     check_new(private, public)
     if private.resolve() == public.resolve():
         raise BadInputError(f"{private} is named twice; give one file for the private key and one for the public one")
@@ -76,7 +81,11 @@ def sign(
     key: Annotated[Path, typer.Option(help="The private key.")],  # noqa: A002, RUF100 - the option's name
 ) -> None:
     """Write a signature beside a policy; an older one is replaced."""
-    loaded: Policy = load_policy(policy)
+    from spot_model.io.whole import whole_file
+    from spot_model.policy.policy import load_policy
+    from spot_model.policy.signature import private_key, signature_path, signed_line
+
+    loaded = load_policy(policy)
     path = signature_path(policy)
     signature = private_key(key).sign(signed_line(loaded.sha256))
     with whole_file(path, replace=True) as part:
@@ -89,5 +98,8 @@ def verify(
     public_key: Annotated[Path, typer.Option(help="PEM file of the keys that are trusted.")],
 ) -> None:
     """Check a policy's signature; exit code 3 if it is not valid."""
+    from spot_model.policy.policy import load_policy
+    from spot_model.policy.signature import check_signature
+
     loaded = load_policy(policy, admit=lambda sha256: check_signature(policy, sha256, public_key))
     typer.echo(plain(f"{policy} is signed: {loaded.contract.name}, SHA-256 {loaded.sha256}"))

@@ -5,36 +5,22 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from spot_log.write.logger_process import LoggerProcess
-from spot_log.write.run_writer import free_path, make_log_folder
 from spot_model.console.command_registry import OptionalPolicyFile
 from spot_model.errors import BadInputError
-from spot_model.io.joint_experiment import load_joint_experiment
-from spot_model.io.velocity_sequence import load_sequence
-from spot_model.io.whole import check_new, write_new
-from spot_model.policy.joint_script import joint_script
-from spot_model.policy.policy import Policy, load_policy
 from spot_model.process.signals import exit_on_termination
 from spot_model.text import plain_lines
-from spot_runtime.admission import admission, check_scripts_allowed
-from spot_runtime.config import RunConfig, for_lock_step
-from spot_runtime.hal.registry import HalRequest, find_adapter
-from spot_runtime.host.instance_lock import InstanceLock
-from spot_runtime.host.journal import Console, Journal, tell_by
-from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.rescue.guarded import guarded
-from spot_runtime.session.labels import parse_labels
-from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start
-from spot_runtime.session.run import run as run_once
-from spot_runtime.session.summary import RunSummary
-from spot_runtime.sources import CommandSource
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
-from spot_tools.sources import JointScriptSource, ScriptedSource, manual_source
+
+if TYPE_CHECKING:
+    from spot_model.policy.policy import Policy
+    from spot_runtime.config import RunConfig
+    from spot_runtime.host.journal import Console
+    from spot_runtime.session.summary import RunSummary
+    from spot_runtime.sources import CommandSource
 
 
 @exit_on_termination()
@@ -67,6 +53,24 @@ def run(
 
     With --experiment a joint experiment runs in the policy's place, under the same safety core.
     """
+    from spot_log.write.logger_process import LoggerProcess
+    from spot_log.write.run_writer import free_path, make_log_folder
+    from spot_model.io.joint_experiment import load_joint_experiment
+    from spot_model.io.whole import check_new, write_new
+    from spot_model.policy.joint_script import joint_script
+    from spot_model.policy.policy import load_policy
+    from spot_runtime.admission import admission, check_scripts_allowed
+    from spot_runtime.config import for_lock_step
+    from spot_runtime.hal.registry import HalRequest, find_adapter
+    from spot_runtime.host.instance_lock import InstanceLock
+    from spot_runtime.host.journal import Console, Journal, tell_by
+    from spot_runtime.host.service_manager import ServiceManager
+    from spot_runtime.rescue.guarded import guarded
+    from spot_runtime.session.labels import parse_labels
+    from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start
+    from spot_runtime.session.run import run as run_once
+    from spot_tools.sources import JointScriptSource
+
     if summary_json is not None:
         check_new(summary_json)
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir, hal=hal)
@@ -142,6 +146,11 @@ def make_source(
     Raises:
         BadInputError: More than one was asked for, or the one is not available.
     """
+    import numpy as np
+
+    from spot_model.io.velocity_sequence import load_sequence
+    from spot_tools.sources import ScriptedSource, manual_source
+
     if (sequence is not None) + is_keyboard + is_gamepad > 1:
         raise BadInputError("--sequence, --keyboard and --gamepad exclude each other; give one")
     if duration_s is not None and not 0.0 < duration_s <= 86_400.0:

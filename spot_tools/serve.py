@@ -5,23 +5,14 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from spot_log.write.live_process import LiveProcess
-from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.process.signals import STOP_SIGNALS, answered, exit_on_termination
-from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.address import parse_address
-from spot_runtime.host.journal import Console, Journal, tell_by
-from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.operator.server.server import OperatorServer
-from spot_runtime.operator.server.supervisor import Supervisor
-from spot_runtime.rescue.lease_note import note_folder
-from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note, when_new
-from spot_runtime.session.run import recover_at_start
+from spot_runtime.rescue.lease_note import WITHIN_S, note_folder
 from spot_tools.options import (
     CaFile,
     ConfigFile,
@@ -31,6 +22,10 @@ from spot_tools.options import (
     check_encodable,
     resolve_config,
 )
+
+if TYPE_CHECKING:
+    from spot_runtime.config import RunConfig
+    from spot_runtime.host.journal import Console
 
 
 def serve(
@@ -54,6 +49,12 @@ def serve(
     lock_step: LockStepAddress = None,
 ) -> None:
     """Start the operator's service for a robot; it is idle, without a lease, until 'spot-rl ctl arm'."""
+    from spot_log.write.live_process import LiveProcess
+    from spot_log.write.run_writer import make_log_folder
+    from spot_runtime.config import for_lock_step
+    from spot_runtime.host.journal import Console
+    from spot_runtime.session.run import recover_at_start
+
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
     settings = settings if lock_step is None else for_lock_step(settings)
     changes = {"policies": policies, "listen": listen, "live_port": live_port}
@@ -77,6 +78,11 @@ def serve(
 
 
 def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> None:
+    from spot_runtime.host.journal import Journal, tell_by
+    from spot_runtime.host.service_manager import ServiceManager
+    from spot_runtime.operator.server.server import OperatorServer
+    from spot_runtime.operator.server.supervisor import Supervisor
+
     manager = ServiceManager.from_environment(os.environ)
     tell = tell_by(Journal.if_heard(), console)
     supervisor = Supervisor(robot, config, manager=manager, tell=tell, lock_step=lock_step)
@@ -122,6 +128,8 @@ def make_safe(
     Does nothing if no process on this computer left a robot under control; never uses another client's lease, but waits
     until it is free.
     """
+    from spot_runtime.rescue.make_safe import make_safe_by_note, when_new
+
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=None)
     folder = state_dir or note_folder(os.environ)
     tell = when_new(lambda words: typer.echo(words, err=True))

@@ -137,14 +137,13 @@ def _scores() -> str:
     share = {"value": 0.57, "hits": 12, "trials": 21, "low": 0.37, "high": 0.76}
     row = {"title": "single faults named", "text": "0.57 (21; 0.37 to 0.76)", "asked": "≥ 0.9", "met": "not met"}
     data = {
-        "cases": 1, "asked_cases": 1, "reality": "withheld.realities.own:Own", "locked_in": ["bwrap"], "seed": 5,
-        "core_seconds_a_case": {"mean": 60.0}, "protocol": "0" * 64, "generator": "0" * 64, "seed_digest": "0" * 64,
+        "cases": 1, "asked_cases": 1, "reality": "withheld.realities.own:Own", "seed": 5, "is_seed_drawn": True,
+        "core_seconds_a_case": {"mean": 60.0}, "revision": "0" * 40, "digest": "0" * 64,
         "table": [{**row, "trials": 21}, {**row, "trials": 0, "met": ""}],
         "breakdown": {"kind": {"one effect of the library": share}},
-        "metadata_alone": [{"question": "is there a fault?", "accuracy": 0.5, "chance": 0.5, "p_value": 0.5}],
     }  # fmt: skip
-    checked: Any = SimpleNamespace(outcomes=(o,), folders={0: Path("cases/0000")})
-    return scores_page(data, checked, Path())
+    cases: Any = SimpleNamespace(outcomes=(o,), folders={0: Path("cases/0000")})
+    return scores_page(data, cases, Path())
 
 
 def _unexplained() -> str:

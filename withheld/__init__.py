@@ -1,1 +1,1 @@
-"""Judges the diagnosis on realities that it has never seen: seals cases, runs it blind, opens the seals, scores."""
+"""Judges the diagnosis on realities that it has never seen: draws cases, runs it blind, scores."""

@@ -1,8 +1,7 @@
-"""Test the diagnosis on robots with sealed faults."""
+"""Test the diagnosis on robots with hidden faults."""
 
 from __future__ import annotations
 
-import secrets
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -21,11 +20,9 @@ def run(
     out: Annotated[Path, typer.Option("--out", help="Folder of the run.")],
     cases: Annotated[int, typer.Option("--cases", min=1, max=100_000, help="Number of cases.")] = 800,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Random seed of the cases; published with the run.")
+        int | None,
+        typer.Option("--seed", min=0, help="Repeat a run, or run a part of one; by default the system draws a seed."),
     ] = None,
-    seed_from_os: Annotated[
-        bool, typer.Option("--seed-from-os", help="Take the seed from the operating system; `score` publishes it.")
-    ] = False,
     only: Annotated[
         str, typer.Option("--only", help="A part, FIRST:END, such as 0:200; kept for --resume; `score` merges folders.")
     ] = "",
@@ -50,52 +47,35 @@ def run(
     quick: Annotated[bool, typer.Option("--quick", help="Short runs, for a quick test.")] = False,
     keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep the logs given to the diagnosis.")] = False,
 ) -> None:
-    """Draw cases, seal their truth, diagnose them in isolation, open the seals, and score."""
+    """Draw cases, diagnose their logs in a process that does not know what is hidden, and score."""
     from spot_model.console.progress import Progress
-    from spot_model.errors import BadInputError
     from spot_model.policy.built_in import FOLDER
     from trainer.simulate.engine import Engine, Place
     from withheld.blind.execution import Job, execute, run_cases
-    from withheld.blind.jail import MEANING, hide_this_process, strongest_level
-    from withheld.blind.run_folder import Secret, begin, go_on
+    from withheld.blind.run_folder import begin, go_on
     from withheld.cases import chosen
     from withheld.realities.source import source_of
 
     policies = policies or FOLDER
-    hide_this_process()
     source_of(reality)
-    if not resume and (seed is None) != seed_from_os:
-        raise BadInputError("give --seed S or --seed-from-os, one of the two")
     part = _part(only) if only else None
-    level = strongest_level()
     if resume:
-        head, secret = go_on(out, policies, part)
+        head = go_on(out, policies, part)
     else:
-        secret = Secret(seed=secrets.randbits(62) if seed is None else seed)
-        head = begin(
-            out,
-            secret,
-            policies,
-            reality=reality,
-            level=level,
-            cases=cases,
-            part=part or (0, cases),
-            is_quick=quick,
-        )
-    typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[level]}", err=True)
+        head = begin(out, seed, policies, reality=reality, cases=cases, part=part or (0, cases), is_quick=quick)
+    typer.echo(f"revision {head.revision}, seed {head.seed}", err=True)
     job = Job(
         number=0,
-        seed=secret.seed,
+        seed=head.seed,
         out=out.resolve(),
         policies=policies.resolve(),
-        level=level,
         reality=head.reality,
         timeout_s=timeout,
         keep_logs=keep_logs,
         is_quick=head.is_quick,
     )
     # In the order of their numbers, whatever they cost: what is done when a run is stopped is then a fair part.
-    numbers = chosen(secret.seed, range(*head.part), kind or ())
+    numbers = chosen(head.seed, range(*head.part), kind or ())
     jobs = [replace(job, number=n) for n in numbers]
     done = sum(job.is_done for job in jobs)
     progress = Progress("cases", len(jobs), done=done)
@@ -111,7 +91,7 @@ def run(
     place = Place(max(1, min(workers, len(jobs))), is_ray, ray_address, is_apart=not is_ray)
     try:
         with Engine(execute, None, place) as started:
-            left = run_cases(jobs, started, out, until, tell)
+            left = run_cases(jobs, started, until, tell)
     except KeyboardInterrupt:
         typer.echo(f"interrupted; go on with `spot-rl withheld run --resume --out {out}`", err=True)
         raise typer.Exit(130) from None
@@ -130,13 +110,13 @@ def score(
         Path | None, typer.Option("--out", help="Folder for table and page; default: the first folder.")
     ] = None,
 ) -> None:
-    """Check seals and ledgers, score, and write table and page."""
+    """Score, and write table and page."""
     _score(folders, out or folders[0])
 
 
 @app.command()
 def table(folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")]) -> None:
-    """Print a scored run's table as Markdown, with the digest of its protocol."""
+    """Print a scored run's table as Markdown, with its revision and seed."""
     from withheld.scoring.report import markdown
 
     for line in markdown(folder):
@@ -160,7 +140,7 @@ def open_case(
     file: Annotated[Path, typer.Argument(help="DIR/NUMBER, a case's folder, or its outcome.json.")],
 ) -> None:
     """Show one case: what was hidden, what was said, what it scores."""
-    from withheld.scoring.verify import show_case
+    from withheld.scoring.reading import show_case
 
     for line in show_case(file):
         typer.echo(line)

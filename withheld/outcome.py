@@ -1,4 +1,4 @@
-"""What is known of one case after its seal was opened: truth, verdict as far as it is scored, what its faults do."""
+"""What is known of one case after its verdict: truth, verdict as far as it is scored, what its faults do."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class Consequences(_Part):
 class Outcome(_Part):
     """One case."""
 
-    schema_name: Literal["spot-rl/withheld-case/3"] = Field(default="spot-rl/withheld-case/3", alias="schema")
+    schema_name: Literal["spot-rl/withheld-case/4"] = Field(default="spot-rl/withheld-case/4", alias="schema")
     case: Case
     truth: Truth
     verdict: Verdict | None
@@ -159,11 +159,6 @@ class Outcome(_Part):
     """S of the delivered model on sequences that neither fit nor verdict saw."""
     true_gaps: dict[Gap, float] = Field(default_factory=dict)
     """S of each of the three gaps that the nominal model has."""
-    metadata: dict[str, float] = Field(default_factory=dict)
-    """What can be known of the logs without their signals: sizes, counts, stamps, digits of names."""
-    seal: str
-    verdict_sha256: str
-    locked_in: str
     seconds: dict[str, float]
     """Seconds of one core, by stage."""
     problem: str = ""

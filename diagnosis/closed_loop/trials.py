@@ -29,7 +29,6 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.text import counted
-from trainer.signals.distances import SequenceReference
 from trainer.signals.policy_ticks import Script, scripts_of
 from trainer.simulate.engine import Tell
 
@@ -106,20 +105,6 @@ class Trials:
         names = self.compared[0].models if self.compared else ()
         lower = {n: [np.quantile(c.models[n].mean(axis=1), LOWER) for c in self.compared] for n in names}
         return {name: float(np.exp(np.mean(np.log(np.maximum(own, SMALLEST))))) for name, own in lower.items()}
-
-    def scatter_nm(self) -> float:
-        """The floor's W1 part, over the sequences; NaN where nothing was compared."""
-        return float(np.exp(np.mean([np.log(c.scale[0]) for c in self.compared]))) if self.compared else float("nan")
-
-    def scatter_of(self, name: str) -> float:
-        """What a model's own runs scatter by, in the robot's floors; NaN if unknown."""
-        own = simulated_features(self.runs[name], self.bench.policy)
-        ratios = [
-            float(np.mean(SequenceReference.build(c.sequence, list(own[c.sequence])).scale / c.scale))
-            for c in self.compared
-            if c.real.shape[0] > 1 and len(own.get(c.sequence, ())) > 1
-        ]
-        return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
 
 
 def run_trials(

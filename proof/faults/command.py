@@ -76,10 +76,9 @@ def search_and_tell(seed: int, minutes: float, policy: Path, scenario: str, as_j
         for verdict in search_cases(seed, minutes, policy, Path(folder), scenario):
             count += 1
             left_min = max(0.0, minutes - (time.monotonic() - began_s) / 60.0)
-            mark, words = ("BAD", "; ".join(verdict.problems)) if verdict.problems else ("ok ", "")
-            typer.echo(
-                f"{count} {mark} {verdict.outcome}: {verdict.case.words} {words} ({left_min:.0f} min left)", err=True
-            )
+            mark, words = ("BAD", "; ".join(verdict.problems)) if verdict.problems else ("ok ", verdict.sentence)
+            told = f"{count} {mark} {verdict.case.words} -> {verdict.outcome}: {words} ({left_min:.0f} min left)"
+            typer.echo(told, err=True)
             if verdict.problems:
                 bad.append(verdict)
                 typer.echo(f"  case {verdict.case.to_json()}", err=True)

@@ -190,6 +190,8 @@ class Verdict:
     problems: list[str] = field(default_factory=list)
     badness: float = 0.0
     """What the search climbs: problems above all, then how near the robot came to a fall."""
+    sentence: str = ""
+    """The run's last words, to be read beside what was done to it."""
 
 
 def judge_case(rig: Rig, case: Case) -> Verdict:
@@ -221,7 +223,8 @@ def judge_case(rig: Rig, case: Case) -> Verdict:
     finding.demand(not rig.is_powered or summary.exit_code != 0, "it says that all is well, and the motors have power")
     near = 0.0 if truth is None else max(0.0, 0.5 - truth.body_height_min_m) + 0.2 * tilt_rad(truth)
     torque = 0.0 if truth is None else truth.peak_torque_nm / 1000.0
-    return Verdict(case, summary.outcome, finding.problems, 100.0 * len(finding.problems) + near + torque)
+    badness = 100.0 * len(finding.problems) + near + torque
+    return Verdict(case, summary.outcome, finding.problems, badness, summary.sentence)
 
 
 def search_cases(seed: int, minutes: float, policy: Path, folder: Path, scenario: str = "default") -> Iterator[Verdict]:

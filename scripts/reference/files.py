@@ -5,11 +5,11 @@ from __future__ import annotations
 from spot_model.io.model_file import BUILT_IN, ModelFileData
 from spot_model.io.models_file import ModelsFileData
 from spot_model.io.velocity_sequence import BUILT_IN as SEQUENCES
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.card import PolicyCard
-from trainer.sysid.config import ParameterConfig, SysidConfig
+from trainer.sysid.config import SysidConfig
 
-from .words import keys_table, page, plain, sections
+from .words import keys_table, page, sections
 
 ABOUT = """\
 These are YAML files with their `schema` in the first line. An unknown key is refused with a list of the allowed ones.
@@ -47,13 +47,9 @@ def files_page() -> str:
                 "  - {time_s: 0, v_x_m_s: 0.5}\n"
                 "  - {time_s: 2, v_x_m_s: 1.5, ramp: true}\n```\n"
             ),
-            keys_table(VelocitySequence),
-            f"### waypoints\n\n{plain(Waypoint.__doc__ or '')}\n",
-            keys_table(Waypoint),
+            *sections(VelocitySequence, "###"),
             "## Search of an identification\n\n`spot-rl sysid --config FILE`; without it, the paper's parameters.\n",
             *sections(SysidConfig, "###"),
-            f"### parameters\n\n{plain(ParameterConfig.__doc__ or '')}\n",
-            keys_table(ParameterConfig),
             "## Policy card\n\n`NAME.card.yaml` beside `NAME.onnx`, written by `spot-rl policy card`.\n",
             keys_table(PolicyCard),
         ],

@@ -79,12 +79,13 @@ def is_part(annotation: Any) -> bool:
 
 
 def parts_of(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
-    """The parts of a file with their paths, depth first."""
+    """The parts of a file with their paths, depth first; those in lists and mappings, too."""
     for name, field in model.model_fields.items():
-        if is_part(field.annotation):
+        held = typing.get_args(field.annotation) if typing.get_origin(field.annotation) in (tuple, dict) else ()
+        for part in filter(is_part, (field.annotation, *held)):
             here = f"{path}.{field.alias or name}".lstrip(".")
-            yield here, field.annotation
-            yield from parts_of(field.annotation, here)
+            yield here, part
+            yield from parts_of(part, here)
 
 
 def default_words(field: Any) -> str:

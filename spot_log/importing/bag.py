@@ -9,8 +9,6 @@ steps; commands come once a message, at the next row.
 from __future__ import annotations
 
 import dataclasses
-import sqlite3
-import struct
 from collections import defaultdict
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -19,13 +17,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.format.codec import HEADER
-from spot_log.importing.mapping import Mapping, record_of
-from spot_log.read.mcap_scan import scan_mcap
+from spot_log.importing.mapping import SIGNALS, Mapping
+from spot_log.importing.reading import reading
 from spot_model.errors import BadInputError
 
-# What rosbags raises on files that are damaged, or that are no bags.
-_DAMAGE: Final = (ValueError, LookupError, TypeError, AssertionError, struct.error, sqlite3.Error, FileNotFoundError)
 HELD_STEPS: Final = 10
 """A topic is silent after so many of its usual steps."""
 
@@ -53,7 +48,7 @@ def read_rows(path: Path, mapping: Mapping) -> dict[str, NDArray[Any]]:
     """
     fields = {name: [s] if isinstance(s := spec.source, str) else s or () for name, spec in mapping.signals.items()}
     topic_of = {name: {field.partition(".")[0] for field in some} for name, some in fields.items()}
-    state = set().union(*(some for name, some in topic_of.items() if record_of(name) == "state"))
+    state = set().union(*(some for name, some in topic_of.items() if SIGNALS[name].record == "state"))
     base = (mapping.time.source or "").partition(".")[0]
     topics = read_topics(path, state.union({base}, *topic_of.values()))
     if base not in topics:
@@ -87,56 +82,18 @@ def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
     """
     if not path.exists():
         raise BadInputError(f"{path} does not exist; give a recording")
-    try:
-        from rosbags.highlevel import AnyReaderError
-        from rosbags.serde import SerdeError
-        from rosbags.typesys import TypesysError
-    except ImportError as error:
-        raise BadInputError(f"{path}: a ROS 2 bag needs rosbags: pip install 'spot-rl[ros]'") from error
-    kinds: dict[str, str] = {}
-    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    try:
-        for topic, kind, log_ns, message in (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, wanted):
-            kinds[topic] = kind
-            rows[topic].append({"time": log_ns, **dict(_fields(message))})
-    except (*_DAMAGE, AnyReaderError, SerdeError, TypesysError) as error:
-        raise BadInputError(f"{path} cannot be read as a ROS 2 bag: {str(error) or type(error).__name__}") from error
-    return {topic: Topic(kinds[topic], _columns(f"{path}: {topic}", found)) for topic, found in rows.items()}
+    rows: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    hint = "(a log of spot-rl needs no import, and 'mcap recover' repairs an .mcap that was cut)"
+    with reading(path, f"a ROS 2 bag {hint}", "'spot-rl[ros]'"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
 
-
-def _bag(path: Path, wanted: Collection[str] | None) -> Iterator[tuple[str, str, int, Any]]:
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        chosen = [c for c in reader.connections if wanted is None or c.topic in wanted]
-        for connection, log_ns, raw in reader.messages(chosen) if chosen else ():
-            yield connection.topic, connection.msgtype, log_ns, reader.deserialize(raw, connection.msgtype)
-
-
-def _mcap(path: Path, wanted: Collection[str] | None) -> Iterator[tuple[str, str, int, Any]]:
-    """By our own scan: it also reads what was cut, and files without the profile of ROS 2."""
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-    scan = scan_mcap(path.read_bytes())
-    types: dict[str, Any] = {}
-    encodings = {key: channel.message_encoding for key, (channel, _) in scan.channels.items()}
-    if HEADER.schema_name in {name for _, name in encodings}:
-        raise BadInputError(f"{path} is a log of spot-rl already; every command reads it as it is")
-    if "cdr" not in encodings.values():
-        found = ", ".join(sorted(set(encodings.values()))) or "nothing"
-        raise BadInputError(f"{path} holds messages in {found}; allowed: cdr, which is ROS 2's")
-    for _, schema in scan.channels.values():
-        if schema is not None and schema.encoding == "ros2msg":
-            types |= get_types_from_msg(schema.data.decode(), schema.name)
-        elif schema is not None and schema.encoding == "ros2idl":
-            types |= get_types_from_idl(schema.data.decode())
-    store = get_typestore(Stores.EMPTY if types else Stores.ROS2_HUMBLE)
-    store.register(types)
-    for message in scan.messages:
-        topic, kind = message.topic, message.schema_name
-        if (wanted is None or topic in wanted) and encodings.get((topic, kind)) == "cdr":
-            yield topic, kind, message.log_ns, store.deserialize_cdr(message.data, kind)
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            chosen = [c for c in reader.connections if wanted is None or c.topic in wanted]
+            for connection, log_ns, raw in reader.messages(chosen) if chosen else ():
+                message = reader.deserialize(raw, connection.msgtype)
+                rows[connection.topic, connection.msgtype].append({"time": log_ns, **dict(_fields(message))})
+    return {topic: Topic(kind, _columns(f"{path}: {topic}", found)) for (topic, kind), found in rows.items()}
 
 
 def _fields(message: Any, path: str = "") -> Iterator[tuple[str, Any]]:

@@ -5,23 +5,20 @@ A doubt is certain where no robot can have made such numbers, or where another r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.importing.mapping import PER_JOINT, record_of
+from spot_log.importing.mapping import SIGNALS, signals_of
 from spot_log.importing.recording import UNITS, Recording
-from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES, LEG_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
-from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, tilt_rad
+from spot_model.robot.facts import BREADTH_FIRST, JOINT_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
+from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, tilt_rad
 from spot_model.robot.state import Array
 
 STOP_MARGIN_RAD: Final = 0.1
 """Zero errors and give of the stops together."""
-BY_TYPE: Final = tuple(f"{leg}_{kind}" for kind in JOINT_TYPES for leg in LEG_NAMES)
-"""The joint order of most simulators."""
 WHOLE_TURNS_RAD: Final = 4 * np.pi
 RATES_HZ: Final = (5.0, 5000.0)
 FITS, FOLLOWS, MOVES_RAD, MIN_ROWS = 0.15, 0.9, 0.02, 20
@@ -52,7 +49,7 @@ def doubts_of(recording: Recording) -> list[Doubt]:
 
 def _blanks(recording: Recording, signals: dict[str, Array]) -> Iterator[Doubt]:
     for name, values in signals.items():
-        rows = recording.rows_with(*(other for other in signals if record_of(other) == record_of(name)))
+        rows = recording.rows_with(*signals_of(SIGNALS[name].record))
         blank = ~_whole(values) & rows
         if not np.isfinite(values).any():
             yield Doubt(f"signal {name} has no number in any row", is_certain=True)
@@ -73,11 +70,11 @@ def _spacing(time_s: Array) -> Iterator[Doubt]:
 
 
 def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
+    stops = np.column_stack([POSITION_LOW_RAD - STOP_MARGIN_RAD, POSITION_HIGH_RAD + STOP_MARGIN_RAD])
+    limits, turns = dict(zip(JOINT_NAMES, stops, strict=True)), np.array([-WHOLE_TURNS_RAD, WHOLE_TURNS_RAD])
     names = recording.mapping.joint_names
-    low, high = np.full(len(names), -WHOLE_TURNS_RAD), np.full(len(names), WHOLE_TURNS_RAD)
-    ours = [i for i, name in enumerate(names) if name in JOINT_NAMES]
-    rows = [JOINT_NAMES.index(names[i]) for i in ours]
-    low[ours], high[ours] = POSITION_LOW_RAD[rows] - STOP_MARGIN_RAD, POSITION_HIGH_RAD[rows] + STOP_MARGIN_RAD
+    low, high = np.array([limits.get(name, turns) for name in names]).T
+    ours = [i for i, name in enumerate(names) if name in limits]
 
     def outside(values: Array) -> Array:
         return np.asarray(((values < low) | (values > high)).mean(axis=0))
@@ -85,11 +82,11 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
     share = outside(position)
     if not share.any():
         return
-    readings = {f"unit: {unit}": position * f for unit, f in _units(recording, "position", "angle")}
+    readings = {f"unit: {unit}": position * f for unit, f in _units(recording, "position")}
     if set(names) == set(JOINT_NAMES):
         source = position[:, [names.index(joint) for joint in recording.mapping.source_joints]]
-        order = f"source_joint_names: [{', '.join(BY_TYPE)}]"
-        readings[order] = source[:, [BY_TYPE.index(name) for name in names]]
+        order = f"source_joint_names: [{', '.join(BREADTH_FIRST)}]"
+        readings[order] = source[:, [BREADTH_FIRST.index(name) for name in names]]
     fitting = [how for how, values in readings.items() if ours and outside(values).max() < 0.01]
     hint = f"it would fit with {' or '.join(fitting)}" if fitting else "check unit, order, sign and offset"
     j, k = int(share.argmax()), ours or [0]
@@ -98,11 +95,12 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
     yield Doubt(f"{text} ({told}); {hint}", bool(ours) and share[k].max() > 0.05)
 
 
-def _units(recording: Recording, name: str, kind: str) -> list[tuple[str, float]]:
+def _units(recording: Recording, name: str) -> list[tuple[str, float]]:
     """Units that the signal may have instead of its own, with the factor from what was read."""
-    unit = recording.mapping.time.unit if name == "time" else recording.mapping.signals[name].unit
-    declared = UNITS[kind].get(unit or "", 1.0)
-    return [(other, factor / declared) for other, factor in UNITS[kind].items() if factor != declared]
+    given = recording.mapping.signals.get(name, recording.mapping.time).unit
+    units = UNITS[SIGNALS[name].quantity if name in SIGNALS else name]
+    declared = units.get(given or "", 1.0)
+    return [(other, factor / declared) for other, factor in units.items() if factor != declared]
 
 
 def _motion(recording: Recording, signals: dict[str, Array], time_s: Array) -> Iterator[Doubt]:
@@ -117,8 +115,7 @@ def _motion(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
         # Over some 20 ms: the noise and the resolution of a position would hide its change from row to row.
         turn, stamps, k = position[rows], time_s[rows][:, None], _stride(time_s[rows], 0.02)
         covered = np.cumsum(np.diff(stamps, axis=0) * _between(velocity[rows]), axis=0)
-        parts = turn, np.concatenate([np.zeros_like(turn[:1]), covered])
-        rate, mean = ((part[k:] - part[:-k]) / (stamps[k:] - stamps[:-k]) for part in parts)
+        rate, mean = ((part[k:] - part[:-k]) / (stamps[1 + k :] - stamps[1:-k]) for part in (turn[1:], covered))
         yield from _held(recording, "velocity", "the change of position", rate, mean, 1.25)
     if wanted is not None:
         yield from _held(recording, "setpoint_position", "position", position, wanted, 3.0, must_follow=False)
@@ -160,8 +157,7 @@ def _held(
     if not moves.any():
         return
     names = [joint for joint, is_moving in zip(recording.mapping.joint_names, moves, strict=True) if is_moving]
-    one, two = ((values - values.mean(axis=0))[:, moves] / values[:, moves].std(axis=0) for values in (wanted, given))
-    alike = one.T @ two / len(one)
+    alike = np.corrcoef(wanted[:, moves], given[:, moves], rowvar=False)[: len(names), len(names) :]
     own, best, most = np.diag(alike), np.abs(alike).argmax(axis=1), np.abs(alike).max(axis=1)
     foreign = (own**2 < 0.95) & (1 - most**2 < 0.25 * (1 - own**2)) & (most > FOLLOWS)
     if foreign.any():
@@ -176,19 +172,18 @@ def _held(
         yield Doubt(f"signal {name} does not follow {of} in {lost}; check order, unit and stamps")
     factors = (own * spread[0][moves] / spread[1][moves])[own > FOLLOWS]
     if len(factors) and not 1 / loose <= (factor := float(np.median(factors))) <= loose:
-        others = [("time", "time"), ("position", "angle")] if name == "velocity" else []
         readings = [
             f"{signal} in {unit}"
-            for signal, kind in [(name, PER_JOINT[name]), *others]
-            for unit, f in _units(recording, signal, kind)
-            if abs(f / factor - 1 if signal != "position" else f * factor - 1) < FITS
+            for signal in ([name, "time", "position"] if name == "velocity" else [name])
+            for unit, f in _units(recording, signal)
+            if abs((f * factor if signal == "position" else f / factor) - 1) < FITS
         ]
         hint = f"it would fit with {' or '.join(readings)}" if readings else "check 'unit', 'scale' and the time"
         yield Doubt(f"signal {name} is {1 / factor:.3g} of {of}; {hint}", bool(readings))
 
 
 def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> Iterator[Doubt]:
-    """The orientation against gravity, turn rate and travel, its other readings beside it."""
+    """The orientation against gravity and turn rate, its other readings beside it."""
     if "odom_from_body" not in signals:
         return
     k = _stride(time_s, 0.05)
@@ -196,14 +191,13 @@ def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
     given = signals["odom_from_body"]
     other = "xyzw" if recording.mapping.signals["odom_from_body"].order == "wxyz" else "wxyz"
     swapped = given[:, [3, 0, 1, 2] if other == "xyzw" else [1, 2, 3, 0]]
-    evidence = list(_evidence(signals, time_s))
-    for what, misfit in evidence:
-        if misfit(given) > DISAGREES:
-            then = {f"'order: {other}'": misfit(swapped), "its inverse": misfit(np.asarray(conjugate_wxyz(given)))}
-            how = min(then, key=lambda reading: then[reading])
-            hint = f"{how} would fit" if then[how] < AGREES else "check order, frames, axes and units of both"
-            yield Doubt(f"signal odom_from_body does not agree with {what}; {hint}", then[how] < AGREES)
-            return
+    evidence = _misfits(given, signals, time_s)
+    then = {f"'order: {other}'": swapped, "its inverse": np.asarray(conjugate_wxyz(given))}
+    for what in (what for what, misfit in evidence.items() if misfit > DISAGREES):
+        size, how = min((_misfits(turn, signals, time_s)[what], how) for how, turn in then.items())
+        hint = f"{how} would fit" if size < AGREES else "check order, frames, axes and units of both"
+        yield Doubt(f"signal odom_from_body does not agree with {what}; {hint}", size < AGREES)
+        return
     rows = _whole(given)
     if not rows.any():
         return
@@ -215,25 +209,20 @@ def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
         yield Doubt(f"by signal odom_from_body the body lies or faces backwards; by 'order: {other}' it stands")
 
 
-def _evidence(signals: dict[str, Array], time_s: Array) -> Iterator[tuple[str, Callable[[Array], float]]]:
-    """What else tells the orientation, and a function that tells how far one is from it: 0 agrees, 1 is opposite."""
+def _misfits(turn: Array, signals: dict[str, Array], time_s: Array) -> dict[str, float]:
+    """How far an orientation is from each signal that tells it: 0 agrees, 1 is opposite."""
+    found = {}
     force = signals.get("acceleration_of_imu_in_link")
     if force is not None and GRAVITY_M_S2[0] < _size(force) < GRAVITY_M_S2[1]:
-        up = np.broadcast_to([0.0, 0.0, STANDARD_GRAVITY_M_S2], force.shape)
-        yield "gravity in acceleration_of_imu_in_link", lambda turn: _misfit(rotate_inverse_wxyz(turn, up), force)
+        felt = rotate_inverse_wxyz(turn, np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2]))
+        found["gravity in acceleration_of_imu_in_link"] = _misfit(felt, force)
+    old, new = conjugate_wxyz(turn[:-1]), turn[1:]
     for name in ("angular_vel_of_body_in_odom", "angular_vel_of_body_in_body", "angular_vel_of_link_in_link"):
         if name in signals and _size(signals[name]) > 0.05:
-            yield name, partial(_rate_misfit, rate=signals[name], in_odom=name.endswith("odom"), time_s=time_s)
-    place, speed = signals.get("position_of_body_in_odom"), signals.get("linear_vel_of_body_in_body")
-    if place is not None and speed is not None and _size(speed) > 0.1:
-        moved = np.diff(place, axis=0) / np.diff(time_s)[:, None]
-        yield "the travel", lambda turn: _misfit(_between(np.asarray(rotate_wxyz(turn, speed))), moved)
-
-
-def _rate_misfit(turn: Array, rate: Array, *, in_odom: bool, time_s: Array) -> float:
-    old, new = conjugate_wxyz(turn[:-1]), turn[1:]
-    step = multiply_wxyz(new, old) if in_odom else multiply_wxyz(old, new)
-    return _misfit(2 * np.sign(step[:, :1]) * step[:, 1:] / np.diff(time_s)[:, None], _between(rate))
+            step = multiply_wxyz(new, old) if name.endswith("odom") else multiply_wxyz(old, new)
+            rate = 2 * np.sign(step[:, :1]) * step[:, 1:] / np.diff(time_s)[:, None]
+            found[name] = _misfit(rate, _between(signals[name]))
+    return found
 
 
 def _size(values: Array) -> float:

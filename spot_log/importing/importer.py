@@ -19,7 +19,7 @@ from spot_log.format import codec
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.importing.checks import Doubt, doubts_of
-from spot_log.importing.mapping import SIGNALS, Mapping, record_of
+from spot_log.importing.mapping import SIGNALS, Mapping, signals_of
 from spot_log.importing.recording import Recording
 from spot_log.write.run_writer import RunWriter, check_can_start
 from spot_model.errors import BadInputError
@@ -29,47 +29,7 @@ from spot_model.robot.state import Array
 from spot_protos import log_pb2
 
 SLOW_PERIOD_NS = 100_000_000
-STATE_FIELDS = {
-    "position": "position_rad",
-    "velocity": "velocity_rad_s",
-    "load": "load_nm",
-    "position_of_body_in_odom": "position_of_body_in_odom_m",
-    "odom_from_body": "odom_from_body_wxyz",
-}
-IMU_FIELDS = {
-    "acceleration_of_imu_in_link": "acceleration_of_imu_in_link_m_s2",
-    "angular_vel_of_link_in_link": "angular_vel_of_link_in_link_rad_s",
-}
-SET_POINT_FIELDS = {
-    "setpoint_position": "position_rad",
-    "setpoint_velocity": "velocity_rad_s",
-    "feedforward": "load_nm",
-}
-GAIN_FIELDS = {"kp": "kp_nm_per_rad", "kd": "kd_nm_s_per_rad"}
-TICK_FIELDS = {name: name for name in ("velocity_command", "action", "observation")}
-BATTERY_FIELDS = {
-    "battery_voltage": "battery_voltage_v",
-    "battery_current": "battery_current_a",
-    "battery_charge": "battery_charge_percent",
-}
-"""Signals of a mapping, and the fields of the log's records that they fill."""
-_COMPLETE = (
-    "velocity",
-    "load",
-    "setpoint_position",
-    "kp",
-    "kd",
-    "odom_from_body",
-    "foot_contact",
-    "velocity_command",
-    "action",
-    "observation",
-    "battery_voltage",
-    "battery_current",
-    "motor_temperature",
-)
-
-STATE_SIGNALS = tuple(name for name in SIGNALS if record_of(name) == "state")
+SET_POINTS = ("setpoint_position", "setpoint_velocity", "feedforward")
 
 Record = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
 
@@ -82,7 +42,7 @@ class Imported:
     rows: int
     rate_hz: float
     missing: tuple[str, ...]
-    """Signals of a complete log that the recording does not have."""
+    """Signals that the recording does not have."""
     doubts: tuple[str, ...]
     """What probably is not as the mapping says; the log repeats it."""
 
@@ -119,7 +79,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
     )
     with whole_file(result) as part:
         _write(part, header, records)
-    stamps = recording.stamps_ns[recording.rows_with(*STATE_SIGNALS)]
+    stamps = recording.stamps_ns[recording.rows_with(*signals_of("state"))]
     rate = (len(stamps) - 1) / ((stamps[-1] - stamps[0]) * 1e-9) if len(stamps) > 1 else float("nan")
     return Imported(result, len(stamps), float(rate), _missing(mapping), tuple(doubt.text for doubt in doubts))
 
@@ -132,14 +92,9 @@ def _doubted(recording: Recording, doubts: Sequence[Doubt]) -> list[Record]:
 
 
 def _missing(mapping: Mapping) -> tuple[str, ...]:
-    found = set(mapping.signals)
-    missing = [name for name in _COMPLETE if name not in found]
-    missing += [
-        quantity
-        for quantity in ("linear_vel_of_body", "angular_vel_of_body")
-        if not {f"{quantity}_in_odom", f"{quantity}_in_body"} & found
-    ]
-    return (*missing, "echoed command keys")
+    """Signals that are not mapped; of a velocity of the body, either axes do."""
+    found = {name.replace("_in_body", "_in_odom") for name in mapping.signals}
+    return (*(name for name in SIGNALS if not name.endswith("_in_body") and name not in found), "echoed command keys")
 
 
 def _write(result: Path, header: RunHeader, records: list[Record]) -> None:
@@ -165,7 +120,7 @@ def records_of(recording: Recording) -> list[Record]:
 
 
 def _states(recording: Recording) -> list[Record]:
-    columns = _columns(recording, STATE_FIELDS)
+    columns = _columns(recording, "state")
     for name, unit in (("linear_vel_of_body", "m_s"), ("angular_vel_of_body", "rad_s")):
         velocity = _in_odom(recording, name)
         if velocity is not None:
@@ -176,53 +131,45 @@ def _states(recording: Recording) -> list[Record]:
             names = ", ".join(recording.mapping.foot_names)
             raise BadInputError(f"signal foot_contact has {contact.shape[1]} columns; foot_names are {names}")
         columns["foot_contact"] = contact.tolist()
-    imu = _columns(recording, IMU_FIELDS)
-    if imu:
+    measured = {"acceleration_of_imu_in_link": "m_s2", "angular_vel_of_link_in_link": "rad_s"}
+    if imu := {f"{n}_{unit}": recording.signal(n).tolist() for n, unit in measured.items() if recording.has(n)}:
         imu["robot_stamp_ns"] = recording.stamps_ns.tolist()
         columns["imu"] = [[log_pb2.ImuPacket(**row)] for row in _rows(imu)]
-    return _records(log_pb2.State, recording, STATE_SIGNALS, columns)
+    return _records(log_pb2.State, recording, signals_of("state"), columns)
 
 
 def _commands(recording: Recording) -> list[Record]:
-    columns = _columns(recording, SET_POINT_FIELDS)
-    if not columns:
+    if not any(map(recording.has, SET_POINTS)):
         return []
-    columns |= _columns(recording, GAIN_FIELDS)
-    columns["key"] = np.cumsum(recording.rows_with(*SET_POINT_FIELDS)).tolist()
-    return _records(log_pb2.Command, recording, SET_POINT_FIELDS, columns)
+    key = np.cumsum(recording.rows_with(*SET_POINTS)).tolist()
+    return _records(log_pb2.Command, recording, SET_POINTS, {**_columns(recording, "command"), "key": key})
 
 
 def _ticks(recording: Recording) -> list[Record]:
-    columns = _columns(recording, TICK_FIELDS)
+    columns, signals = _columns(recording, "tick"), signals_of("tick")
     if not columns:
         return []
-    columns["index"] = (np.cumsum(recording.rows_with(*TICK_FIELDS)) - 1).clip(0).tolist()
-    unknown = {"state_age_s": math.nan, "inference_s": math.nan, "compute_s": math.nan}
-    return _records(log_pb2.Tick, recording, TICK_FIELDS, columns, mode="imported", **unknown)
+    columns["index"] = (np.cumsum(recording.rows_with(*signals)) - 1).clip(0).tolist()
+    unknown = dict.fromkeys(("state_age_s", "inference_s", "compute_s"), math.nan)
+    return _records(log_pb2.Tick, recording, signals, columns, mode="imported", **unknown)
 
 
 def _slow_states(recording: Recording) -> list[Record]:
     """A poll every 0.1 s at most: these signals are slow, whatever the rate of the recording."""
-    battery = {field: recording.signal(name)[:, 0] for name, field in BATTERY_FIELDS.items() if recording.has(name)}
-    has_motors = recording.has("motor_temperature")
-    if not battery and not has_motors:
+    signals = [name for name in signals_of("slow") if recording.has(name)]
+    if not signals:
         return []
-    stamps_ns = recording.stamps_ns
-    some = np.flatnonzero(recording.rows_with(*BATTERY_FIELDS, "motor_temperature"))
-    chosen = some[np.diff(stamps_ns[some] // SLOW_PERIOD_NS, prepend=-1) > 0]
-    columns: dict[str, Sequence[Any]] = {
-        field: battery[field][chosen].tolist() if field in battery else [math.nan] * len(chosen)
-        for field in BATTERY_FIELDS.values()
-    }
-    if has_motors:
-        temperatures = recording.signal("motor_temperature")[chosen].tolist()
-        columns["motor_temperature_c"] = [
-            dict(zip(recording.mapping.joint_names, row, strict=True)) for row in temperatures
-        ]
-    return [
-        log_pb2.SlowState(robot_stamp_ns=ns, host_stamp_ns=ns, motors_powered=True, **row)
-        for ns, row in zip(stamps_ns[chosen].tolist(), _rows(columns), strict=True)
-    ]
+    stamps_ns, polls = recording.stamps_ns, list[Record]()
+    unknown: dict[str, Any] = {SIGNALS[name].field: math.nan for name in signals_of("slow") if SIGNALS[name].field}
+    some = np.flatnonzero(recording.rows_with(*signals))
+    for row in some[np.diff(stamps_ns[some] // SLOW_PERIOD_NS, prepend=-1) > 0]:
+        given = {name: recording.signal(name)[row].tolist() for name in signals}
+        fields = unknown | {field: values[0] for name, values in given.items() if (field := SIGNALS[name].field)}
+        if celsius := given.get("motor_temperature"):
+            fields["motor_temperature_c"] = dict(zip(recording.mapping.joint_names, celsius, strict=True))
+        ns = int(stamps_ns[row])
+        polls.append(log_pb2.SlowState(robot_stamp_ns=ns, host_stamp_ns=ns, motors_powered=True, **fields))
+    return polls
 
 
 def _in_odom(recording: Recording, name: str) -> Array | None:
@@ -236,9 +183,10 @@ def _in_odom(recording: Recording, name: str) -> Array | None:
     return np.asarray(rotate_wxyz(recording.signal("odom_from_body"), recording.signal(f"{name}_in_body")))
 
 
-def _columns(recording: Recording, fields: Columns[str, str]) -> dict[str, Sequence[Any]]:
-    """Those signals that are mapped, by the field of the record."""
-    return {field: recording.signal(name).tolist() for name, field in fields.items() if recording.has(name)}
+def _columns(recording: Recording, record: str) -> dict[str, Sequence[Any]]:
+    """Those mapped signals that a record holds as they are, by its fields."""
+    fields = {name: SIGNALS[name].field for name in signals_of(record) if recording.has(name)}
+    return {field: recording.signal(name).tolist() for name, field in fields.items() if field}
 
 
 def _records(

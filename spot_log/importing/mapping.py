@@ -12,7 +12,7 @@ signals:
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -23,52 +23,52 @@ from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
 SCHEMA: Final = "spot-rl/import/1"
 
-PER_JOINT: Final = {
-    "position": "angle",
-    "velocity": "angular velocity",
-    "load": "torque",
-    "setpoint_position": "angle",
-    "setpoint_velocity": "angular velocity",
-    "feedforward": "torque",
-    "kp": "stiffness",
-    "kd": "damping",
-    "motor_temperature": "temperature",
+JOINTS: Final = -1
+
+
+class Signal(NamedTuple):
+    """What a signal is, and where the log holds it."""
+
+    quantity: str
+    width: int
+    """Columns; :data:`JOINTS` for one a joint, 0 where that is the source's business."""
+    record: str
+    """Kind of record: state, command, tick or slow."""
+    field: str = ""
+    """The record's field that holds it as it is."""
+
+
+SIGNALS: Final = {
+    "position": Signal("angle", JOINTS, "state", "position_rad"),
+    "velocity": Signal("angular velocity", JOINTS, "state", "velocity_rad_s"),
+    "load": Signal("torque", JOINTS, "state", "load_nm"),
+    "setpoint_position": Signal("angle", JOINTS, "command", "position_rad"),
+    "setpoint_velocity": Signal("angular velocity", JOINTS, "command", "velocity_rad_s"),
+    "feedforward": Signal("torque", JOINTS, "command", "load_nm"),
+    "kp": Signal("stiffness", JOINTS, "command", "kp_nm_per_rad"),
+    "kd": Signal("damping", JOINTS, "command", "kd_nm_s_per_rad"),
+    "motor_temperature": Signal("temperature", JOINTS, "slow"),
+    "position_of_body_in_odom": Signal("length", 3, "state", "position_of_body_in_odom_m"),
+    "odom_from_body": Signal("none", 4, "state", "odom_from_body_wxyz"),
+    "linear_vel_of_body_in_odom": Signal("velocity", 3, "state"),
+    "linear_vel_of_body_in_body": Signal("velocity", 3, "state"),
+    "angular_vel_of_body_in_odom": Signal("angular velocity", 3, "state"),
+    "angular_vel_of_body_in_body": Signal("angular velocity", 3, "state"),
+    "acceleration_of_imu_in_link": Signal("acceleration", 3, "state"),
+    "angular_vel_of_link_in_link": Signal("angular velocity", 3, "state"),
+    "foot_contact": Signal("none", 0, "state"),
+    "velocity_command": Signal("none", 3, "tick", "velocity_command"),
+    "action": Signal("none", 0, "tick", "action"),
+    "observation": Signal("none", 0, "tick", "observation"),
+    "battery_voltage": Signal("voltage", 1, "slow", "battery_voltage_v"),
+    "battery_current": Signal("current", 1, "slow", "battery_current_a"),
+    "battery_charge": Signal("share", 1, "slow", "battery_charge_percent"),
 }
-"""Signals with one value a joint, and their kind of quantity."""
-
-OTHER: Final = {
-    "position_of_body_in_odom": ("length", 3),
-    "odom_from_body": ("none", 4),
-    "linear_vel_of_body_in_odom": ("velocity", 3),
-    "linear_vel_of_body_in_body": ("velocity", 3),
-    "angular_vel_of_body_in_odom": ("angular velocity", 3),
-    "angular_vel_of_body_in_body": ("angular velocity", 3),
-    "acceleration_of_imu_in_link": ("acceleration", 3),
-    "angular_vel_of_link_in_link": ("angular velocity", 3),
-    "foot_contact": ("none", 0),
-    "velocity_command": ("none", 3),
-    "action": ("none", 0),
-    "observation": ("none", 0),
-    "battery_voltage": ("voltage", 1),
-    "battery_current": ("current", 1),
-    "battery_charge": ("share", 1),
-}
-"""Every other signal: its kind of quantity and number of columns; 0 where that is the source's business."""
-
-SIGNALS: Final = (*PER_JOINT, *OTHER)
-
-_RECORDS: Final = {"setpoint": "command", "feedforward": "command", "kp": "command", "kd": "command"} | {
-    "velocity_command": "tick",
-    "action": "tick",
-    "observation": "tick",
-    "battery": "slow",
-    "motor": "slow",
-}
 
 
-def record_of(signal: str) -> str:
-    """The kind of record that holds a signal: state, command, tick or slow."""
-    return next((record for start, record in _RECORDS.items() if signal.startswith(start)), "state")
+def signals_of(record: str) -> tuple[str, ...]:
+    """The signals that a kind of record holds."""
+    return tuple(name for name, signal in SIGNALS.items() if signal.record == record)
 
 
 class _Strict(BaseModel):

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-import struct
-import tokenize
 import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -17,29 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.importing.bag import is_bag, read_rows
-from spot_log.importing.mapping import OTHER, PER_JOINT, Mapping, SignalMapping, TimeMapping
+from spot_log.importing.mapping import JOINTS, SIGNALS, Mapping, SignalMapping, TimeMapping
+from spot_log.importing.reading import reading
 from spot_model.errors import BadInputError
 from spot_model.robot.state import Array
 
 Arrays = dict[str, NDArray[Any]]
 
 MAX_UNPACKED_BYTES: Final = 8 << 30
-# What zipfile, zlib and NumPy's own reader of headers raise on files that are damaged, encrypted or made to harm.
-_NPZ_ERRORS: Final = (
-    ValueError,
-    TypeError,
-    KeyError,
-    AttributeError,
-    EOFError,
-    MemoryError,
-    OverflowError,
-    RuntimeError,
-    SyntaxError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 def read_arrays(path: Path) -> Arrays:
@@ -49,25 +31,23 @@ def read_arrays(path: Path) -> Arrays:
         BadInputError: The format is unknown, the file is not of it, or the package that reads it is missing.
         OSError: The file cannot be read.
     """
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
+    if path.suffix.lower() not in _READERS:
         known = ", ".join((*_READERS, "ROS 2 bags (a folder, .mcap, .db3)"))
         raise BadInputError(f"{path}: {path.suffix or 'no suffix'!r} is no known format; allowed: {known}")
     if not path.is_file():
         raise BadInputError(f"{path} {'is no file' if path.exists() else 'does not exist'}; give a recording")
-    return reader(path)
+    kind, package, reader = _READERS[path.suffix.lower()]
+    with reading(path, kind, package):
+        return reader(path)
 
 
 def _read_npz(path: Path) -> Arrays:
-    try:
-        # Opened here, because NumPy leaves a file open that is not an archive.
-        with path.open("rb") as file:
-            _check_size(file)
-            # Object arrays would be unpickled, and a pickle can run code.
-            with np.load(file, allow_pickle=False) as data:
-                arrays = {name: data[name] for name in data.files}
-    except _NPZ_ERRORS as error:
-        raise BadInputError(f"{path} cannot be read as NPZ: {str(error) or type(error).__name__}") from error
+    # Opened here, because NumPy leaves a file open that is not an archive.
+    with path.open("rb") as file:
+        _check_size(file)
+        # Object arrays would be unpickled, and a pickle can run code.
+        with np.load(file, allow_pickle=False) as data:
+            arrays = {name: data[name] for name in data.files}
     # NumPy returns a member that is not an array as bytes.
     strange = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
     if strange:
@@ -86,13 +66,10 @@ def _check_size(file: BinaryIO) -> None:
 
 def _read_csv(path: Path) -> Arrays:
     with path.open(newline="", encoding="utf-8-sig") as file:
-        try:
-            head = file.readline()
-            file.seek(0)
-            delimiter = max(",;\t", key=head.count)
-            rows = list(csv.reader(file, delimiter=delimiter))
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise BadInputError(f"{path} cannot be read as CSV: {error}") from error
+        head = file.readline()
+        file.seek(0)
+        delimiter = max(",;\t", key=head.count)
+        rows = list(csv.reader(file, delimiter=delimiter))
     while rows and not rows[-1]:
         rows.pop()
     if len(rows) < 2:
@@ -123,43 +100,34 @@ def _number(text: Any) -> float | None:
 
 
 def _read_parquet(path: Path) -> Arrays:
-    try:
-        from pyarrow import ArrowException, parquet
-    except ImportError as error:
-        raise BadInputError(f"{path}: Parquet needs pyarrow: pip install 'spot-rl[report]'") from error
-    try:
-        table = parquet.read_table(path)
-    except (ArrowException, ValueError, MemoryError) as error:
-        raise BadInputError(f"{path} cannot be read as Parquet: {error}") from error
+    from pyarrow import parquet
+
+    table = parquet.read_table(path)
     return {name: np.asarray(table.column(name).to_pylist()) for name in table.column_names}
 
 
 def _read_hdf5(path: Path) -> Arrays:
-    try:
-        import h5py  # type: ignore[import-not-found, import-untyped, unused-ignore]
-    except ImportError as error:
-        raise BadInputError(f"{path}: HDF5 needs h5py: pip install h5py") from error
+    import h5py  # type: ignore[import-not-found, import-untyped, unused-ignore]
+
     arrays: Arrays = {}
 
     def take(name: str, node: Any) -> None:
         if isinstance(node, h5py.Dataset):
             arrays[name] = np.asarray(node)
 
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(take)
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError) as error:
-        raise BadInputError(f"{path} cannot be read as HDF5: {error}") from error
+    with h5py.File(path, "r") as file:
+        file.visititems(take)
     return arrays
 
 
-_READERS: Final[dict[str, Callable[[Path], Arrays]]] = {
-    ".npz": _read_npz,
-    ".csv": _read_csv,
-    ".parquet": _read_parquet,
-    ".h5": _read_hdf5,
-    ".hdf5": _read_hdf5,
+_READERS: Final[dict[str, tuple[str, str, Callable[[Path], Arrays]]]] = {
+    ".npz": ("NPZ", "numpy", _read_npz),
+    ".csv": ("CSV", "numpy", _read_csv),
+    ".parquet": ("Parquet", "'spot-rl[report]'", _read_parquet),
+    ".h5": ("HDF5", "h5py", _read_hdf5),
+    ".hdf5": ("HDF5", "h5py", _read_hdf5),
 }
+"""Name of the format, what installs its reader, and the reader, by suffix."""
 
 
 UNITS: Final[dict[str, dict[str, float]]] = {
@@ -240,8 +208,9 @@ class Recording:
     def _signal(self, name: str) -> Array:
         spec = self.mapping.signals[name]
         where = f"signal {name}"
-        kind, width = (PER_JOINT[name], len(self.mapping.joint_names)) if name in PER_JOINT else OTHER[name]
-        factor = factor_of(spec.unit, kind, where)
+        signal, per_joint = SIGNALS[name], SIGNALS[name].width == JOINTS
+        width = len(self.mapping.joint_names) if per_joint else signal.width
+        factor = factor_of(spec.unit, signal.quantity, where)
         raw = self._constant(spec, width) if spec.source is None else self._columns(spec, where)
         if width and raw.shape[1] != width:
             raise BadInputError(f"{where} has {raw.shape[1]} columns; expected {width}")
@@ -249,7 +218,7 @@ class Recording:
             raise BadInputError(f"{where} has {len(raw)} rows, the time has {len(self.stamps_ns)}")
         values = raw * factor * _row(spec.scale, raw.shape[1], f"{where}: scale")
         values = values + _row(spec.offset, raw.shape[1], f"{where}: offset")
-        if name in PER_JOINT:
+        if per_joint:
             source = self.mapping.source_joints
             values = values[:, [source.index(joint) for joint in self.mapping.joint_names]]
         if name == "odom_from_body":

@@ -16,17 +16,16 @@ from spot_log.importing.mapping import SCHEMA
 from spot_log.importing.recording import UNITS, read_arrays
 from spot_model.robot.facts import JOINT_NAMES
 
-_WORDS: Final = {
-    "position": ("rad", {"q", "pos", "position", "positions", "angle", "angles"}),
-    "velocity": ("rad/s", {"qd", "dq", "vel", "velocity", "velocities", "speed"}),
-    "load": ("N·m", {"tau", "torque", "torques", "effort", "load"}),
+_KINDS: Final = {
+    "position": ("rad", r"q|pos|positions?|angles?"),
+    "velocity": ("rad/s", r"qd|dq|vel|velocity|velocities|speed"),
+    "load": ("N·m", r"tau|torques?|effort|load"),
 }
-_WANTED: Final = {"set", "setpoint", "des", "desired", "cmd", "command", "commands", "target", "ref", "goal"}
-_TIMES: Final = {"t", "time", "stamp", "timestamp", "clock"}
-_BODY: Final = {"body", "base", "odom", "imu", "foot", "feet", "key"}
-_FILLERS: Final = {"dof", "joint", "joints", "motor", "rad", "deg", "s", "nm", "m"}.union(
-    *(words for _, words in _WORDS.values())
-)
+"""Unit and words of what a joint has; then words of what was asked of it, of stamps, of the rest, and beside names."""
+_WANTED: Final = r"set|setpoint|des|desired|cmd|commands?|target|ref|goal"
+_TIMES: Final = r"t|time|stamp|timestamp|clock"
+_OTHERS: Final = rf"{_TIMES}|body|base|odom|imu|foot|feet|key"
+_FILLERS: Final = "|".join((r"dof|joints?|motor|rad|deg|s|nm|m", *(words for _, words in _KINDS.values())))
 _FIELDS: Final = """
 JointState position position.{joint} unit: rad
 JointState velocity velocity.{joint} unit: rad/s
@@ -52,7 +51,7 @@ def suggest(path: Path) -> str:
 
 def _of_bag(topics: dict[str, Topic]) -> Iterator[str]:
     kinds = {name: topic.kind.rpartition("/")[2].removesuffix("Stamped") for name, topic in topics.items()}
-    first = {"wanted" if kind == "JointState" and _is_wanted(name) else kind: name for name, kind in kinds.items()}
+    first = {"wanted" if kind == "JointState" and _has(name, _WANTED) else kind: name for name, kind in kinds.items()}
     base = first.get("JointState", next(iter(topics), "TOPIC"))
     columns = topics[base].columns if topics else {}
     yield from _names([field.partition(".")[2] for field in columns if field.startswith("position.")])
@@ -72,21 +71,22 @@ def _of_bag(topics: dict[str, Topic]) -> Iterator[str]:
 def _of_arrays(arrays: dict[str, NDArray[Any]]) -> Iterator[str]:
     signals: dict[str, list[str]] = {"position": []}
     for name, array in arrays.items():
-        words = set(_words(name))
-        kind = next((kind for kind, (_, known) in _WORDS.items() if words & known), "position" * _is_wanted(name))
-        if kind and array.dtype.kind in "fiu" and not words & (_TIMES | _BODY):
-            signals.setdefault(_signal(name, kind), []).append(name)
+        is_wanted = _has(name, _WANTED)
+        kind = next((kind for kind, (_, known) in _KINDS.items() if _has(name, known)), "position" * is_wanted)
+        if kind and array.dtype.kind in "fiu" and not _has(name, _OTHERS):
+            signal = {"load": "feedforward"}.get(kind, f"setpoint_{kind}") if is_wanted else kind
+            signals.setdefault(signal, []).append(name)
     sizes = {s: sum(arrays[n][:1].size for n in columns) for s, columns in signals.items()}
     found, size = signals["position"], sizes["position"]
-    named = ["_".join(word for word in _words(name) if word not in _FILLERS) for name in found]
+    named = ["_".join(word for word in _words(name) if not re.fullmatch(_FILLERS, word)) for name in found]
     usual = JOINT_NAMES if size == len(JOINT_NAMES) else [f"joint_{i}" for i in range(size)]
     yield from _names(named if len(set(named)) == size and all(named) else usual)
-    stamps = next((name for name in arrays if _TIMES & set(_words(name))), "")
+    stamps = next((name for name in arrays if _has(name, _TIMES)), "")
     yield _time(stamps, arrays[stamps]) if stamps else "time: {rate_hz: RATE}  # no array is named as stamps are"
     yield "signals:"
     largest = max((float(np.nanmax(np.abs(arrays[name]), initial=0.0)) for name in found), default=0.0)
     for signal, columns in signals.items():
-        unit = next((unit for kind, (unit, _) in _WORDS.items() if kind in signal), "N·m")
+        unit = next((unit for kind, (unit, _) in _KINDS.items() if kind in signal), "N·m")
         source = _listed(columns) if len(columns) == size else _listed(columns)[1:-1]
         if sizes[signal] == size:
             yield f"  {signal}: {{from: {source}, unit: {unit.replace('rad', 'deg') if largest > 7 else unit}}}"
@@ -106,12 +106,12 @@ def _names(joints: Sequence[str]) -> Iterator[str]:
 
 
 def _time(name: str, stamps: NDArray[Any]) -> str:
-    """The time's unit by its name, or by the size of dates and steps."""
-    first, step = float(stamps[0]), float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-    said = next((word for word in _words(name) if word in UNITS["time"]), "")
-    dated = next((unit for unit, least in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8)) if first > least), "")
-    stepped = next((unit for unit, least in (("ns", 1e5), ("us", 500), ("ms", 0.6)) if step > least), "s")
-    return f"time: {{from: {_listed([name])[1:-1]}, unit: {said or dated or stepped}{', clock: unix' * bool(dated)}}}"
+    """The time's unit by its name, or the first that makes a usual rate of the steps; dates are those since 2001."""
+    rate = 1 / float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0
+    said = [word for word in _words(name) if word in UNITS["time"]]
+    unit = next((u for u in (*said, "s", "ms", "us", "ns") if u in said or 2 < rate / UNITS["time"][u] < 5000), "s")
+    clock = ", clock: unix" if stamps[0] * UNITS["time"][unit] > 1e9 else ""
+    return f"time: {{from: {_listed([name])[1:-1]}, unit: {unit}{clock}}}"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -124,10 +124,5 @@ def _words(name: str) -> list[str]:
     return re.findall(r"[a-z]+|\d+", name.lower())
 
 
-def _is_wanted(name: str) -> bool:
-    return bool(_WANTED & set(_words(name)))
-
-
-def _signal(name: str, kind: str) -> str:
-    """The signal of that kind, or what was asked of it."""
-    return {"load": "feedforward"}.get(kind, f"setpoint_{kind}") if _is_wanted(name) else kind
+def _has(name: str, words: str) -> bool:
+    return any(re.fullmatch(words, word) for word in _words(name))

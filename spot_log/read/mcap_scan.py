@@ -157,7 +157,7 @@ class Scan:
     attachments: list[Attachment] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
     channels: dict[tuple[str, str], tuple[Channel, Schema | None]] = field(default_factory=dict)
-    """What the file declares, by topic and name of the schema."""
+    """Of its messages, by topic and name of the schema."""
     damage: list[str] = field(default_factory=list)
     """One sentence for each place that could not be read, in the order of the file."""
     lost: Counter[str] = field(default_factory=Counter)
@@ -191,11 +191,8 @@ class _Scanner:
     def _begin(self, offset: int) -> None:
         """A file begins here. Numbers are fixed in our own files, so channels are known even where none is declared."""
         self._start = offset
-        self._topics = {topic.channel_id: topic.name for topic in ALL_TOPICS}
-        self._schema_of_channel = {topic.channel_id: topic.channel_id for topic in ALL_TOPICS}
-        self._schemas = {topic.channel_id: topic.schema_name for topic in ALL_TOPICS}
-        self._channels: dict[int, Channel] = {}
-        self._schema_records: dict[int, Schema] = {}
+        self._channels = {t.channel_id: Channel(t.channel_id, t.name, "", {}, t.channel_id) for t in ALL_TOPICS}
+        self._schemas = {t.channel_id: Schema(t.channel_id, b"", "", t.schema_name) for t in ALL_TOPICS}
 
     def run(self) -> Scan:
         data, scan = self._data, self._scan
@@ -332,7 +329,7 @@ class _Scanner:
 
     def _content(self, content: bytes) -> None:
         offset, end = 0, len(content)
-        append, topics = self._scan.messages.append, self._topics
+        append, keep = self._scan.messages.append, self._scan.channels.setdefault
         head_size, message_head_size = RECORD_HEAD.size, _MESSAGE_HEAD.size
         while offset + head_size <= end:
             opcode, length = RECORD_HEAD.unpack_from(content, offset)
@@ -341,36 +338,30 @@ class _Scanner:
             if offset > end:
                 raise ValueError(f"a record of {length} bytes is longer than what is left of its chunk")
             if opcode == Opcode.MESSAGE:
-                channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, start)
-                topic = topics.get(channel)
-                if topic is None:
-                    self._scan.lost[f"channel {channel}"] += 1
+                number, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, start)
+                channel = self._channels.get(number)
+                if channel is None:
+                    self._scan.lost[f"channel {number}"] += 1
                     continue
-                name = self._schemas.get(self._schema_of_channel[channel], "")
+                schema = self._schemas.get(channel.schema_id)
+                name = "" if schema is None else schema.name
+                keep((channel.topic, name), (channel, schema))
                 body = content[start + message_head_size : offset]
-                append(RawMessage(topic, name, sequence, log_ns, publish_ns, body))
+                append(RawMessage(channel.topic, name, sequence, log_ns, publish_ns, body))
             elif opcode == Opcode.CHANNEL:
-                declared = Channel.read(_stream(content, start, offset))
-                topics[declared.id], self._schema_of_channel[declared.id] = declared.topic, declared.schema_id
-                self._channels[declared.id] = declared
-                self._declare()
+                channel = Channel.read(_stream(content, start, offset))
+                self._channels[channel.id] = channel
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(_stream(content, start, offset))
-                self._schemas[schema.id], self._schema_records[schema.id] = schema.name, schema
-                self._declare()
-
-    def _declare(self) -> None:
-        """Keep what channels are; a schema may come after its channel."""
-        for channel in self._channels.values():
-            key = channel.topic, self._schemas.get(channel.schema_id, "")
-            self._scan.channels[key] = channel, self._schema_records.get(channel.schema_id)
+                self._schemas[schema.id] = schema
 
     def _message_index(self, start: int, length: int) -> None:
         (channel,), (size,) = _U16.unpack_from(self._data, start), _U32.unpack_from(self._data, start + 2)
         if size + 6 != length or size % 16:
             raise ValueError("a message index has a wrong length")
         if self._lost_chunk:
-            self._scan.lost[self._topics.get(channel, f"channel {channel}")] += size // 16
+            known = self._channels.get(channel)
+            self._scan.lost[known.topic if known else f"channel {channel}"] += size // 16
 
     def _attachment(self, start: int, end: int) -> None:
         (crc,) = _U32.unpack_from(self._data, end - 4)

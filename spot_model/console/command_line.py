@@ -10,6 +10,7 @@ from importlib.metadata import EntryPoint, version
 from typing import Annotated, Any, cast
 
 import typer
+from typer.core import TyperGroup
 
 from spot_model.console.command_registry import (
     describe_command,
@@ -59,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         chosen = next((name for name in (".".join(named), chosen) if name in commands), chosen)
         entry = commands.get(chosen) if chosen else None
         app = build_app(commands, chosen)
-        _in_capitals(typer.main.get_command(app)).main(args=words, prog_name="spot-rl")
+        typer.main.get_command(app).main(args=words, prog_name="spot-rl")
     except (KeyboardInterrupt, SystemExit) as end:
         if isinstance(end, SystemExit) and not _was_interrupted(end):
             raise
@@ -99,16 +100,6 @@ def _gpu_memory_error(error: Exception) -> Exception | None:
     )
 
 
-def _in_capitals(command: Any) -> Any:
-    """The same command, whose arguments, and those of its sub-commands, are called as in the documentation: LOGS."""
-    for parameter in command.params:
-        if parameter.param_type_name == "argument" and parameter.metavar is None:
-            parameter.metavar = parameter.name.upper()
-    for child in getattr(command, "commands", {}).values():
-        _in_capitals(child)
-    return command
-
-
 def _was_interrupted(end: SystemExit) -> bool:
     """Whether typer left for a Ctrl-C that the command itself said nothing of."""
     return end.__context__ is not None and isinstance(end.__context__.__cause__, KeyboardInterrupt)
@@ -118,15 +109,43 @@ def _prefix(command: str | None) -> str:
     return f"spot-rl {command.replace('.', ' ') if command else ''}".rstrip()
 
 
+class _Group(TyperGroup):
+    """A group whose help shows the commands under their headings, each with its whole line."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The options. A flag that is left out is false: where it is none, typer loads pydantic to say so."""
+        parameters: list[Any] = super().get_params(ctx)
+        for parameter in parameters:
+            if getattr(parameter, "is_flag", False) and parameter.default is None:
+                parameter.default = False
+        return parameters
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write them."""
+        shown: dict[str, Any] = {name: command for name, command in self.commands.items() if not command.hidden}
+        width = max(map(len, shown), default=0)
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for name, command in shown.items():
+            line = name.ljust(width), command.get_short_help_str(limit=sys.maxsize)
+            panels.setdefault(command.rich_help_panel or "Commands", []).append(line)
+        for panel, lines in panels.items():
+            with formatter.section(panel):
+                formatter.write_dl(lines)
+
+
 def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Typer:
-    """Build the group: the chosen command loaded, every other one a stand-in that only carries its help line."""
-    app = typer.Typer(callback=_group_options, no_args_is_help=True, context_settings=SETTINGS)
+    """Build the group: the chosen command loaded, every other one a stand-in that only carries its help line.
+
+    Help and errors are plain text: to load what draws boxes around them would take longer than all the rest.
+    """
+    shared: dict[str, Any] = {"cls": _Group, "no_args_is_help": True, "rich_markup_mode": None}
+    app = typer.Typer(callback=_group_options, context_settings=SETTINGS, **shared)
     groups = {"": app}
     for name in sorted(commands, key=_rank):
         entry = commands[name]
         group, _, leaf = name.rpartition(".")
         if group not in groups:
-            groups[group] = typer.Typer(callback=_stand_in, no_args_is_help=True, help=GROUP_HELP.get(group))
+            groups[group] = typer.Typer(callback=_stand_in, help=GROUP_HELP.get(group), **shared)
             app.add_typer(groups[group], name=group, rich_help_panel=_panel(group), hidden=group in FOR_DEVELOPERS)
         place: dict[str, Any] = {"rich_help_panel": _panel(name), "hidden": name in FOR_DEVELOPERS}
         if name != chosen:
@@ -134,7 +153,7 @@ def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Type
             continue
         loaded = load_command(entry)
         if isinstance(loaded, typer.Typer):
-            groups[group].add_typer(loaded, name=leaf, **place)
+            groups[group].add_typer(loaded, name=leaf, cls=_Group, **place)
         else:
             groups[group].command(leaf, **place)(cast("Callable[..., Any]", loaded))
     return app

@@ -13,8 +13,8 @@ Options that commands of several packages share stand here, too.
 
 from __future__ import annotations
 
-import ast
 import importlib.util
+import re
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -23,7 +23,7 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import SpotRlError
-from spot_model.policy.built_in import policy_file
+from spot_model.policy.built_in import config_file, policy_file
 from spot_model.user_code import OWN_PACKAGES
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
@@ -33,6 +33,12 @@ OptionalPolicyFile = Annotated[
     Path | None, typer.Option("--policy", parser=policy_file, metavar="POLICY", help=_POLICY_HELP)
 ]
 PolicyArgument = Annotated[Path, typer.Argument(parser=policy_file, metavar="POLICY", help=_POLICY_HELP)]
+_RAN_HELP = "The policy that ran; default: the built-in one, or the file in ./policies, with the log's digest."
+PolicyThatRan = Annotated[Path | None, typer.Option("--policy", parser=policy_file, metavar="POLICY", help=_RAN_HELP)]
+_CONFIG_HELP = "YAML file, or the name of a built-in config."
+TrainingConfig = Annotated[
+    Path | None, typer.Option("--config", parser=config_file, metavar="CONFIG", help=_CONFIG_HELP)
+]
 Overrides = Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")]
 TorchDevice = Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")]
 ScenarioName = Annotated[str, typer.Option("--scenario", help="Scenario of the fake robot.")]
@@ -40,6 +46,8 @@ ScenarioName = Annotated[str, typer.Option("--scenario", help="Scenario of the f
 
 COMMAND_GROUP = "spot_rl.commands"
 EXTRAS_FOR_PYTHON_3_10 = frozenset({"runtime", "gamepad"})
+_DOCSTRING = re.compile(r'(?:#.*\n|\s)*[rR]?"""\s*(.*?)\s*(?:"""|$)', re.MULTILINE)
+"""A docstring at this place, after comments; its first line is the group."""
 
 
 class CommandUnavailableError(SpotRlError):
@@ -71,17 +79,16 @@ def find_commands() -> dict[str, EntryPoint]:
 
 
 def describe_command(entry: EntryPoint) -> str:
-    """Return the first docstring line of what ``entry`` names, read from source so that nothing heavy is imported.
+    """Return the first docstring line of what ``entry`` names, found in its source, which is not imported.
 
     A function answers with its own docstring, an app with its module's. Empty where there is no source or docstring.
+    To parse the sources of all commands takes longer than all else that prints the help, so they are searched.
     """
     source = source_of(entry.module)
-    if source is None:
-        return ""
-    tree = ast.parse(source.read_text(encoding="utf-8"))
-    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
-    docstring = ast.get_docstring(functions.get(entry.attr, tree)) or ""
-    return docstring.partition("\n")[0]
+    text = "" if source is None else source.read_text(encoding="utf-8")
+    signature = re.search(rf"^def {re.escape(entry.attr)}\((?:.*|(?:\n(?:[ \t].*)?)*\n\).*):\n", text, re.MULTILINE)
+    docstring = _DOCSTRING.match(text, signature.end() if signature else 0)
+    return docstring[1] if docstring else ""
 
 
 def load_command(entry: EntryPoint) -> object:

@@ -17,11 +17,12 @@ import time
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Final
-
-from typing_extensions import Self
+from typing import IO, TYPE_CHECKING, Final
 
 from spot_model.process.python_path import VARIABLE, absolute_entries
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 END_TIMEOUT_S = 5.0
 LAUNCH: Final = Path(__file__).absolute().parents[1] / "launch.py"

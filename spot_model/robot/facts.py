@@ -28,6 +28,9 @@ JOINT_TYPES: Final = ("hx", "hy", "kn")
 JOINT_NAMES: Final = tuple(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINT_TYPES)
 """The one canonical joint order of this project: the SDK's. [sdk]"""
 
+BREADTH_FIRST: Final = tuple(f"{leg}_{joint}" for joint in JOINT_TYPES for leg in LEG_NAMES)
+"""The order of Isaac Lab and most simulators: all hx, all hy, all kn, each fl, fr, hl, hr."""
+
 N_JOINTS: Final = len(JOINT_NAMES)
 N_LEGS: Final = len(LEG_NAMES)
 

@@ -169,8 +169,8 @@ def main() -> None:
     if not is_heard and not _is_left_to_us(told):
         return
     from spot_runtime.config import RunConfig
-    from spot_runtime.rescue.lease_note import LeaseNote
-    from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note, when_new
+    from spot_runtime.rescue.lease_note import WITHIN_S, LeaseNote
+    from spot_runtime.rescue.make_safe import make_safe_by_note, when_new
 
     def say(words: str) -> None:
         with contextlib.suppress(OSError):

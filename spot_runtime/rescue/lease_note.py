@@ -23,6 +23,9 @@ from spot_runtime.host.instance_lock import open_locked
 
 FOLDER_NAME: Final = "spot-rl"
 MAX_BYTES: Final = 65_536
+WITHIN_S: Final = 20.0
+"""Longest silence of a robot that a note names until it is given up. With a last try of some 30 s, less than the unit
+gives everything that comes after a stop."""
 
 
 class LeaseNoteError(SpotRlError):

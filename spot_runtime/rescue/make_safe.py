@@ -23,10 +23,7 @@ from spot_runtime.hal.errors import CertificateError, ClockError, CredentialsErr
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
-from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_path
-
-WITHIN_S: Final = 20.0
-"""With a last try of some 30 s, less than the unit gives everything that comes after a stop."""
+from spot_runtime.rescue.lease_note import WITHIN_S, HeldNote, LeaseNote, LeaseNoteError, note_path
 
 RETRY_S: Final = 1.0
 """A link that is down when a process dies is often back in a moment, and a lease may be given back at any time."""

@@ -90,11 +90,15 @@ def fall_of(hal: Hal, limits: SafetyLimits) -> Stop | None:
     return None
 
 
-def _lean_rad(hal: Hal, looks: int) -> float:
-    """Between the body's z axis and the vertical, by the newest state; 0 where none came in so many looks."""
+def _lean_rad(hal: Hal, looks: int, limits: SafetyLimits) -> float:
+    """Between the body's z axis and the vertical, by the newest state.
+
+    0 where none came in so many looks, NaN where its attitude is no rotation.
+    """
     for _ in range(looks):
         for state in hal.receive(0, 0.1)[-1:]:
-            return float(tilt_rad(state.odom_from_body_wxyz))
+            norm_error = abs(math.hypot(*state.odom_from_body_wxyz.tolist()) - 1.0)
+            return tilt_rad(state.odom_from_body_wxyz) if norm_error <= limits.quaternion_norm_error else math.nan
     return 0.0
 
 
@@ -191,8 +195,8 @@ class RobotSession:
         round_trip_ms = info.round_trip_s * 1e3
         text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
         self._event(EventName.CONNECTED, text)
-        lean_rad = _lean_rad(hal, LOOKS)
-        # Values that are not finite are left to the loop, which checks every state before it takes over.
+        lean_rad = _lean_rad(hal, LOOKS, self._limits)
+        # What is not finite, or no rotation, is left to the loop, which checks every state before it takes over.
         if lean_rad > TIPPED_RAD:  # neither stand nor policy is asked to right it
             self._is_fall_told = True
             raise FaultError(f"the body is tilted by {math.degrees(lean_rad):.0f}°; set the robot on its belly or feet")
@@ -230,7 +234,7 @@ class RobotSession:
             return
         lean_rad = 0.0
         with contextlib.suppress(HalError):
-            lean_rad = _lean_rad(hal, 1)
+            lean_rad = _lean_rad(hal, 1, self._limits)
         has_fallen = lean_rad > TIPPED_RAD
         if is_off:
             lies = "the motors are off; the robot has tipped over: see to it"

@@ -94,7 +94,7 @@ def test_what_does_not_heal_is_not_tried_again() -> None:
 
 def test_the_watchdog_ends_a_hung_loop_and_the_stop_has_time_to_sit() -> None:
     from spot_runtime.config import RobotConfig
-    from spot_runtime.rescue.make_safe import WITHIN_S
+    from spot_runtime.rescue.lease_note import WITHIN_S
 
     unit = settings("spot-rl.service")
     assert unit["Type"] == ["notify"]

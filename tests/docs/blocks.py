@@ -13,7 +13,6 @@ DOCS = REPOSITORY / "docs"
 PAGES = [
     *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md")),
     *(page for folder in ("", "method", "evidence") for page in sorted((DOCS / folder).glob("*.md"))),
-    DOCS / "reference" / "conformance.md",
 ]
 _FENCE = re.compile(r"(?:<!-- doc-test: (?P<order>[^\n]*) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL)
 _SPAN = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")

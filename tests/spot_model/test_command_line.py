@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import inspect
 import os
 import subprocess
 import sys
@@ -180,20 +181,61 @@ def test_a_command_and_a_group_of_one_name_are_refused(monkeypatch: pytest.Monke
 def test_every_installed_command_loads_and_describes_itself(entry: EntryPoint) -> None:
     loaded = entry.load()
     assert callable(loaded) or isinstance(loaded, typer.Typer)
+    documented = sys.modules[entry.module] if isinstance(loaded, typer.Typer) else loaded
+    assert describe_command(entry) == str(inspect.getdoc(documented)).partition("\n")[0]
     assert describe_command(entry).endswith(".")
     assert entry.extras
 
 
-def test_real_help_imports_nothing_heavy() -> None:
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('# A licence.\n\n"""Of the module.\n\nMore."""\ndef other() -> None:\n    """Other."""\n', "Of the module."),
+        ('"""M."""\n@decorated()\ndef walk(a: int = (1)) -> None:\n    r"""Walk. """\n', "Walk."),
+        (
+            '"""M."""\ndef walk(\n    a: int,\n\n    b: str = ")",\n) -> None:\n    """Walk.\n\n    Far.\n    """\n',
+            "Walk.",
+        ),
+        ('"""M."""\ndef walk() -> None:\n    run()\n\ndef other() -> None:\n    """Other."""\n', ""),
+        ("import os\n", ""),
+    ],
+)
+def test_a_commands_line_is_found_in_its_source(
+    text: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "described.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert describe_command(EntryPoint("walk", "described:walk", COMMAND_GROUP)) == line
+
+
+STARTS_LATE = ("bench.", "ctl", "fake-robot", "user-sequence")
+"""Commands whose help loads more than it needs; this list may only shrink."""
+
+
+def test_no_help_imports_anything_heavy() -> None:
     script = (
         "import sys\n"
-        "from spot_model.console.command_line import main\n"
-        "try:\n    main(['--help'])\n"
-        "except SystemExit:\n    pass\n"
-        "print('heavy:', {'torch', 'mujoco', 'numpy', 'onnxruntime', 'grpc', 'scipy'} & sys.modules.keys())\n"
+        "from spot_model.console.command_line import find_commands, main\n"
+        "heavy = {'torch', 'mujoco', 'numpy', 'onnxruntime', 'grpc', 'google', 'scipy', 'pydantic', 'yaml', 'rich'}\n"
+        f"names = [name.split('.') for name in find_commands() if not name.startswith({STARTS_LATE})]\n"
+        "for words in [[], *names]:\n"
+        "    try:\n        main([*words, '--help'])\n"
+        "    except SystemExit:\n        pass\n"
+        "    print(*words, 'loads', heavy & sys.modules.keys())\n"
     )
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert result.stdout.endswith("heavy: set()\n")
+    told = [line for line in result.stdout.splitlines() if " loads " in line]
+    assert len(told) > 20
+    assert [line for line in told if not line.endswith(" loads set()")] == []
+
+
+def test_the_help_has_headings_and_whole_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--help") == 0
+    told = " ".join(capsys.readouterr().out.split())
+    for panel, names in command_line.PANELS.items():
+        assert f" {panel}: {names[0]} " in told
+    assert "hand over, follow velocity commands, hand back, sit, power off." in told
+    assert not any(f" {name} " in told.partition("Walk:")[2] for name in command_line.FOR_DEVELOPERS)
 
 
 class TestCompletion:

@@ -68,7 +68,7 @@ def test_without_opengl_the_message_says_what_to_install(monkeypatch: pytest.Mon
     def fails() -> Any:
         raise RuntimeError("no display")
 
-    monkeypatch.setattr("spot_rl.camera.gl_context", fails)
+    monkeypatch.setattr("trainer.play.film.gl_context", fails)
     env = spot_rl.make_env(render_mode="rgb_array")
     env.reset(seed=0)
     with pytest.raises(spot_rl.SpotRlError, match=r"MuJoCo cannot draw .*no display.*libegl1 or libosmesa6"):

@@ -245,7 +245,7 @@ def test_what_the_memory_holds_after_each_kind_of_state(make_state: MakeState) -
     # A state that causes a stop is not used, and what arrived last is known all the same.
     broken = make_state(START_NS + 3 * MS, load_nm=np.full(12, np.inf))
     after, is_usable, stop = screen_state(again, broken, START_NS + 3 * MS, LIMITS)
-    assert stop == Stop(StopReason.STATE_NOT_FINITE)
+    assert stop == Stop(StopReason.STATE_NOT_FINITE, "load")
     assert not is_usable
     assert after == again._replace(arrived_robot_stamp_ns=START_NS + 3 * MS)
     older = again._replace(arrived_robot_stamp_ns=START_NS + 9 * MS)
@@ -310,16 +310,25 @@ def test_the_shape_that_was_found_is_told(make_state: MakeState) -> None:
 
 
 @pytest.mark.parametrize("index", range(4))
-@pytest.mark.parametrize("field", ["odom_from_body_wxyz", "linear_vel_of_body_in_odom_m_s"])
-def test_every_component_is_looked_at(make_state: MakeState, field: str, index: int) -> None:
+@pytest.mark.parametrize(
+    ("field", "name"),
+    [
+        ("odom_from_body_wxyz", "attitude"),
+        ("linear_vel_of_body_in_odom_m_s", "body velocity"),
+        ("position_of_body_in_odom_m", "body position"),
+        ("position_rad", "position"),
+        ("velocity_rad_s", "velocity"),
+    ],
+)
+def test_every_component_is_looked_at(make_state: MakeState, field: str, name: str, index: int) -> None:
     values = getattr(make_state(), field).copy()
     values[index % len(values)] = np.nan
-    assert judged(make_state(**{field: values})) == Stop(StopReason.STATE_NOT_FINITE)
+    assert judged(make_state(**{field: values})) == Stop(StopReason.STATE_NOT_FINITE, name)
 
 
 def test_the_turning_rate_is_looked_at_too(make_state: MakeState) -> None:
     rate = np.array([0.0, 0.0, np.inf])
-    assert judged(make_state(angular_vel_of_body_in_odom_rad_s=rate)) == Stop(StopReason.STATE_NOT_FINITE)
+    assert judged(make_state(angular_vel_of_body_in_odom_rad_s=rate)) == Stop(StopReason.STATE_NOT_FINITE, "turn rate")
 
 
 @pytest.mark.parametrize("axis", range(4))

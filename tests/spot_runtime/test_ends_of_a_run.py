@@ -196,6 +196,18 @@ def test_a_robot_that_tips_over_as_it_sits_down_fell_whatever_came_first(end: St
     assert not any(text.startswith("the robot sits") for text in told)
 
 
+def test_an_attitude_that_is_no_rotation_says_nothing_about_a_fall() -> None:
+    robot = Troubled()
+
+    def spoil() -> None:
+        robot.mutate = lambda state: [replace(state, odom_from_body_wxyz=3.0 * LIES)]
+
+    robot.troubles = {("power_off", 1): spoil}
+    session, _ = session_after(robot, ControlEnd(Stop(StopReason.STATE_ATTITUDE), may_stand=False))
+    assert session.outcome.label == "state_attitude"
+    assert "fell" not in session.outcome.sentence
+
+
 @pytest.mark.parametrize("end", ENDS)
 def test_a_robot_that_stays_upright_did_not_fall(end: StopReason) -> None:
     session, told = session_after(Troubled(), ControlEnd(Stop(end), may_stand=False))

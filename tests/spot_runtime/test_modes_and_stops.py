@@ -258,7 +258,7 @@ def test_every_reason_does_what_the_table_says() -> None:
 def test_a_stop_says_what_happened_with_figures_and_what_to_do() -> None:
     stop = Stop(StopReason.JOINT_VELOCITY, "fr_kn", {"velocity_rad_s": 41.0, "bound_rad_s": 40.0})
     assert stop.sentence() == (
-        "a joint moves too fast: fr_kn (velocity_rad_s = 41, bound_rad_s = 40); check policy and ground"
+        "a joint is measured too fast: fr_kn (velocity_rad_s = 41, bound_rad_s = 40); check policy, ground and sensors"
     )
 
 

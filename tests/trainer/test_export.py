@@ -13,7 +13,7 @@ from tests.trainer.conftest import TINY
 from trainer.config.train_config import TrainConfig
 from trainer.evaluate.export import export_policy
 from trainer.ppo.checkpoint import find_checkpoint
-from trainer.ppo.checkpoint_policy import NewestPolicy, actor_layers, check_agreement, run_torch
+from trainer.ppo.checkpoint_policy import NewestPolicy, check_agreement, policy_of, read_actor, run_torch
 from trainer.ppo.train import train
 
 
@@ -44,9 +44,10 @@ def rsl_actor(run: Path, observation: torch.Tensor) -> torch.Tensor:
 
 
 def test_the_file_agrees_with_rsl_rl_and_describes_itself(run: Path, tmp_path: Path) -> None:
-    out = export_policy(run, tmp_path / "p.onnx", "trotter")
-    policy = load_policy(out)
+    written = export_policy(run, tmp_path / "p.onnx", "trotter")
+    policy = load_policy(tmp_path / "p.onnx")
     contract = policy.contract
+    assert (written.sha256, written.contract) == (policy.sha256, contract)
     assert contract.name == "trotter"
     assert contract.velocity_command_high == (5.5, 1.5, 2.0)
     assert (contract.training.command, contract.training.seed) == ("the command", 0)
@@ -57,7 +58,8 @@ def test_the_file_agrees_with_rsl_rl_and_describes_itself(run: Path, tmp_path: P
 
 
 def test_the_file_is_one_file_and_is_not_overwritten(run: Path, tmp_path: Path) -> None:
-    out = export_policy(run, tmp_path / "p.onnx")
+    out = tmp_path / "p.onnx"
+    export_policy(run, out)
     assert [p.name for p in tmp_path.iterdir()] == ["p.onnx"]
     model = onnx.load(out)
     assert model.graph.input[0].type.tensor_type.shape.dim[0].dim_param == "batch"
@@ -84,15 +86,13 @@ def test_a_training_is_followed_from_checkpoint_to_checkpoint(
     assert told == ["checkpoint_000001.pt", "checkpoint_000002.pt"]
 
 
-def test_networks_that_disagree_are_refused(run: Path, tmp_path: Path) -> None:
-    data = export_policy(run, tmp_path / "p.onnx").read_bytes()
-    from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint
-
-    layers = actor_layers(read_checkpoint(find_checkpoint(run))["algorithm"]["actor_state_dict"])
-    assert check_agreement(layers, data) <= 1e-5
+def test_networks_that_disagree_are_refused(run: Path) -> None:
+    _, layers, contract = read_actor(find_checkpoint(run))
+    policy = policy_of(layers, contract)
+    assert check_agreement(layers, policy) <= 1e-5
     layers[-1] = (layers[-1][0], layers[-1][1] + 0.001)
     with pytest.raises(BadInputError, match=r"torch and onnxruntime differ by 0.001"):
-        check_agreement(layers, data)
+        check_agreement(layers, policy)
 
 
 def test_layers_by_hand() -> None:
@@ -104,7 +104,7 @@ def test_layers_by_hand() -> None:
 
 def test_a_policys_file_is_measured_anew(tmp_path: Path) -> None:
     walk = Path(__file__).parents[2] / "policies" / "walk.onnx"
-    before, after = load_policy(walk), load_policy(export_policy(walk, tmp_path / "again.onnx"))
+    before, after = load_policy(walk), export_policy(walk, tmp_path / "again.onnx")
     observation = np.random.default_rng(0).normal(size=(5, N_OBSERVATION)).astype(np.float32)
     np.testing.assert_array_equal(after.act(observation), before.act(observation))
     assert after.contract.model_copy(update={"gait": ()}) == before.contract.model_copy(update={"gait": ()})

@@ -14,10 +14,10 @@ from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.__main__ import commands
-from trainer.ppo.checkpoint_policy import read_layers, run_torch
+from trainer.ppo.checkpoint_policy import policy_of, read_layers, run_torch
 from trainer.ppo.ppo import mirror_action, mirror_observation
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig, load_refine_config
-from trainer.refine.gains import gains_of, policy_of, with_gains
+from trainer.refine.gains import gains_of, with_gains
 from trainer.refine.search import Problem, Steady, judge, run_starts, score_steady, search
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
@@ -108,7 +108,7 @@ def test_a_gait_is_judged_the_same_twice_and_falls_are_seen() -> None:
     assert judge(policy, SMALL, seed=3) == first
     assert first.steady[0].falls == 0
     layers, gains = read_layers(POLICY.read_bytes(), "walk"), gains_of(facts.JOINT_NAMES)
-    broken = policy_of(with_gains(layers, gains, np.full(len(gains), 8.0)), policy.contract)[0]
+    broken = policy_of(with_gains(layers, gains, np.full(len(gains), 8.0)), policy.contract)
     assert judge(broken, SMALL, seed=3).score > first.score + 2.0
 
 

@@ -18,7 +18,7 @@ from tests.trainer.conftest import TINY
 from trainer.config.task_config import RandomisationConfig
 from trainer.config.train_config import TrainConfig, load_config
 from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
-from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, onnx_bytes, read_layers, run_torch
+from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, policy_of, read_layers, run_torch
 from trainer.ppo.train import make_runner, resume, train
 from trainer.task.draws import Draws, training_effects
 from trainer.task.task import check_device
@@ -102,7 +102,7 @@ def test_a_run_can_start_from_a_policys_file_and_teaches_its_critic_first(tiny: 
 def test_a_policy_with_other_servos_is_no_start(tmp_path: Path) -> None:
     data, contract = Path("policies/walk.onnx").read_bytes(), load_policy(Path("policies/walk.onnx")).contract
     stiff = contract.model_copy(update={"kp_nm_per_rad": (80.0,) * 12})
-    (tmp_path / "stiff.onnx").write_bytes(onnx_bytes(read_layers(data, "walk"), stiff))
+    (tmp_path / "stiff.onnx").write_bytes(policy_of(read_layers(data, "walk"), stiff).file_bytes)
     with pytest.raises(BadInputError, match="kp_nm_per_rad"):
         networks_of_policy(tmp_path / "stiff.onnx")
 
@@ -119,11 +119,9 @@ def test_joints_in_another_order_are_put_in_order(tmp_path: Path) -> None:
     turned[-1] = (turned[-1][0][order], turned[-1][1][order])
     names = tuple(policy.contract.joint_names[i] for i in order)
     default = tuple(policy.contract.default_position_rad[i] for i in order)
-    with torch.no_grad():
-        action = run_torch(turned, torch.tensor([policy.contract.stored_pair.observation]))[0]
-    pair = policy.contract.stored_pair.model_copy(update={"action": tuple(action.tolist())})
-    changed = {"joint_names": names, "default_position_rad": default, "stored_pair": pair}
-    (tmp_path / "turned.onnx").write_bytes(onnx_bytes(turned, policy.contract.model_copy(update=changed)))
+    changed = {"joint_names": names, "default_position_rad": default}
+    made = policy_of(turned, policy.contract.model_copy(update=changed))
+    (tmp_path / "turned.onnx").write_bytes(made.file_bytes)
     found = actor_layers(networks_of_policy(tmp_path / "turned.onnx")[0]["algorithm"]["actor_state_dict"])
     for (weight, bias), (wanted, wanted_bias) in zip(found, layers, strict=True):
         torch.testing.assert_close(weight, wanted)

@@ -40,7 +40,6 @@ def export(
         return
     from spot_model.io.whole import check_new
     from spot_model.policy.contract import gait_sentence
-    from spot_model.policy.policy import load_policy
 
     check_new(out, *(() if networks is None else (networks,)))
     typer.echo("loading torch …", err=True)
@@ -48,8 +47,8 @@ def export(
     from trainer.ppo.checkpoint import find_checkpoint, save_networks
 
     typer.echo("measuring gait and turning at each speed", err=True)
-    path = export_policy(run, out, name)
+    policy = export_policy(run, out, name)
     if networks is not None:
         save_networks(find_checkpoint(run), networks)
-    typer.echo(gait_sentence(load_policy(path).contract))
-    typer.echo(f"policy {path} ({path.stat().st_size} bytes)")
+    typer.echo(gait_sentence(policy.contract))
+    typer.echo(f"policy {out} ({len(policy.file_bytes)} bytes)")

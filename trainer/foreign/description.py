@@ -49,8 +49,6 @@ def field_of(name: str, source: str) -> str:
     return _FIELDS[name]
 
 
-BREADTH_FIRST: Final = tuple(f"{leg}_{joint}" for joint in ("hx", "hy", "kn") for leg in facts.LEG_NAMES)
-"""Isaac Lab's order of Spot's joints: all hx, all hy, all kn, each fl, fr, hl, hr."""
 MAX_HISTORY: Final = 50
 DEFAULT_COMMANDS: Final = ((-1.0, -0.5, -1.0), (1.0, 0.5, 1.0))
 """Range of velocity commands where no file names one: V_x, V_y (m/s), ω_z (rad/s)."""

@@ -16,8 +16,8 @@ from spot_model.io.whole import check_new, whole_folder
 from spot_model.policy.contract import INPUT_NAME, OUTPUT_NAME
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.robot.facts import BREADTH_FIRST
 from trainer.foreign import mjlab, spot_rl_example
-from trainer.foreign.description import BREADTH_FIRST
 from trainer.foreign.network import Step, surrounded
 
 THEIR_INPUT, THEIR_OUTPUT = "obs", "actions"

@@ -6,12 +6,14 @@ import enum
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from spot_model.errors import BadInputError
-from trainer.foreign.description import ForeignPolicy, checked
+
+if TYPE_CHECKING:
+    from trainer.foreign.description import ForeignPolicy
 
 BESIDE: Final = (
     "env.yaml",
@@ -49,16 +51,13 @@ def import_policy(
     commands: Annotated[
         str, typer.Option(help="Lower and upper limits of V_x,V_y,ω_z as 'a,b,c:d,e,f', if no file names them.")
     ] = "",
-    action_output: Annotated[
-        str, typer.Option(help="The network's output that is the action, if it has several without a usual name.")
-    ] = "",
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
 ) -> None:
     """Import a policy of another framework, and check that its network gives the same actions."""
     from spot_model.io.model_file import load_model
     from spot_model.io.whole import check_new, whole_file
     from spot_model.policy.contract import gait_sentence
-    from spot_model.policy.policy import load_policy
+    from trainer.foreign.description import checked
     from trainer.foreign.network import ours_from, read_network
     from trainer.simulate.stated_gait import with_gait
 
@@ -71,12 +70,11 @@ def import_policy(
     if not yes and not typer.confirm("Is this what the policy was trained with?"):
         raise BadInputError("nothing was written; correct the side file, or name it with --env")
     network = read_network(policy, described.width)
-    data = ours_from(network, described, revision=f"{like.value}/{policy.name}", action=action_output)
+    made = ours_from(network, described, revision=f"{like.value}/{policy.name}")
     typer.echo("measuring gait and turning at each speed", err=True)
-    data = with_gait(data, load_model("paper_identified"))
+    made = with_gait(made, load_model("paper_identified"))
     with whole_file(target) as part:
-        part.write_bytes(data)
-    made = load_policy(target)
+        part.write_bytes(made.file_bytes)
     typer.echo(gait_sentence(made.contract))
     told = ", if the training did what is assumed above" if described.assumed else ""
     typer.echo(f"policy {target}: SHA-256 {made.sha256}; the network's actions are the same{told}")

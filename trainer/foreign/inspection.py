@@ -14,11 +14,8 @@ from trainer.foreign.description import ForeignPolicy
 
 _RECURRENT: Final = frozenset({"LSTM", "GRU", "RNN"})
 _SCALES: Final = frozenset({"Add", "Sub", "Mul", "Div", "BatchNormalization"})
-_PASSES: Final = frozenset(
-    {"Cast", "Clip", "Concat", "Flatten", "Gather", "Identity", "Max", "Min", "Reshape", "Slice", "Split", "Squeeze"}
-    | {"Transpose", "Unsqueeze"}
-)
-"""Operators that leave each number by itself."""
+_MIXES: Final = frozenset({"Gemm", "MatMul", "Conv"})
+_CONSTANT: Final = ("Constant", "value")
 _ACTIONS: Final = frozenset({"actions", "action", "output", "mu"})
 
 
@@ -33,42 +30,38 @@ def check_no_memory(graph: onnx.GraphProto) -> None:
             check_no_memory(attribute.g)
 
 
-def check_normaliser(graph: onnx.GraphProto, source: str, told: str) -> None:
+def check_normaliser(graph: onnx.GraphProto, told: str) -> None:
     """Refuse a network without the normaliser that the learner's file tells of (``told``, empty where it does not)."""
-    if told and not _has_normaliser(graph, source):
+    if told and not _has_normaliser(graph):
         raise BadInputError(
             f"agent.yaml says that the observation was normalised ({told}), and the network, before its first layer, "
             "does not; export it together with the normaliser, or set this key to false if that layer contains it"
         )
 
 
-def _has_normaliser(graph: onnx.GraphProto, source: str) -> bool:
-    """Whether each number of the observation meets its own mean or deviation before the first layer mixes them."""
+def _has_normaliser(graph: onnx.GraphProto) -> bool:
+    """Whether numbers meet each a mean or deviation of its own before the first layer mixes them."""
     constants = {tensor.name: tensor for tensor in graph.initializer}
-    constants |= {
-        n.output[0]: a.t for n in graph.node if n.op_type == "Constant" for a in n.attribute if a.name == "value"
-    }
-    reached = {source}
+    constants |= {n.output[0]: a.t for n in graph.node for a in n.attribute if (n.op_type, a.name) == _CONSTANT}
     for node in graph.node:  # in the order of computation, as ONNX demands
-        others = [name for name in node.input if name not in reached]
-        if len(others) == len(node.input):
-            continue
-        known = [numpy_helper.to_array(constants[name]) for name in others if name in constants]
-        if node.op_type in _SCALES and any(np.ptp(value) > 0.0 for value in known if value.size):
+        known = [numpy_helper.to_array(constants[name]) for name in node.input if name in constants]
+        if node.op_type in _MIXES:
+            return False
+        if node.op_type in _SCALES and any(value.size and np.ptp(value) > 0.0 for value in known):
             return True
-        if node.op_type in _PASSES or (node.op_type in _SCALES and len(known) == len(others)):
-            reached |= set(node.output)
     return False
 
 
-def action_output(model: onnx.ModelProto, wanted: str) -> str:
-    """The output that is the action: ``wanted``, or without one the only one, or the only one with a usual name."""
+def action_output(model: onnx.ModelProto) -> str:
+    """The output that is the action: the only one of twelve numbers, or the only such one with a usual name."""
     widths = {value.name: _width(value) for value in model.graph.output}
-    chosen = [name for name in widths if name == (wanted or name) and (wanted or len(widths) == 1 or name in _ACTIONS)]
-    if len(chosen) != 1 or widths[chosen[0]] not in (facts.N_JOINTS, 0):
+    fitting = [name for name, width in widths.items() if width in (facts.N_JOINTS, 0)]
+    chosen = fitting if len(fitting) == 1 else [name for name in fitting if name in _ACTIONS]
+    if len(chosen) != 1:
         told = ", ".join(f"{name} of {width} numbers" for name, width in widths.items()) or "none"
         raise BadInputError(
-            f"the network has outputs: {told}; name the one of {facts.N_JOINTS} that is the action with --action-output"
+            f"the network has outputs: {told}; export it with the one of {facts.N_JOINTS} that is the action alone, or "
+            "with the name 'actions'"
         )
     return chosen[0]
 

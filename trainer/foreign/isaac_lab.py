@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import Any, Final
 
 from spot_model.errors import BadInputError
+from spot_model.robot.facts import BREADTH_FIRST
 from trainer.foreign.description import (
     ABSOLUTE,
-    BREADTH_FIRST,
     COMMAND,
     JOINT_FIELDS,
     LAST_ACTION,

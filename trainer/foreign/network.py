@@ -27,7 +27,7 @@ from spot_model.policy.contract import (
     StoredPair,
 )
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION
-from spot_model.policy.policy import policy_from_bytes
+from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.foreign.description import JOINT_FIELDS, LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
 from trainer.foreign.inspection import action_output, check_no_memory, check_normaliser, observation_input
@@ -141,9 +141,6 @@ def _traced(torch: Any, data: bytes, width: int, policy: Path) -> bytes:
         observations = torch.randn(PROOFS, 1, width, generator=torch.Generator().manual_seed(48))
         with torch.no_grad():
             actions = [network(row).clone() for row in observations]
-            has_memory = any(
-                not torch.equal(network(row), action) for row, action in zip(observations, actions, strict=True)
-            )
             torch.onnx.export(
                 network, (observations[0],), buffer, input_names=["obs"], output_names=["actions"], dynamo=False
             )
@@ -155,13 +152,11 @@ def _traced(torch: Any, data: bytes, width: int, policy: Path) -> bytes:
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BadInputError(f"TorchScript file {policy} cannot be turned into ONNX: {reason}; export ONNX") from error
-    if has_memory:
-        raise BadInputError(
-            f"TorchScript file {policy}: the same observation gives another action the second time, so the network has "
-            f"a memory; only networks without memory are run"
-        )
     if not apart <= TOLERANCE:
-        raise BadInputError(f"TorchScript file {policy} as ONNX gives actions {apart:g} apart; export ONNX")
+        raise BadInputError(
+            f"TorchScript file {policy} as ONNX gives actions {apart:g} apart, as where the network has a memory; only "
+            "networks without memory are run: export ONNX"
+        )
     return bytes(buffer.getvalue())
 
 
@@ -190,23 +185,6 @@ def policy_bytes(policy: Path) -> bytes:
         raise BadInputError(f"policy {policy} cannot be read: {error}") from error
 
 
-def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str, action: str = "") -> bytes:
-    """The file that our runtime loads.
-
-    Args:
-        network: The ONNX file's bytes.
-        policy: What the network means.
-        revision: Where it came from.
-        action: Name of the output that is the action, where the network has several.
-
-    Raises:
-        BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
-            not give the foreign network's actions.
-    """
-    with _words_for_the_network():
-        return _ours_from(network, policy, revision, action)
-
-
 @contextmanager
 def _words_for_the_network() -> Iterator[None]:
     """Our words for what ONNX and ONNX Runtime raise: bare pybind exceptions of many types."""
@@ -222,11 +200,23 @@ def _words_for_the_network() -> Iterator[None]:
         ) from error
 
 
-def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str) -> bytes:
+@_words_for_the_network()
+def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> Policy:
+    """The policy, and in it the file, that our runtime loads.
+
+    Args:
+        network: The ONNX file's bytes.
+        policy: What the network means.
+        revision: Where it came from.
+
+    Raises:
+        BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
+            not give the foreign network's actions.
+    """
     theirs = onnx.load_from_string(network)
     check_no_memory(theirs.graph)
-    source, target = observation_input(theirs, policy), action_output(theirs, action)
-    check_normaliser(theirs.graph, source, policy.normaliser)
+    source, target = observation_input(theirs, policy), action_output(theirs)
+    check_normaliser(theirs.graph, policy.normaliser)
     before, after = observation_steps(policy), action_steps(policy)
     session = onnxruntime.InferenceSession(network, providers=["CPUExecutionProvider"])
     ours = np.random.default_rng(48).normal(size=(PROOFS, policy.history * N_OBSERVATION)).astype(np.float32)
@@ -246,7 +236,7 @@ def _ours_from(network: bytes, policy: ForeignPolicy, revision: str, action: str
     error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
     if not error <= TOLERANCE:
         raise BadInputError(f"the file that was made differs from the network by {error:g}; allowed: {TOLERANCE:g}")
-    return data
+    return made
 
 
 def surrounded(

@@ -13,7 +13,8 @@ from typing import Any
 from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import OBSERVATION
-from trainer.foreign.description import BREADTH_FIRST, ForeignPolicy, Term
+from spot_model.robot.facts import BREADTH_FIRST
+from trainer.foreign.description import ForeignPolicy, Term
 from trainer.foreign.environment import Environment, by_joint, parsed
 
 STANDING_HEIGHT_M = 0.5

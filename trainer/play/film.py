@@ -82,21 +82,28 @@ def check_film(out: Path) -> None:
         import imageio_ffmpeg  # noqa: F401
     except ModuleNotFoundError as error:
         raise BadInputError("--video needs imageio-ffmpeg; install the extra: pip install 'spot-rl[train]'") from error
-    try:
-        with gl_context():
-            mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), mujoco.mjtFontScale.mjFONTSCALE_100.value)
-    except Exception as error:
-        raise BadInputError(
-            f"--video: MuJoCo cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', 'egl')} "
-            f"({type(error).__name__}: {error}); install the packages libegl1 or libosmesa6, "
-            "and set MUJOCO_GL to egl or osmesa"
-        ) from error
+    with contextlib.ExitStack() as stack:
+        renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), stack, "--video")
 
 
 def top_speed_ramp(policy: Policy, seconds: float) -> VelocityAt:
     """Speed up to the policy's top forward command over seven tenths of the time, then hold it."""
     top = np.array([policy.contract.velocity_command_high[0], 0.0, 0.0])
     return lambda time_s: top * min(1.0, time_s / (0.7 * seconds))
+
+
+def renderer(model: mujoco.MjModel, stack: contextlib.ExitStack, needed_by: str) -> tuple[Any, mujoco.MjrContext]:
+    """OpenGL and a model's renderer, until the stack is closed. Raises BadInputError where nothing can be drawn."""
+    try:
+        context = stack.enter_context(gl_context())
+        return context, mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    except Exception as error:
+        stack.close()
+        raise BadInputError(
+            f"{needed_by}: MuJoCo cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', 'egl')} "
+            f"({type(error).__name__}: {error}); install the package libegl1 or libosmesa6, and set MUJOCO_GL to egl "
+            "or osmesa"
+        ) from error
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +39,20 @@ Layers = list[tuple[torch.Tensor, torch.Tensor]]
 """Weight (out, in) and bias (out,) of each linear layer; ELU between them."""
 
 
-def checkpoint_policy(checkpoint: Path) -> Policy:
-    """The policy of a checkpoint, with no gait stated, as quickly as it can be had.
+def policy_of(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
+    """A network with its contract, as the runtime loads it; ``file_bytes`` of it is the file.
+
+    The stored pair's action becomes that of this network.
 
     Raises:
-        BadInputError: It is not a checkpoint of this trainer.
+        BadInputError: torch and onnxruntime do not compute the same.
     """
-    _, layers, contract = read_actor(checkpoint)
-    return policy_from_bytes(onnx_bytes(layers, contract), source=str(checkpoint))
+    pair = contract.stored_pair
+    pair = pair.model_copy(update={"action": _action(layers, pair.observation)})
+    contract = contract.model_copy(update={"stored_pair": pair})
+    policy = policy_from_bytes(onnx_bytes(layers, contract), source=source)
+    check_agreement(layers, policy)
+    return policy
 
 
 def read_actor(checkpoint: Path, name: str | None = None) -> tuple[TrainConfig, Layers, PolicyContract]:
@@ -207,7 +213,7 @@ def onnx_bytes(layers: Layers, contract: PolicyContract) -> bytes:
     return data
 
 
-def check_agreement(layers: Layers, data: bytes) -> float:
+def check_agreement(layers: Layers, policy: Policy) -> float:
     """Largest difference between torch and onnxruntime over random inputs.
 
     Raises:
@@ -216,7 +222,7 @@ def check_agreement(layers: Layers, data: bytes) -> float:
     """
     inputs = _inputs(256)
     wanted = _torch(layers, inputs)
-    error = float(np.abs(policy_from_bytes(data, source="export").act(inputs) - wanted).max())
+    error = float(np.abs(policy.act(inputs) - wanted).max())
     allowed = LARGEST_ERROR * max(1.0, float(np.abs(wanted).max()))
     if not error <= allowed:
         raise BadInputError(f"torch and onnxruntime differ by {error:g}; allowed: at most {allowed:g}")
@@ -225,7 +231,7 @@ def check_agreement(layers: Layers, data: bytes) -> float:
 
 def contract_of(config: TrainConfig, layers: Layers, name: str, training: TrainingRecord) -> PolicyContract:
     """The contract of a network that was trained on a config's task, with no gait stated."""
-    inputs = _inputs(1)
+    observation = tuple(_inputs(1)[0].tolist())
     commands = config.task.commands
     ranges = (commands.v_x_m_s, commands.v_y_m_s, commands.yaw_rate_rad_s)
     return PolicyContract(
@@ -233,10 +239,12 @@ def contract_of(config: TrainConfig, layers: Layers, name: str, training: Traini
         velocity_command_low=(ranges[0][0], ranges[1][0], ranges[2][0]),
         velocity_command_high=(ranges[0][1], ranges[1][1], ranges[2][1]),
         training=training,
-        stored_pair=StoredPair(
-            observation=tuple(float(v) for v in inputs[0]), action=tuple(float(v) for v in _torch(layers, inputs)[0])
-        ),
+        stored_pair=StoredPair(observation=observation, action=_action(layers, observation)),
     )
+
+
+def _action(layers: Layers, observation: Sequence[float]) -> tuple[float, ...]:
+    return tuple(_torch(layers, np.array([observation], dtype=np.float32))[0].tolist())
 
 
 def _training(config: TrainConfig, record: dict[str, Any], checkpoint: Path) -> TrainingRecord:
@@ -277,7 +285,8 @@ class NewestPolicy:
         """
         self._seen = find_checkpoint(self._run)
         self._tell(self._seen.name)
-        return checkpoint_policy(self._seen)
+        _, layers, contract = read_actor(self._seen)
+        return policy_of(layers, contract, str(self._seen))
 
     def newer(self) -> Policy | None:
         """One that is newer than the last; None if there is none, or it was looked for a moment ago."""

@@ -9,17 +9,11 @@ from typing import Annotated
 
 import typer
 
-from spot_model.console.command_registry import Overrides, TorchDevice
-from spot_model.policy.built_in import config_file
+from spot_model.console.command_registry import Overrides, TorchDevice, TrainingConfig
 
 
 def train(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", parser=config_file, metavar="CONFIG", help="YAML file, or the name of a built-in config."
-        ),
-    ] = None,
+    config: TrainingConfig = None,
     set_: Overrides = None,
     resume: Annotated[Path | None, typer.Option("--resume", help="Run folder of a training to continue.")] = None,
     device: TorchDevice = "cpu",

@@ -9,19 +9,13 @@ from typing import Annotated, Any
 
 import typer
 
-from spot_model.console.command_registry import PolicyArgument
-from spot_model.policy.built_in import config_file
+from spot_model.console.command_registry import PolicyArgument, TrainingConfig
 
 
 def refine(
     policy: PolicyArgument,
     out: Annotated[Path, typer.Option("--out", help="ONNX file to write.")] = Path("refined.onnx"),
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", parser=config_file, metavar="CONFIG", help="YAML file, or the name of a built-in config."
-        ),
-    ] = None,
+    config: TrainingConfig = None,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -44,16 +38,17 @@ def refine(
     check_new(out)
     typer.echo("loading torch …", err=True)
     from trainer.ppo.checkpoint import command_line
-    from trainer.ppo.checkpoint_policy import read_layers
+    from trainer.ppo.checkpoint_policy import policy_of, read_layers
     from trainer.refine.config import load_refine_config
-    from trainer.refine.gains import gains_of, policy_of, with_gains
+    from trainer.refine.gains import gains_of, with_gains
     from trainer.refine.search import Problem, compare, in_words, search
     from trainer.simulate.engine import Place
 
     settings = load_refine_config(config)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
-    contract, data = load_policy(policy).contract, policy.read_bytes()
+    loaded = load_policy(policy)
+    contract, data = loaded.contract, loaded.file_bytes
     layers, gains = read_layers(data, str(policy)), gains_of(contract.joint_names)
     for robot in settings.robots:
         robot.robots()
@@ -99,6 +94,7 @@ def refine(
         seed=settings.seed,
         model_sha256=contract.training.model_sha256,
     )
+    made = policy_of(with_gains(layers, gains, values), contract.model_copy(update={"training": record}))
     with whole_file(out) as part:
-        part.write_bytes(policy_of(with_gains(layers, gains, values), contract, record)[1])
+        part.write_bytes(made.file_bytes)
     typer.echo(f"policy {out} ({out.stat().st_size} bytes)")

@@ -13,10 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
 from spot_model.policy.observation import COLUMNS, OBSERVATION
-from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.ppo.checkpoint_policy import Layers, check_agreement, onnx_bytes, run_torch
+from trainer.ppo.checkpoint_policy import Layers
 
 Array = NDArray[np.float64]
 
@@ -88,19 +86,3 @@ def with_gains(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
 
 def _joints(names: Sequence[str], end: str, kind: str) -> tuple[int, ...]:
     return tuple(i for i, name in enumerate(names) if name[0] == end[0] and name.endswith(kind))
-
-
-def policy_of(layers: Layers, contract: PolicyContract, record: TrainingRecord | None = None) -> tuple[Policy, bytes]:
-    """A policy with these layers and, but for its stored pair and record, this contract; and its file's bytes."""
-    observation = torch.tensor([contract.stored_pair.observation], dtype=torch.float32)
-    with torch.no_grad():
-        action = run_torch(layers, observation)[0]
-    pair = StoredPair(
-        observation=contract.stored_pair.observation,
-        action=tuple(float(v) for v in action),
-        tolerance=contract.stored_pair.tolerance,
-    )
-    changed = contract.model_copy(update={"stored_pair": pair, "training": record or contract.training})
-    data = onnx_bytes(layers, changed)
-    check_agreement(layers, data)
-    return policy_from_bytes(data, source="refinement"), data

@@ -55,9 +55,9 @@ def stated_gaits(policy: Policy, model: RobotModel) -> tuple[StatedGait, ...]:
     return tuple(stated)
 
 
-def with_gait(data: bytes, model: RobotModel) -> bytes:
-    """A policy's file with its gait on that robot in the contract, in place of what it stated."""
-    policy, made = policy_from_bytes(data, source="the policy"), onnx.load_from_string(data)
+def with_gait(policy: Policy, model: RobotModel) -> Policy:
+    """A policy, and its file, with its gait on that robot in the contract, in place of what it stated."""
+    made = onnx.load_from_string(policy.file_bytes)
     contract = policy.contract.model_copy(update={"gait": stated_gaits(policy, model)})
     helper.set_model_props(made, {p.key: p.value for p in made.metadata_props} | {METADATA_KEY: contract.to_json()})
-    return bytes(made.SerializeToString())
+    return policy_from_bytes(made.SerializeToString(), source="the policy")

@@ -1,1 +1,1 @@
-"""Runs cases blind: the reality records, its truth is sealed, the diagnosis is locked in, then the seal is opened."""
+"""Runs cases blind: the reality records, a process without the truth diagnoses, and only then are the two compared."""

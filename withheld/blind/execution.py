@@ -1,9 +1,12 @@
-"""Cases from draw to outcome: reality, seal, diagnosis behind the wall, digest of the verdict, opening."""
+"""Cases from draw to outcome: a reality records, a process that gets the logs diagnoses, and the judge measures."""
 
 from __future__ import annotations
 
 import os
+import resource
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,10 +21,8 @@ from spot_log import Run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import load_model, save_model
 from spot_model.policy.policy import Policy, load_policy
-from trainer.simulate.engine import Engine, EngineError, Tell
-from withheld.blind.jail import Ended, Level, hide_this_process, run_locked_in, seen
-from withheld.blind.metadata import features, make_alike
-from withheld.blind.seal import LEDGER, Seal, enter, file_digest, read_ledger
+from trainer.simulate.engine import ONE_THREAD, Engine, EngineError, Tell
+from withheld.blind.run_folder import CASES, DRAWS, JUDGES_OWN, WORK
 from withheld.cases import Case, draw, fast_sequences, ordinary_sequences
 from withheld.measuring import (
     SHRINK_REPEATS,
@@ -39,12 +40,16 @@ from withheld.plan import Reality, RecordingPlan
 from withheld.realities.source import Source, source_of
 from withheld.simulator.simulation import RealityDivergedError
 
-NO_VERDICT: Final = "none"
 MAX_ATTEMPTS: Final = 5
 """Robots that may break their simulation before a case gives up."""
 KEPT: Final = ("verdict.json", "report.html", "corrected_model.yaml")
 NO_DISTANCE: Final = (SpotRlError, ValueError, np.linalg.LinAlgError)
 """What a robot that falls at once ends in."""
+LAUNCH: Final = Path(__file__).with_name("launch.py")
+
+
+class NotBlindError(SpotRlError):
+    """A diagnosis opened what tells the truth of its case."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,6 @@ class Job:
     out: Path
     """The run's folder."""
     policies: Path
-    level: Level
     reality: str = "judging"
     timeout_s: float = 900.0
     keep_logs: bool = False
@@ -65,7 +69,7 @@ class Job:
     @property
     def folder(self) -> Path:
         """Where the finished case lies."""
-        return self.out / "cases" / f"{self.number:04d}"
+        return self.out / CASES / f"{self.number:04d}"
 
     @property
     def is_done(self) -> bool:
@@ -76,7 +80,6 @@ class Job:
 def run_cases(
     jobs: Sequence[Job],
     engine: Engine[Any, Job, Outcome],
-    out: Path,
     until_s: float,
     on_done: Callable[[int, str], None],
 ) -> int:
@@ -88,7 +91,6 @@ def run_cases(
     Args:
         jobs: All cases.
         engine: Where they run.
-        out: The run's folder.
         until_s: Seconds from now.
         on_done: Called with number and text of each case that ends.
     """
@@ -112,15 +114,6 @@ def run_cases(
                 failed += 1
                 on_done(job.number, f"failed: {type(error).__name__}: {error}")
                 continue
-            last = read_ledger(job.folder / LEDGER)[-1].hash
-            enter(
-                out / LEDGER,
-                "case",
-                case=job.number,
-                ledger=last,
-                seal=outcome.seal,
-                verdict=outcome.verdict_sha256,
-            )
             on_done(job.number, f"{outcome.status}, {sum(outcome.seconds.values()):.0f} s")
     return len(waiting) + failed
 
@@ -129,13 +122,13 @@ def execute(_: None, job: Job, __: Tell) -> Outcome:
     """Run one case, and leave its folder behind; what an engine does with a job.
 
     Raises:
+        NotBlindError: The diagnosis opened what tells the truth.
         SpotRlError: No reality or policy can be made.
         OSError: The disk.
     """
     if job.is_done:
         return read_outcome(job.folder / "outcome.json")
-    hide_this_process()
-    result = job.out / "work" / job.folder.name
+    result = job.out / WORK / job.folder.name
     shutil.rmtree(result, ignore_errors=True)
     result.mkdir(parents=True)
     try:
@@ -151,9 +144,9 @@ def execute(_: None, job: Job, __: Tell) -> Outcome:
 
 
 def _outcome(job: Job, work: Path, result: Path) -> Outcome:
-    """Record, seal, diagnose, open and measure; logs go with ``work``, what is kept is left in ``result``."""
+    """Record, diagnose, and only then measure; logs go with ``work``, what is kept is left in ``result``."""
     seconds: dict[str, float] = {}
-    given, out, ledger, number = work / "case", work / "out", result / LEDGER, job.number
+    given, out = work / "case", work / "out"
     given.mkdir()
     out.mkdir()
     with _timed(seconds, "recording"):
@@ -162,19 +155,10 @@ def _outcome(job: Job, work: Path, result: Path) -> Outcome:
         policy_file = job.policies / f"{case.policy}.onnx"
         if case.detail == "stream":
             shutil.copyfile(policy_file, given / "policy.onnx")
-        make_alike(given / "logs")
-    seal = Seal.of(reality.truth)
-    enter(ledger, "sealed", case=number, truth=seal.digest)
-    ended = _diagnosed(job, case, given, out)
-    seconds["diagnosis"] = round(ended.cpu_s, 2)
+    problem, seconds["diagnosis"] = diagnosed(job, case, given, out, work / "opened.txt")
     for path in (out / name for name in KEPT if (out / name).exists()):
         shutil.move(path, result / path.name)
-    said = result / "verdict.json"
-    digest = file_digest(said) if said.exists() else NO_VERDICT
-    enter(ledger, "verdict", case=number, verdict=digest)
-    # Only now: what was sealed leaves this process.
-    enter(ledger, "opened", case=number, truth=seal.digest, nonce=seal.nonce, text=seal.text)
-    verdict, problem = _verdict(said, ended)
+    verdict, problem = _verdict(result / "verdict.json", problem)
     policy, source = load_policy(policy_file), source_of(job.reality)
     with _timed(seconds, "distances"):
         does = what_faults_do(source, case, reality, runs, policy, policy_file, work) if source.kinds else []
@@ -182,16 +166,12 @@ def _outcome(job: Job, work: Path, result: Path) -> Outcome:
         shrunk = closed_gaps(case, reality, verdict, result / "corrected_model.yaml", policy, policy_file, work)
     outcome = Outcome(
         case=case,
-        truth=seal.opened(seal.digest),
+        truth=reality.truth,
         verdict=verdict,
         moved=tuple(by for by, _ in does),
         consequences=tuple(own for _, own in does),
         true_s=shrunk.s,
         true_gaps=dict(shrunk.gaps),
-        metadata=features(given, runs, case.without),
-        seal=seal.digest,
-        verdict_sha256=digest,
-        locked_in=job.level,
         seconds=seconds,
         problem=problem,
     )
@@ -232,21 +212,59 @@ def recorded(job: Job, logs: Path) -> tuple[Case, Reality, list[Run]]:
     raise SpotRlError(f"case {job.number}: no robot in {MAX_ATTEMPTS} draws could be simulated")
 
 
-def _diagnosed(job: Job, case: Case, given: Path, out: Path) -> Ended:
-    at, to = seen(given, out, job.level)
-    words = [f"{at}/logs", "--nominal", f"{at}/model.yaml", "--out", to]
-    if case.detail == "stream":
-        words += ["--policy", f"{at}/policy.onnx"]
-    words += ["--seed", str(case.diagnosis_seed)]
+def diagnosed(job: Job, case: Case, given: Path, out: Path, opened: Path) -> tuple[str, float]:
+    """Run ``spot-rl diagnose`` in a process that is told of its own folders alone.
+
+    Args:
+        job: Whose files, and the code that draws cases, the process may not open.
+        case: Whose effects are left out of the library.
+        given: Folder of logs, nominal model and policy.
+        out: Folder that the process writes.
+        opened: File with the path of each file that it opened.
+
+    Returns:
+        How it ended, in words, and its CPU seconds.
+
+    Raises:
+        NotBlindError: It opened a file that it may not.
+    """
+    policy = given / "policy.onnx"
+    words = ["logs", "--nominal", "model.yaml", "--out", str(out), "--seed", str(case.diagnosis_seed)]
+    words += ["--policy", policy.name] if policy.exists() else []
     words += [w for name in case.without for w in ("--without", name)]
-    return run_locked_in(given, out, words, job.level, job.timeout_s)
+    paths = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
+    environment = {**os.environ, "PYTHONPATH": paths, "MUJOCO_GL": "disable", **dict.fromkeys(ONE_THREAD, "1")}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    try:
+        done = subprocess.run(  # noqa: S603 - our own command
+            [sys.executable, "-P", str(LAUNCH), str(opened), *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=job.timeout_s,
+            check=False,
+            cwd=given,
+            env=environment,
+        )
+        code, said = str(done.returncode), done.stdout.decode(errors="replace")
+    except subprocess.TimeoutExpired:
+        code, said = f"no result after {job.timeout_s:g} s", ""
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    for path in map(Path, opened.read_text(errors="surrogateescape").splitlines() if opened.exists() else ()):
+        if any(path.is_relative_to(own) for own in (*(job.out / name for name in JUDGES_OWN), *DRAWS)):
+            raise NotBlindError(
+                f"case {job.number}: the diagnosis opened {path}, which tells what is hidden; allowed: its own logs, "
+                "model and policy. Take that out of the diagnosis; the case is not scored"
+            )
+    lines = said.strip().splitlines()
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return f"ended with {code}: {lines[-1] if lines else ''}", round(cpu_s, 2)
 
 
-def _verdict(file: Path, ended: Ended) -> tuple[Verdict | None, str]:
+def _verdict(file: Path, ended: str) -> tuple[Verdict | None, str]:
     """The verdict, and what went wrong."""
     if not file.exists():
-        lines = ended.said.strip().splitlines()
-        return None, f"ended with {ended.code}: {lines[-1] if lines else ''}"
+        return None, ended
     try:
         return read_verdict(file), ""
     except SpotRlError as error:

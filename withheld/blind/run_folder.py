@@ -1,4 +1,4 @@
-"""A run's folder: the frozen protocol that all its cases have in common, and the seed until it is published."""
+"""A run's folder: what all its cases have in common, fixed before the first."""
 
 from __future__ import annotations
 
@@ -15,36 +15,39 @@ from pydantic import Field, ValidationError
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import check_new, whole_file
-from withheld.blind.jail import HOME_OF_OURS, Level
-from withheld.blind.seal import LEDGER, file_digest
+from spot_model.version import software_revision
 
 RUN: Final = "run.json"
-SEED_FILE: Final = "seed.json"
-DIAGNOSES: Final = ("diagnosis", "spot_model", "trainer/sysid")
-"""Sources that decide a verdict."""
-GENERATES: Final = ("withheld/plan.py", "withheld/cases.py", "withheld/realities", "withheld/simulator")
+CASES: Final = "cases"
+WORK: Final = "work"
+SCORES: Final = "scores.json"
+PAGE: Final = "scores.html"
+JUDGES_OWN: Final = (RUN, CASES, WORK, SCORES, PAGE)
+"""All that a run's folder holds: seed, truths and verdicts."""
+HOME: Final = Path(__file__).resolve().parents[2]
+"""Folder in which our packages lie."""
+DRAWS: Final = tuple(HOME / "withheld" / name for name in ("cases.py", "plan.py", "realities", "simulator"))
 """Sources that draw and make the cases."""
-NUMBERS: Final = ("mujoco-core", "numpy", "onnxruntime", "scikit-learn", "scipy")
+DIAGNOSES: Final = tuple(HOME / name for name in ("diagnosis", "spot_model", "trainer/sysid"))
+"""Sources that decide a verdict."""
+NUMBERS: Final = ("mujoco-core", "numpy", "onnxruntime", "scipy")
 """Libraries that decide numbers."""
-PACKED_OF_A_RUN: Final = (RUN, SEED_FILE, LEDGER, "scores.json")
-PACKED_OF_A_CASE: Final = ("outcome.json", "verdict.json", LEDGER, "corrected_model.yaml")
+PACKED_OF_A_RUN: Final = (RUN, SCORES)
+PACKED_OF_A_CASE: Final = ("outcome.json", "verdict.json", "corrected_model.yaml")
 
 
 class RunHead(Settings):
     """``run.json``: fixed before the first case."""
 
-    schema_name: Literal["spot-rl/withheld-run/3"] = Field(default="spot-rl/withheld-run/3", alias="schema")
-    protocol: str
-    """Digest of diagnosis, calibration and library bounds."""
-    generator: str
-    """Digest of what draws and makes the cases."""
-    seed_digest: str
-    """SHA-256 of the seed and a nonce: the seed was there before the first verdict."""
-    policies: dict[str, str]
-    """Digest of each policy's file."""
+    schema_name: Literal["spot-rl/withheld-run/4"] = Field(default="spot-rl/withheld-run/4", alias="schema")
+    revision: str
+    """Of the sources; ends with ``+changes`` where they were not as committed, ``unknown`` outside a checkout."""
+    digest: str
+    """SHA-256 of sources and policies that decide cases and verdicts: parts with another one are another run."""
+    seed: int
+    is_seed_drawn: bool
+    """Whether the operating system drew the seed, after revision and digest were taken; else it was given."""
     reality: str
-    locked_in: Level
-    """Where the run was begun; each case says how it was itself."""
     cases: int
     is_quick: bool = False
     part: tuple[int, int]
@@ -63,45 +66,32 @@ class RunHead(Settings):
         (out / RUN).write_text(self.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
 
 
-class Secret(Settings):
-    """``seed.json``: readable by the generator's user alone; cases can be made again from it."""
-
-    seed: int
-    nonce: str = Field(default_factory=lambda: secrets.token_hex(32))
-
-    @property
-    def digest(self) -> str:
-        """What ``run.json`` says of it."""
-        return hashlib.sha256(f"{self.nonce}\n{self.seed}".encode()).hexdigest()
-
-
 def begin(
-    out: Path,
-    secret: Secret,
-    policies: Path,
-    *,
-    reality: str,
-    level: Level,
-    cases: int,
-    part: tuple[int, int],
-    is_quick: bool,
+    out: Path, seed: int | None, policies: Path, *, reality: str, cases: int, part: tuple[int, int], is_quick: bool
 ) -> RunHead:
-    """Begin a run: everything that decides a verdict is fixed from here on.
+    """Begin a run: everything that decides a verdict is fixed from here on, and then the seed is drawn.
+
+    Args:
+        out: Folder of the run.
+        seed: Of a run that is repeated, or of which this is a part; by default the operating system draws one.
+        policies: Folder of policies.
+        reality: Where robots come from.
+        cases: Of the whole run.
+        part: First case and end of this folder's part.
+        is_quick: Whether runs are short.
 
     Raises:
-        BadInputError: The folder holds a run, or the part lies outside of it.
+        BadInputError: The folder holds a run, there is no policy, or the part lies outside of the run.
     """
-    protocol, generator = source_digests()
-    digests = policy_digests(policies)
-    if not digests:
+    if not any(policies.glob("*.onnx")):
         raise BadInputError(f"folder {policies} has no policy (*.onnx); name another with --policies, or leave it out")
+    revision, digest = software_revision(), digest_of(policies)
     head = RunHead(
-        protocol=protocol,
-        generator=generator,
-        seed_digest=secret.digest,
-        policies=digests,
+        revision=revision,
+        digest=digest,
+        seed=secrets.randbits(62) if seed is None else seed,
+        is_seed_drawn=seed is None,
         reality=reality,
-        locked_in=level,
         cases=cases,
         part=part,
         is_quick=is_quick,
@@ -111,11 +101,11 @@ def begin(
             **{name: version(name) for name in NUMBERS},
         },
     )
-    make_folder(out, head, secret)
+    make_folder(out, head)
     return head
 
 
-def make_folder(out: Path, head: RunHead, secret: Secret) -> None:
+def make_folder(out: Path, head: RunHead) -> None:
     """Make the folder of a run without cases.
 
     Raises:
@@ -123,29 +113,26 @@ def make_folder(out: Path, head: RunHead, secret: Secret) -> None:
     """
     if (out / RUN).exists():
         raise BadInputError(f"folder {out} holds a run; give --resume to go on, or another --out folder")
-    (out / "cases").mkdir(parents=True, exist_ok=True)
-    out.chmod(0o700)
-    (out / SEED_FILE).touch(mode=0o600)
-    (out / SEED_FILE).write_text(secret.model_dump_json(), encoding="utf-8")
+    (out / CASES).mkdir(parents=True, exist_ok=True)
     head.write(out)
 
 
-def go_on(out: Path, policies: Path, part: tuple[int, int] | None) -> tuple[RunHead, Secret]:
+def go_on(out: Path, policies: Path, part: tuple[int, int] | None) -> RunHead:
     """Go on with the part of a run that its folder was begun with, or from now on with another one.
 
     Raises:
         BadInputError: There is none, or sources or policies are no longer what they were.
     """
     head = load_head(out)
-    if (*source_digests(), policy_digests(policies)) != (head.protocol, head.generator, head.policies):
+    if digest_of(policies) != head.digest:
         raise BadInputError(
-            f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
+            f"{out / RUN} was begun with other sources or policies, at revision {head.revision}; go on with these, or "
+            "start anew with another --out folder"
         )
-    secret = load_secret(out, head)
     if part is not None:
         head = head.model_copy(update={"part": part})
         head.write(out)
-    return head, secret
+    return head
 
 
 def load_head(out: Path) -> RunHead:
@@ -160,23 +147,6 @@ def load_head(out: Path) -> RunHead:
         raise BadInputError(f"folder {out} holds no run ({RUN}); start one with `spot-rl withheld run`") from error
     except ValidationError as error:
         raise BadInputError(f"{out / RUN}:\n{explain(error)}") from error
-
-
-def load_secret(out: Path, head: RunHead) -> Secret:
-    """Read the seed.
-
-    Raises:
-        BadInputError: It is not the one that the run began with.
-    """
-    try:
-        secret = Secret.model_validate_json((out / SEED_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValidationError) as error:
-        raise BadInputError(
-            f"{out / SEED_FILE} cannot be read: {error}; without it no case can be made again"
-        ) from error
-    if secret.digest != head.seed_digest:
-        raise BadInputError(f"{out / SEED_FILE}: its seed is not the one whose digest stands in {RUN}")
-    return secret
 
 
 def pack(out: Path, file: Path, most_mib: float) -> int:
@@ -195,7 +165,7 @@ def pack(out: Path, file: Path, most_mib: float) -> int:
         BadInputError: It would be larger; nothing is written.
     """
     check_new(file)
-    folders = sorted(p.parent for p in (out / "cases").glob("*/outcome.json"))
+    folders = sorted(p.parent for p in (out / CASES).glob("*/outcome.json"))
     with whole_file(file) as part:
         with tarfile.open(part, "w:gz", compresslevel=9) as archive:
             for folder, names in ((out, PACKED_OF_A_RUN), *((folder, PACKED_OF_A_CASE) for folder in folders)):
@@ -207,22 +177,13 @@ def pack(out: Path, file: Path, most_mib: float) -> int:
     return len(folders)
 
 
-def policy_digests(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each policy."""
-    return {path.stem: file_digest(path) for path in sorted(folder.glob("*.onnx"))}
-
-
-def source_digests() -> tuple[str, str]:
-    """Return the SHA-256 of the sources that decide a verdict, and of those that draw and make the cases."""
-    return _digest(DIAGNOSES), _digest(GENERATES)
-
-
-def _digest(places: tuple[str, ...]) -> str:
-    """Over names and bytes of all sources and constants of some folders and files."""
+def digest_of(policies: Path) -> str:
+    """SHA-256 over names and bytes of the policies, and of the sources and constants that decide cases and verdicts."""
     h = hashlib.sha256()
-    for place in (HOME_OF_OURS / place for place in places):
-        files = [p for p in place.rglob("*") if p.suffix in (".py", ".json")] if place.is_dir() else [place]
-        for path in sorted(files):
-            h.update(f"{path.relative_to(HOME_OF_OURS).as_posix()}\n{path.stat().st_size}\n".encode())
-            h.update(path.read_bytes())
+    for folder, places in ((HOME, (*DIAGNOSES, *DRAWS)), (policies, policies.glob("*.onnx"))):
+        for place in sorted(places):
+            files = [p for p in place.rglob("*") if p.suffix in (".py", ".json")] if place.is_dir() else [place]
+            for path in sorted(files):
+                h.update(f"{path.relative_to(folder).as_posix()}\n{path.stat().st_size}\n".encode())
+                h.update(path.read_bytes())
     return h.hexdigest()

@@ -12,8 +12,8 @@ from spot_log.page.svg import esc
 from spot_model.text import counted
 from withheld.cases import WORDS
 from withheld.outcome import Outcome
+from withheld.scoring.reading import Cases, fault_words, verdict_words
 from withheld.scoring.scores import differences, does
-from withheld.scoring.verify import Checked, fault_words, verdict_words
 
 _MORE: Final = """
 .met, .right { color: var(--good); } .not-met, .wrong { color: var(--bad); font-weight: 600; }
@@ -21,12 +21,12 @@ _MORE: Final = """
 """
 
 
-def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
+def page(data: Mapping[str, Any], cases: Cases, out: Path) -> str:
     """The page as text.
 
     Args:
         data: From :func:`withheld.scoring.report.scores`.
-        checked: The cases.
+        cases: That are scored.
         out: Folder of the page; links are relative to it.
     """
     shown = [r for r in data["table"] if r["trials"]]
@@ -47,16 +47,11 @@ def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
             _table(("grouped by", "group", "right"), _breakdown(data["breakdown"])),
         ),
         boxed(
-            "Metadata alone",
-            "Only names, sizes, stamps, counts and headers are seen. A classifier must then be no better than chance.",
-            _table(("question", "balanced accuracy", "by chance", "p"), map(_leak, data["metadata_alone"])),
-        ),
-        boxed(
             "Cases",
             "The number links to the case's report, if it was kept.",
             _table(
                 ("case", "kind", "logs", "hidden", "said", "S", "judged"),
-                [_case(o, checked.folders[o.case.number], out) for o in checked.outcomes],
+                [_case(o, cases.folders[o.case.number], out) for o in cases.outcomes],
             ),
         ),
         boxed("Protocol", "What was fixed before the first case.", _protocol(data)),
@@ -85,10 +80,6 @@ def _unasked(titles: Sequence[str]) -> str:
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Html:
     """A table of cells that are HTML already; empty without rows."""
     return table(heads, ([Html(cell) for cell in row] for row in rows))
-
-
-def _leak(leak: Mapping[str, Any]) -> Sequence[str]:
-    return esc(leak["question"]), *(f"{leak[k]:.2f}" for k in ("accuracy", "chance", "p_value"))
 
 
 def _figure(row: Mapping[str, Any]) -> Sequence[str]:
@@ -126,10 +117,10 @@ def _case(o: Outcome, folder: Path, out: Path) -> Sequence[str]:
 
 
 def _protocol(data: Mapping[str, Any]) -> str:
+    drawn = "drawn by the operating system" if data["is_seed_drawn"] else "given"
     return (
-        f"<p>Catalogue {esc(data['reality'])}; isolated by {esc(', '.join(data['locked_in']))}; "
-        f"{data['core_seconds_a_case']['mean']:.0f} core-seconds a case.</p>"
-        "<details><summary>Digests and seed</summary>"
-        f"<pre>diagnosis {data['protocol']}\ngenerator {data['generator']}\nseed {data['seed']}\n"
-        f"its digest before the first case {data['seed_digest']}</pre></details>"
+        f"<p>Catalogue {esc(data['reality'])}; {data['core_seconds_a_case']['mean']:.0f} core-seconds a case.</p>"
+        "<details><summary>Revision and seed</summary>"
+        f"<pre>revision {esc(data['revision'])}\ndigest of sources and policies {data['digest']}\n"
+        f"seed {data['seed']}, {drawn}</pre></details>"
     )

@@ -29,6 +29,7 @@ def is_between(least_rad: Array, largest_rad: Array) -> bool:
     return all(map(le, least_rad.tolist(), _HIGHS_RAD)) and all(map(ge, largest_rad.tolist(), _LOWS_RAD))
 
 
+_SIGNALS: Final = ("position", "velocity", "load", "body velocity", "turn rate", "body position", "attitude")
 DOUBTFUL_STATES: Final = 3
 """So many states in a row with a load beyond its bound, or a leap, end the run; fewer are not used. An impact on a
 rotor does not last longer. A torque of 300 N·m beyond the motor's changes the speed of 0.073 kg·m² by 12 rad/s in
@@ -160,8 +161,10 @@ def _broken_values(state: RobotState, limits: SafetyLimits) -> Stop | None:
         return Stop(StopReason.STATE_NOT_FINITE, f"a state holds {state.position_rad.shape} joint values; needed: 12")
     joints = (state.position_rad, state.velocity_rad_s, state.load_nm)
     linear, angular = state.linear_vel_of_body_in_odom_m_s, state.angular_vel_of_body_in_odom_rad_s
-    if not are_finite(*joints, linear, angular, state.position_of_body_in_odom_m, state.odom_from_body_wxyz):
-        return Stop(StopReason.STATE_NOT_FINITE)
+    signals = (*joints, linear, angular, state.position_of_body_in_odom_m, state.odom_from_body_wxyz)
+    if not are_finite(*signals):
+        broken = [name for name, values in zip(_SIGNALS, signals, strict=True) if not are_finite(values)]
+        return Stop(StopReason.STATE_NOT_FINITE, ", ".join(broken))
     error = abs(math.hypot(*state.odom_from_body_wxyz.tolist()) - 1.0)
     if error > limits.quaternion_norm_error:
         values = {"norm_error": error, "bound": limits.quaternion_norm_error}

@@ -20,8 +20,8 @@ from spot_runtime.host.service_manager import PROCESS_VARIABLE
 from spot_runtime.operator.run.link import is_ready, receive
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.rescue.guardian import start_rescuer
-from spot_runtime.rescue.lease_note import note_folder, note_path
-from spot_runtime.rescue.make_safe import MAY_HAVE_POWER, WAITING, WITHIN_S
+from spot_runtime.rescue.lease_note import WITHIN_S, note_folder, note_path
+from spot_runtime.rescue.make_safe import MAY_HAVE_POWER, WAITING
 
 MAX_READ: Final = 256
 LAST_WORDS_S: Final = 10.0

@@ -53,7 +53,7 @@ def do(tmp_path):
 def test_the_least_there_is(do):
     run, imported = do(robot="arm-7", labels={"surface": "bench"}, command_sequence="chirp", repeat=2)
     assert (imported.rows, imported.rate_hz) == (N, pytest.approx(200.0))
-    assert {"load", "kp", "foot_contact", "linear_vel_of_body", "echoed command keys"} <= set(imported.missing)
+    assert {"load", "kp", "foot_contact", "linear_vel_of_body_in_odom", "echoed command keys"} <= set(imported.missing)
     assert run.outcome == "imported"
     assert not run.truncated
     assert run.header.joint_names == ("hip", "knee")

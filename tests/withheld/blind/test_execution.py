@@ -16,8 +16,16 @@ from spot_model.policy.policy import load_policy
 from tests.withheld.scoring.made_up import outcome, verdict
 from tests.withheld.stand_in import StandIn
 from trainer.simulate.engine import Engine, Tell
-from withheld.blind.execution import MAX_ATTEMPTS, Job, closed_gaps, recorded, run_cases, what_faults_do
-from withheld.blind.seal import LEDGER, enter, read_ledger
+from withheld.blind.execution import (
+    MAX_ATTEMPTS,
+    Job,
+    NotBlindError,
+    closed_gaps,
+    diagnosed,
+    recorded,
+    run_cases,
+    what_faults_do,
+)
 from withheld.cases import draw
 from withheld.measuring import Shrunk
 from withheld.outcome import Outcome
@@ -39,7 +47,7 @@ class Broken(StandIn):
 def job(out: Path, reality: str, kind: str) -> Job:
     name = f"tests.withheld.{reality}"
     number = next(n for n in range(80) if draw(SEED, n, source_of(name), POLICIES).kind == kind)
-    return Job(number, SEED, out, POLICIES, "audit hook", name, is_quick=True)
+    return Job(number, SEED, out, POLICIES, name, is_quick=True)
 
 
 def test_a_robot_that_breaks_is_drawn_anew(tmp_path: Path) -> None:
@@ -52,6 +60,59 @@ def test_a_robot_that_breaks_is_drawn_anew(tmp_path: Path) -> None:
 def test_robots_that_all_break_end_the_case(tmp_path: Path) -> None:
     with pytest.raises(SpotRlError, match=f"no robot in {MAX_ATTEMPTS} draws"):
         recorded(job(tmp_path, "blind.test_execution:Broken", "single"), tmp_path)
+
+
+READS = {
+    "an outcome": "open(run / 'cases/0001/outcome.json').read()",
+    "the seed": "(run / 'run.json').read_text()",
+    "the seed, by its descriptor": "os.open(run / 'run.json', os.O_RDONLY)",
+    "a link": "[os.symlink(run / 'run.json', out / 'x'), open(out / 'x').read()]",
+    "dots": "open(out / '..' / 'run' / 'run.json').read()",
+    "bytes": "open(os.fsencode(run / 'run.json')).read()",
+    "what draws cases": "__import__('withheld.cases')",
+    "an error that is hidden": "open(run / 'cases/0002/outcome.json').read()",
+}
+HONEST = {
+    "a log": "open('logs/log.mcap').read()",
+    "a result": "(out / 'verdict.json').write_text('{}')",
+    "libraries": "__import__('numpy')",
+    "a neighbour of the run": "open(run.parent / 'other.txt', 'w')",
+    "a descriptor": "open(os.dup(0)).close()",
+}
+
+
+def diagnosis_that(does: str, where: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, float]:
+    """Run another program in place of the diagnosis."""
+    run, given, out = where / "run", where / "given", where / "out"
+    for folder in (where / "diagnosis", given / "logs", out, run / "cases" / "0001"):
+        folder.mkdir(parents=True)
+    (where / "diagnosis" / "__init__.py").touch()
+    (where / "diagnosis" / "command.py").write_text(
+        "import os\nfrom pathlib import Path\n"
+        f"run, out = Path({str(run)!r}), Path({str(out)!r})\n"
+        f"def diagnose(words):\n    try:\n        {does}\n    except OSError:\n        pass\n    print(words)\n"
+    )
+    for file in (run / "run.json", run / "cases" / "0001" / "outcome.json", given / "logs" / "log.mcap"):
+        file.write_text("{}")
+    monkeypatch.syspath_prepend(str(where))
+    case = draw(SEED, 0, source_of("judging"), POLICIES)
+    return diagnosed(Job(7, SEED, run, POLICIES), case, given, out, where / "opened.txt")
+
+
+@pytest.mark.parametrize("does", READS.values(), ids=READS)
+def test_a_diagnosis_that_cheats_is_noticed(does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(NotBlindError, match=r"^case 7: the diagnosis opened .*, which tells"):
+        diagnosis_that(does, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("does", HONEST.values(), ids=HONEST)
+def test_one_that_does_not_is_told_its_own_folders_alone(
+    does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended, cpu_s = diagnosis_that(does, tmp_path, monkeypatch)
+    assert ended.startswith("ended with 0: ['logs', '--nominal', 'model.yaml', '--out', ")
+    assert str(tmp_path / "run") not in ended
+    assert cpu_s > 0.0
 
 
 def test_each_fault_is_measured_by_leaving_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,7 +146,6 @@ def test_what_a_verdict_without_a_difference_delivers_is_not_measured(tmp_path: 
 def finish(job: Job) -> Outcome:
     """Leave what a case leaves."""
     job.folder.mkdir(parents=True)
-    enter(job.folder / LEDGER, "opened", case=job.number)
     (job.folder / "outcome.json").touch()
     return outcome(number=job.number)
 
@@ -105,23 +165,23 @@ class OneByOne(Engine[Sequence[int], Job, Outcome]):
 
 
 def jobs(out: Path, n: int) -> list[Job]:
-    return [replace(Job(0, 1, out, Path(), "audit hook"), number=i) for i in range(n)]
+    return [replace(Job(0, 1, out, Path()), number=i) for i in range(n)]
 
 
 def test_every_case_is_run_once_and_what_failed_is_told_and_made_up_for(tmp_path: Path) -> None:
     engine, told = OneByOne(broken=[1]), dict[int, str]()
-    assert run_cases(jobs(tmp_path, 4), engine, tmp_path, 1e9, told.__setitem__) == 1
+    assert run_cases(jobs(tmp_path, 4), engine, 1e9, told.__setitem__) == 1
     assert engine.begun == list(told) == [0, 1, 2, 3]
     assert "the disk is full" in told[1]
     again = OneByOne()
-    assert run_cases(jobs(tmp_path, 4), again, tmp_path, 1e9, told.__setitem__) == 0
+    assert run_cases(jobs(tmp_path, 4), again, 1e9, told.__setitem__) == 0
     assert again.begun == [1]
-    assert [e.data["case"] for e in read_ledger(tmp_path / LEDGER)] == [0, 2, 3, 1]
+    assert all(job.is_done for job in jobs(tmp_path, 4))
 
 
 def test_after_the_budget_none_is_begun(tmp_path: Path) -> None:
     engine = OneByOne()
-    assert run_cases(jobs(tmp_path, 3), engine, tmp_path, -1.0, lambda *_: None) == 3
+    assert run_cases(jobs(tmp_path, 3), engine, -1.0, lambda *_: None) == 3
     assert not engine.begun
 
 

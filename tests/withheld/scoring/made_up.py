@@ -114,9 +114,6 @@ def outcome(
         truth=Truth(faults=tuple(faults), error_scale=error_scale),
         verdict=None if status == "failed" else verdict(differences, status, **(told or {})),
         moved=tuple(moved) if moved is not None else tuple(4.0 for _ in faults),
-        seal="",
-        verdict_sha256="",
-        locked_in="",
         seconds={"diagnosis": 1.0},
         **more,
     )

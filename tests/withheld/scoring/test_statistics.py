@@ -1,13 +1,9 @@
-"""Bounds, calibration, and the classifier on metadata, against numbers known otherwise."""
+"""Bounds and calibration, against numbers known otherwise."""
 
 import numpy as np
 import pytest
 
-from withheld.outcome import Outcome
-from withheld.scoring.leak import leaks
 from withheld.scoring.statistics import Estimate, Share, between, calibration_error, estimate, median, share
-
-from .made_up import fault, outcome
 
 
 @pytest.mark.parametrize(
@@ -47,19 +43,3 @@ def test_calibration_error_of_certainty_of_doubt_and_of_conceit() -> None:
     assert error((0.5, 1.0), (0.5, 0.0)) == 0.0
     # Two claims of 0.95 of which one is so are 0.45 off; one of 0.05 that is not so is 0.05 off.
     assert error((0.95, 1.0), (0.95, 0.0), (0.05, 0.0)) == pytest.approx((0.9 + 0.05) / 3)
-
-
-def _cases(telling: bool) -> list[Outcome]:
-    rng = np.random.default_rng(3)
-    made = []
-    for n in range(60):
-        faults = [fault("coulomb_friction")] if n % 2 else []
-        size = float(rng.normal()) + (3.0 * (n % 2) if telling else 0.0)
-        made.append(outcome(faults, number=n, metadata={"bytes": size, "name": float(rng.normal())}))
-    return made
-
-
-@pytest.mark.parametrize("telling", [True, False])
-def test_metadata_that_tell_are_noticed_and_others_are_at_chance(telling: bool) -> None:
-    found = {leak.question: leak for leak in leaks(_cases(telling), 19)}
-    assert (found["is there a fault"].p_value <= 0.05) == telling
