@@ -2,7 +2,7 @@
 # installed once; after that no target but `lock` needs a network.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check safety audit fuzz lint types layers protos-check docs-check leftovers docs format protos lock clean distclean
+.PHONY: help setup demo test test-all check safety audit fuzz lint types layers protos-check docs-check leftovers docs format protos lock clean distclean
 SHELL := /bin/bash
 
 # One thread for each numerical library: processes share the cores, and a spinning pool would steal them from the loop.
@@ -18,17 +18,20 @@ INSTALLED := .venv/.installed
 PYTEST_WORKERS ?= 3
 
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
 
 setup: $(INSTALLED) ## Create .venv and install everything, as locked
 
 demo: $(INSTALLED) ## Walk the fake robot, write a log, a summary and a page with plots
 	@".venv/bin/spot-rl" demo $(ARGS)
 
+test: $(INSTALLED) ## Run the tests that protect a change: all but those marked slow
+test-all: $(INSTALLED) ## Run all tests, as .ci/run does
+test: WHICH := -m "not slow"
 # Programs that tests start find their modules compiled, whatever the shell says.
-test: $(INSTALLED) ## Run all tests
+test test-all:
 	@unset PYTHONDONTWRITEBYTECODE && folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
-	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder -ra --basetemp "$$folder/t" $(ARGS)
+	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist worksteal -ra --basetemp "$$folder/t" $(WHICH) $(ARGS)
 
 safety: $(INSTALLED) ## Every line, branch and, for 90 s, mutant of the safety core; ARGS=--all tries all mutants
 	$(RUN) scripts/check_safety.py $(ARGS)

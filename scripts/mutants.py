@@ -7,10 +7,9 @@ arguments, min and max, any and all, and calls made for their effect. Words in m
 from __future__ import annotations
 
 import ast
-import copy
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -46,27 +45,30 @@ class Mutant(NamedTuple):
     file: str
     line: int
     what: str
-    source: str
+    node: int
+    """The changed node's place in ``ast.walk``."""
+    change: Callable[[Any], object]
+
+    @property
+    def source(self) -> str:
+        """The text of the changed file."""
+        tree = ast.parse((REPOSITORY / self.file).read_text(encoding="utf-8"))
+        self.change(list(ast.walk(tree))[self.node])
+        return ast.unparse(ast.fix_missing_locations(tree))
 
 
 def mutants_of(file: str) -> Iterator[Mutant]:
     """Every mutant of a file."""
-    text = (REPOSITORY / file).read_text(encoding="utf-8")
-    tree = ast.parse(text)
+    tree = ast.parse((REPOSITORY / file).read_text(encoding="utf-8"))
     skipped = _unjudged(tree)
-    nodes = [node for node in ast.walk(tree) if id(node) not in skipped]
-    number = {id(node): index for index, node in enumerate(ast.walk(tree))}
-    for node in nodes:
-        for what, change in _changes(node):
-            changed = copy.deepcopy(tree)
-            twin = list(ast.walk(changed))[number[id(node)]]
-            change(twin)
-            source = ast.unparse(ast.fix_missing_locations(changed))
-            yield Mutant(file, getattr(node, "lineno", 0), what, source)
+    for index, node in enumerate(ast.walk(tree)):
+        if id(node) not in skipped:
+            for what, change in _changes(node):
+                yield Mutant(file, getattr(node, "lineno", 0), what, index, change)
 
 
 def _unjudged(tree: ast.AST) -> set[int]:
-    """Nodes that are no code: annotations, docstrings, texts put together for people."""
+    """Nodes that decide nothing: annotations, docstrings, texts for people, and ``strict``, which only asserts."""
     skipped: set[int] = set()
     for node in ast.walk(tree):
         parts: list[ast.AST | None] = []
@@ -75,14 +77,14 @@ def _unjudged(tree: ast.AST) -> set[int]:
             parts += node.decorator_list
         if isinstance(node, ast.AnnAssign):
             parts.append(node.annotation)
-        if isinstance(node, ast.JoinedStr):
+        if isinstance(node, ast.JoinedStr) or (isinstance(node, ast.keyword) and node.arg == "strict"):
             parts.append(node)
         for part in parts:
             skipped |= {id(inner) for inner in ast.walk(part)} if part is not None else set()
     return skipped
 
 
-def _changes(node: ast.AST) -> Iterator[tuple[str, object]]:
+def _changes(node: ast.AST) -> Iterator[tuple[str, Callable[[Any], object]]]:
     if isinstance(node, ast.Compare):
         for i, op in enumerate(node.ops):
             for other in COMPARE[type(op)]:
@@ -111,7 +113,7 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, object]]:
         yield "call left out", _setter("value", ast.Constant(None))
     if isinstance(node, ast.Call):
         for i, keyword in enumerate(node.keywords):
-            if keyword.arg not in (None, "description", "default"):
+            if keyword.arg not in (None, "description", "default", "strict"):
                 yield f"argument {keyword.arg} left out", lambda twin, at=i: twin.keywords.pop(at)
 
 
@@ -119,7 +121,7 @@ def _is_none(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant) and node.value is None
 
 
-def _setter(name: str, value: object) -> object:
+def _setter(name: str, value: object) -> Callable[[Any], object]:
     def change(twin: ast.AST) -> None:
         if value is None and isinstance(twin, ast.UnaryOp):
             twin.op, twin.operand = ast.Not(), ast.UnaryOp(ast.Not(), twin.operand)
@@ -129,5 +131,5 @@ def _setter(name: str, value: object) -> object:
     return change
 
 
-def _setter_at(name: str, index: int, value: object) -> object:
+def _setter_at(name: str, index: int, value: object) -> Callable[[Any], object]:
     return lambda twin: getattr(twin, name).__setitem__(index, value)

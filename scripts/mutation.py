@@ -4,8 +4,8 @@ python scripts/mutation.py                   every mutant; exit 1 below the scor
 python scripts/mutation.py --only modes      those of one file
 python scripts/mutation.py --list            what would be tried
 
-Each mutant runs in a process forked from one that has the tests in memory or, where more than the body of a function
-changes, the libraries alone; so a mutant costs little more than the tests that find it.
+Each mutant runs in a process forked from one that has collected the tests, and meets the quickest tests first; so it
+costs little more than the tests that find it.
 """
 
 from __future__ import annotations
@@ -17,17 +17,20 @@ import importlib.abc
 import importlib.machinery
 import inspect
 import io
-import itertools
 import os
 import random
+import re
+import resource
 import signal
+import subprocess
 import sys
 import time
 import types
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
+
+import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
@@ -38,10 +41,11 @@ from safety_core import CORE, TESTS_OF  # noqa: E402
 
 from spot_model.console.progress import Progress  # noqa: E402
 
-TIMEOUT_S = 60
+CPU_S, TIMEOUT_S = 60, 600
+"""A mutant that computes, or waits, for longer hangs. All tests of one file take 20 s of CPU time."""
 SCORE = 0.90
 FEWEST = 60
-"""Mutants below which a score says little; a busy computer may not get there in the time that it is given."""
+"""Mutants below which a score says little: so many are tried, however long a busy computer takes."""
 
 
 class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -63,8 +67,9 @@ class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         exec(code, module.__dict__)  # noqa: S102 - our own source, changed in one place
 
 
-# A mutant within a function takes the place of that function's code in a process that has collected the tests. Any
-# other is loaded in its module's place before the tests are collected, which takes several times as long.
+# A mutant within a function takes the place of that function's code in a process that has collected the tests. For any
+# other, the module, all that may import it and its tests are loaded anew, which takes a second or two.
+ABOVE = ("spot_runtime", "spot_tools", "fake_robot", "proof", "tests")
 
 
 def changed_functions(mutant: Mutant) -> dict[str, types.CodeType] | None:
@@ -114,28 +119,45 @@ def _take_place(file: str, functions: dict[str, types.CodeType]) -> None:
         inspect.unwrap(found).__code__ = code
 
 
+def _load_anew(mutant: Mutant) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] in ABOVE]:
+        del sys.modules[name]
+    sys.meta_path.insert(0, Mutated(mutant))
+
+
 class Judge:
     """Takes the place of pytest's loop: runs the collected tests once for each mutant, in processes of their own."""
 
-    def __init__(
-        self, mutants: Sequence[tuple[Mutant, dict[str, types.CodeType]]], pipe: int, jobs: int, until_s: float
-    ) -> None:
-        self._mutants, self._pipe, self._jobs, self._until_s = mutants, pipe, jobs, until_s
+    def __init__(self, mutants: Sequence[Mutant], took_s: dict[str, float], pipe: int, budget_s: float) -> None:
+        self._mutants, self._took_s, self._pipe, self._budget_s = mutants, took_s, pipe, budget_s
         self._running: dict[int, tuple[int, float]] = {}
 
-    def pytest_runtestloop(self, session: Any) -> bool | None:
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """See pytest. The quickest first."""
+        items.sort(key=lambda item: self._took_s.get(item.nodeid, 0.0))
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool | None:
         """See pytest. In a child, leave it to the usual loop."""
-        for index, (mutant, functions) in enumerate(self._mutants):
-            self._wait(self._jobs - 1)
-            if time.monotonic() >= self._until_s:
+        if self._running:  # a child, whose tests have been loaded anew
+            return None
+        until_s = time.monotonic() + self._budget_s
+        for index, mutant in enumerate(self._mutants):
+            self._wait(len(os.sched_getaffinity(0)) - 1)
+            if index >= FEWEST and time.monotonic() >= until_s:
                 break
             child = os.fork()
+            self._running[child] = (index, time.monotonic() + TIMEOUT_S)
             if child == 0:
+                resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+                functions = changed_functions(mutant)
+                if functions is None:
+                    _load_anew(mutant)
+                    _run_tests(TESTS_OF[mutant.file], self)
                 _take_place(mutant.file, functions)
                 files = [str(REPOSITORY / test) for test in TESTS_OF[mutant.file]]
                 session.items[:] = [item for item in session.items if str(item.path) in files]
                 return None
-            self._running[child] = (index, time.monotonic() + TIMEOUT_S)
         self._wait(0)
         os._exit(0)
 
@@ -153,77 +175,77 @@ class Judge:
             time.sleep(0.002)
 
 
-def _judged_at_once(
-    mutants: Sequence[tuple[Mutant, dict[str, types.CodeType]]], jobs: int, until_s: float
-) -> Iterator[tuple[Mutant, bool]]:
+def judged(mutants: Sequence[Mutant], took_s: dict[str, float], budget_s: float) -> Iterator[tuple[Mutant, bool]]:
     """Each mutant that there is time for, and whether it survives: one process collects the tests for all of them."""
     heard, said = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(heard)
-        tests = tuple(dict.fromkeys(test for mutant, _ in mutants for test in TESTS_OF[mutant.file]))
-        _run_tests(tests, [Judge(mutants, said, jobs, until_s)])
+        _run_tests(tests_of(mutants), Judge(mutants, took_s, said, budget_s))
     os.close(said)
     with os.fdopen(heard) as lines:
         for line in lines:
             index, is_alive = line.split()
-            yield mutants[int(index)][0], is_alive == "1"
+            yield mutants[int(index)], is_alive == "1"
     os.waitpid(child, 0)
 
 
-def survives(mutant: Mutant) -> bool:
-    """Whether the tests pass with this mutant loaded in its module's place; one that hangs does not."""
-    child = os.fork()
-    if child == 0:
-        sys.meta_path.insert(0, Mutated(mutant))
-        _run_tests(TESTS_OF[mutant.file])
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while time.monotonic() < deadline_s:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status) == 0
-        time.sleep(0.02)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return False
+def tests_of(mutants: Sequence[Mutant]) -> list[str]:
+    """The files of tests that have to notice these."""
+    return list(dict.fromkeys(test for file in dict.fromkeys(m.file for m in mutants) for test in TESTS_OF[file]))
 
 
-def _run_tests(tests: Sequence[str], plugins: Sequence[object] = (), *, is_heard: bool = False) -> NoReturn:
-    import pytest
+def durations(tests: Sequence[str], *options: str) -> dict[str, float]:
+    """How long each test takes without any mutant, s; where one fails, this program ends with what it says."""
+    command = [sys.executable, "-m", "pytest", "-q", "--durations=0", "--durations-min=0.01"]
+    command += ["-p", "no:cacheprovider", "-p", "no:xdist", *options, *tests]
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"the tests of the safety core fail:\n{done.stdout[-3000:]}{done.stderr[-1000:]}")
+    lines = re.findall(r"^([\d.]+)s call +(\S.*)$", done.stdout, re.MULTILINE)
+    return {test.strip(): float(took_s) for took_s, test in lines}
 
+
+def _run_tests(tests: Sequence[str], judge: Judge) -> NoReturn:
     code = 1
     try:
-        with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:fake_spot"]
             options += ["-p", "no:cov", "--hypothesis-profile=mutants", "-o", "filterwarnings="]
-            code = int(pytest.main([*options, *tests], plugins=list(plugins)))
-        if is_heard and code:
-            os.write(2, said.getvalue().encode())
+            code = int(pytest.main([*options, *tests], plugins=[judge]))
     finally:
         os._exit(code)
 
 
 def _prepare() -> None:
-    """Everything that all mutants share: the libraries, and a short, repeatable way to try examples."""
-    import bosdyn.api.robot_state_pb2
+    """A short, repeatable way to try examples."""
     import hypothesis
-    import hypothesis.extra.numpy
-    import numpy as np
-    import onnx
-    import onnxruntime
-    import pydantic
-    import pytest
 
-    import spot_model.io.velocity_sequence
-    import spot_model.policy.policy
-    import spot_model.robot.rotation
-    import spot_protos.log_pb2
-
-    del spot_model, spot_protos
-    del bosdyn, np, onnx, onnxruntime, pydantic, pytest
     profile = {"max_examples": 30, "derandomize": True, "database": None, "deadline": None}
     hypothesis.settings.register_profile("mutants", **profile)
     os.chdir(REPOSITORY)
+
+
+def try_mutants(mutants: list[Mutant], took_s: dict[str, float], budget_s: float = float("inf")) -> None:
+    """Say which mutants nobody notices; ends this program where they are too many."""
+    if budget_s < float("inf"):
+        # The order follows from the core itself: the same code tries the same mutants first, changed code others.
+        random.Random("".join((REPOSITORY / file).read_text(encoding="utf-8") for file in CORE)).shuffle(mutants)
+    _prepare()
+    began_s = time.monotonic()
+    tried = unnoticed = 0
+    with Progress("mutants", len(mutants)) as progress:
+        for mutant, is_alive in judged(mutants, took_s, budget_s):
+            tried += 1
+            if is_alive:
+                unnoticed += 1
+                print(f"{mutant.file}:{mutant.line}: nobody noticed: {mutant.what}", flush=True)
+            progress.update(tried, f"{unnoticed} unnoticed")
+    score = 1.0 - unnoticed / max(1, tried)
+    took = time.monotonic() - began_s
+    print(f"{tried} of {len(mutants)} mutants, {unnoticed} unnoticed: score {score:.1%} in {took:.0f} s")
+    if score < SCORE or not tried:
+        raise SystemExit(f"the score is below {SCORE:.0%}")
 
 
 def main() -> None:
@@ -231,55 +253,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="only files whose name holds one of these, comma-separated")
     parser.add_argument("--list", action="store_true", help="list the mutants")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
-    parser.add_argument("--budget-s", type=float, default=float("inf"), help="begin no mutant after so long")
     options = parser.parse_args()
-    mutants = [
-        mutant for file in CORE if any(w in file for w in options.only.split(",")) for mutant in mutants_of(file)
-    ]
-    if options.budget_s < float("inf"):
-        # The order follows from the core itself: the same code tries the same mutants first, changed code others.
-        random.Random("".join(mutant.source for mutant in mutants)).shuffle(mutants)
+    mutants = [m for file in CORE if any(w in file for w in options.only.split(",")) for m in mutants_of(file)]
     if options.list:
         print("\n".join(f"{m.file}:{m.line}: {m.what}" for m in mutants))
-        return
-    began_s = time.monotonic()
-    _prepare()
-    tests = tuple(dict.fromkeys(test for mutant in mutants for test in TESTS_OF[mutant.file]))
-    child = os.fork()
-    if child == 0:
-        _run_tests(tests, is_heard=True)
-    if os.waitpid(child, 0)[1] != 0:
-        raise SystemExit("the tests fail without any mutant")
-
-    alive: list[Mutant] = []
-    tried = 0
-    functions = {mutant: changed_functions(mutant) for mutant in mutants}
-    quick = [(mutant, codes) for mutant in mutants if (codes := functions[mutant]) is not None]
-    slow = [mutant for mutant in mutants if functions[mutant] is None]
-    with ThreadPoolExecutor(options.jobs) as pool, Progress("mutants", len(mutants)) as progress:
-
-        def judge(mutant: Mutant) -> tuple[Mutant, bool] | None:
-            return (mutant, survives(mutant)) if time.monotonic() - began_s < options.budget_s else None
-
-        until_s = began_s + options.budget_s
-        for verdict in itertools.chain(_judged_at_once(quick, options.jobs, until_s), pool.map(judge, slow)):
-            if verdict is None:
-                continue
-            mutant, is_alive = verdict
-            tried += 1
-            if is_alive:
-                alive.append(mutant)
-                print(f"{mutant.file}:{mutant.line}: nobody noticed: {mutant.what}", flush=True)
-            progress.update(tried, f"{len(alive)} unnoticed")
-    score = 1.0 - len(alive) / max(1, tried)
-    took_s = time.monotonic() - began_s
-    print(f"{tried} of {len(mutants)} mutants, {len(alive)} unnoticed: score {score:.1%} in {took_s:.0f} s")
-    if tried < min(FEWEST, len(mutants)):
-        print(f"too few for a verdict; {FEWEST} are needed: give it more time")
-        return
-    if score < SCORE:
-        raise SystemExit(f"the score is below {SCORE:.0%}")
+    else:
+        try_mutants(mutants, durations(tests_of(mutants)))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import runpy
 import subprocess
 from collections.abc import Iterator
 from functools import cache
@@ -244,3 +245,9 @@ def test_every_command_is_a_module_and_a_line() -> None:
     for entry in entry_points(group="spot_rl.commands"):
         path = ROOT / Path(*entry.module.split(".")).with_suffix(".py")
         assert path.exists(), entry.value
+
+
+def test_what_guards_a_robot_is_never_left_out_of_the_tests_of_a_change() -> None:
+    core = runpy.run_path(str(ROOT / "scripts" / "safety_core.py"))["TESTS"]
+    guards = (*core, *(f"tests/spot_runtime/{name}.py" for name in ("faults/test_matrix", "operator/test_guardian")))
+    assert not [file for file in guards if "mark.slow" in (ROOT / file).read_text(encoding="utf-8")]

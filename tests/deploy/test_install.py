@@ -117,6 +117,7 @@ def files_under(root: Path) -> set[str]:
     return {str(path.relative_to(root)) for path in root.rglob("*") if path.is_file() or path.is_symlink()}
 
 
+@pytest.mark.slow
 def test_install_upgrade_roll_back_uninstall(act: Install, bundle: Callable[..., Path], root: Path) -> None:
     first, second = bundle("0.1.0"), bundle("0.2.0")
     told = act("install", first)

@@ -29,6 +29,8 @@ from trainer.signals.recording import record
 from .cases import ABSOLUTE, CASES, NOMINAL
 from .planted import Truth, contract_json, planted_runs, walk_sequence
 
+pytestmark = pytest.mark.slow
+
 ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
 BESIDE = "command_drop"
 REFINEMENTS = 8

@@ -30,7 +30,7 @@ class Block:
     text: str
     order: str
     """``run`` (as one script), ``play`` (line by line, made short), ``session``, ``file NAME``, ``python`` (a program),
-    ``gpu`` (refused where there is none), or nothing: then its commands stand in the ledger."""
+    ``gpu`` (refused where there is none), or nothing: then its commands are read by their parsers alone."""
 
     @property
     def lines(self) -> list[str]:
@@ -64,10 +64,3 @@ def spans_of(page: Path) -> list[list[str]]:
     """The commands that stand in a page's sentences and tables, each as words."""
     spans = _SPAN.findall(_FENCE.sub("", page.read_text(encoding="utf-8")))
     return [shlex.split(span) for span in spans if span.split()[0] in PROGRAMS and span not in PROGRAMS]
-
-
-def is_to_be_run(words: list[str]) -> bool:
-    """Whether a sentence gives a command with its words; ``spot-rl ctl stop`` alone is the name of one."""
-    if words[0] == "spot-rl":
-        return words[1] == "bench" or any(word.startswith("-") for word in words)
-    return words[0] == "make" or len(words) > 2 or "/" in words[1]

@@ -14,8 +14,9 @@ import pytest
 from tests.spot_runtime.live.viewer import Viewer
 
 from .blocks import REPOSITORY
-from .ledger import runs
 from .shell import ENVIRONMENT, bash, block_with, said_until
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -27,7 +28,6 @@ def certificates(tmp_path: Path) -> Path:
     return folder
 
 
-@runs("spot-rl ctl --address 192.168.50.5:8700 --ca authority.crt --cert anna.crt --key anna.key status")
 def test_operating_over_a_network(certificates: Path) -> None:
     config = block_with("operate", "tls_client_ca").text.replace("/etc/spot-rl", str(certificates))
     (certificates / "run.yaml").write_text(config.replace("0.0.0.0:8700", "127.0.0.1:0"))
@@ -39,7 +39,6 @@ def test_operating_over_a_network(certificates: Path) -> None:
     assert "idle" in told
 
 
-@runs("spot-rl serve --robot 192.168.50.3 --live-port 8765")
 def test_live_view(certificates: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = str(free.getsockname()[1])
@@ -53,7 +52,6 @@ def test_live_view(certificates: Path) -> None:
     assert topics == set(re.findall(r"`(/[a-z_]+)`", table))
 
 
-@runs("spot-rl fake-robot --port 8443")
 def test_what_the_fake_robot_prints_is_what_the_next_terminal_needs(tmp_path: Path) -> None:
     words = block_with("first-run-fake", "fake-robot --port 8443").text.split()
     environment = {**ENVIRONMENT, "XDG_STATE_HOME": str(tmp_path)}
@@ -67,9 +65,6 @@ def test_what_the_fake_robot_prints_is_what_the_next_terminal_needs(tmp_path: Pa
     assert f"{robot} account: logged in" in told
 
 
-@runs("spot-rl bench faults", "spot-rl bench faults --json")
-@runs("spot-rl bench soak")
-@runs("python benchmarks/loop_lock_step.py", "python benchmarks/inference_pace.py --seconds 5")
 def test_benchmarks_at_their_smallest(tmp_path: Path) -> None:
     (tmp_path / "benchmarks").symlink_to(REPOSITORY / "benchmarks")
     told = bash("spot-rl bench faults --json --only 'policy file cut in half'", tmp_path)
@@ -80,7 +75,6 @@ def test_benchmarks_at_their_smallest(tmp_path: Path) -> None:
     assert set(json.loads(told)) == {"provider", "hot", "at_50_hz"}
 
 
-@runs("python benchmarks/inference_pace.py --provider CUDAExecutionProvider")
 def test_another_provider_is_refused_where_it_is_not(tmp_path: Path) -> None:
     told = subprocess.run(
         [sys.executable, "benchmarks/inference_pace.py", "--provider", "CUDAExecutionProvider", "--seconds", "0.1"],

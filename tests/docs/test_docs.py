@@ -23,7 +23,7 @@ from spot_model.console.command_line import main
 from spot_model.console.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
-from .blocks import PAGES, REPOSITORY, Block, all_blocks, blocks_of, spans_of
+from .blocks import PAGES, REPOSITORY, all_blocks, blocks_of, spans_of
 from .session import Session
 from .shorter import SHORTER, shortened
 
@@ -44,13 +44,6 @@ NOT_RUN_HERE = {
 }
 """Words of the system: that the commands behind them do what a page says is not tested, but for blocks that are run."""
 
-READ = [
-    pytest.param(block, words, id=f"{block.page.stem}-{' '.join(words)[:70]}")
-    for block in all_blocks()
-    if block.language in ("sh", "")
-    for words in block.commands
-]
-
 
 @cache
 def commands() -> dict[str, Any]:
@@ -64,48 +57,42 @@ def commands() -> dict[str, Any]:
     return {e.name: as_click(load_command(e)) for e in entry_points(group=COMMAND_GROUP)}
 
 
-def check_command(words: list[str]) -> None:
-    """Read the words of a ``spot-rl`` command as the command line would; raises what it would."""
-    if words[:1] in (["--help"], ["--version"], ["COMMAND"]):
+def check_command(words: list[str], *, is_whole: bool = True) -> None:
+    """Read the words of a ``spot-rl`` command as the command line would, or only its options; raises what it would."""
+    if words[0].startswith("--") or words[0] == "COMMAND":
         return
     name = next((n for n in (".".join(words[:2]), words[0]) if n in commands()), None)
     assert name is not None, f"there is no command {words[0]!r}"
-    check_words(commands()[name], words[name.count(".") + 1 :])
+    check_words(commands()[name], words[name.count(".") + 1 :], is_whole=is_whole)
 
 
-def check_words(command: Any, words: list[str]) -> None:
+def check_words(command: Any, words: list[str], *, is_whole: bool) -> None:
     inner: list[str] = []
     if "--" in words:
         words, inner = words[: words.index("--")], words[words.index("--") + 1 :]
     words = getattr(command, "named", list)(words)
     children = getattr(command, "commands", {})
     if children:
-        context = command.context_class(command, info_name=command.name, resilient_parsing=True)
-        _, rest, _ = command.make_parser(context).parse_args(args=list(words))
+        rest = words_left(command, words)
         default = getattr(command, "default_command", None)
-        if rest and rest[0] not in children and default is not None:
-            check_words(children[default], words)
-        elif rest:
-            assert rest[0] in children, f"there is no sub-command {rest[0]!r}; there are {sorted(children)}"
-            check_words(children[rest[0]], rest[1:])
-    elif "--help" not in words:
+        if rest and rest[0] in children:
+            check_words(children[rest[0]], rest[1:], is_whole=is_whole)
+        elif default is not None and (rest or not is_whole):
+            check_words(children[default], words, is_whole=is_whole)
+        else:
+            assert not rest, f"there is no sub-command {rest[0]!r}; there are {sorted(children)}"
+    elif is_whole and "--help" not in words:
         command.make_context(command.name, list(words))
+    elif not is_whole:
+        words_left(command, [*words, "…"])  # a sentence may name an option without its argument
     if inner and inner[0] == "spot-rl":
         check_command(inner[1:])
 
 
-def check_options(command: Any, words: list[str]) -> None:
-    """Read the words of a command that a sentence names: its options are there; not all that it needs need be."""
-    words = getattr(command, "named", list)(words)
-    children = getattr(command, "commands", {})
-    if children and words and words[0] in children:
-        return check_options(children[words[0]], words[1:])
-    if children and words and hasattr(command, "default_command"):
-        return check_options(children[command.default_command], words)
-    context = command.context_class(command, info_name=command.name, resilient_parsing=True)
-    rest = command.make_parser(context).parse_args(args=[w for w in words if w != "--config"])[1]
-    assert not (children and rest), f"there is no sub-command {rest}; there are {sorted(children)}"
-    return None
+def words_left(command: Any, words: list[str]) -> list[str]:
+    """What a command's own options leave."""
+    context = command.context_class(command, info_name=command.name)
+    return list(command.make_parser(context).parse_args(args=list(words))[1])
 
 
 def with_siblings(script: Path) -> str:
@@ -117,11 +104,11 @@ def with_siblings(script: Path) -> str:
     return "\n".join([text, *(file.read_text(encoding="utf-8") for file in siblings if file.is_file())])
 
 
-def check_line(words: list[str]) -> None:
-    """Read one line of a page."""
+def check_line(words: list[str], *, is_whole: bool = True) -> None:
+    """Read one line of a page; in a sentence, what it needs need not be whole."""
     program = words[0].rpartition("/")[2]
     if program == "spot-rl":
-        check_command(words[1:])
+        check_command(words[1:], is_whole=is_whole)
     elif program == "torchrun":
         assert (REPOSITORY / "trainer" / "__main__.py").is_file()
         check_command(words[words.index("trainer") + 1 :])
@@ -149,43 +136,26 @@ def any_policy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("any_policy")
-@pytest.mark.parametrize(("block", "words"), READ)
-def test_commands_are_read_by_their_own_parsers(block: Block, words: list[str]) -> None:
-    check_line(words)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_are_read_by_their_own_parsers(page: Path) -> None:
+    for block in blocks_of(page):
+        for words in block.commands if block.language in ("sh", "") else ():
+            check_line(words)
+    for words in spans_of(page):
+        if words[0] not in ("pip", "torchrun"):
+            check_line(words, is_whole=False)
 
 
-SENTENCES = [
-    pytest.param(words, id=f"{page.stem}-{' '.join(words)[:70]}")
-    for page in PAGES
-    for words in spans_of(page)
-    if words[:2] != ["spot-rl", "COMMAND"] and not words[1].startswith("--") and words[0] not in ("pip", "torchrun")
-]
-
-
-@pytest.mark.usefixtures("any_policy")
-@pytest.mark.parametrize("words", SENTENCES)
-def test_commands_that_sentences_name_are_there(words: list[str]) -> None:
-    if words[0] != "spot-rl":
-        check_line(words)
-        return
-    name = next((n for n in (".".join(words[1:3]), words[1]) if n in commands()), None)
-    assert name is not None, f"there is no command {words[1]!r}"
-    check_options(commands()[name], words[name.count(".") + 2 :])
+BAD = ("spot-rl nothing", "spot-rl ctl stop --now", "spot-rl ctl jump", "spot-rl run --no-such 1", "make nothing")
 
 
 @pytest.mark.parametrize(
-    "line",
-    [
-        "spot-rl nothing",
-        "spot-rl sysid logs --policy walk.onnx",
-        "spot-rl ctl stop --now",
-        "spot-rl ctl jump",
-        "make nothing",
-    ],
+    ("line", "is_whole"),
+    [("spot-rl sysid logs --policy walk.onnx", True), *((line, way) for line in BAD for way in (True, False))],
 )
-def test_the_reading_can_fail(line: str) -> None:
+def test_the_reading_can_fail(line: str, is_whole: bool) -> None:
     with pytest.raises(Exception, match=r".+"):
-        check_line(line.split())
+        check_line(line.split(), is_whole=is_whole)
 
 
 RUN_PAGES = [page for page in PAGES if any(block.order in ("run", "play", "python") for block in blocks_of(page))]
@@ -247,6 +217,7 @@ def run(words: list[str], folder: Path, given: str = "") -> None:
 
 
 @pytest.mark.parametrize("page", RUN_PAGES, ids=lambda page: page.stem)
+@pytest.mark.slow
 def test_marked_blocks_run_as_they_stand(page: Path, folder_of: Callable[[str], Path]) -> None:
     folder_of(page.stem)
 
@@ -276,6 +247,7 @@ SESSION_PAGES = [page for page in PAGES if any(block.order == "session" for bloc
 
 
 @pytest.mark.parametrize("page", SESSION_PAGES, ids=lambda page: page.stem)
+@pytest.mark.slow
 def test_sessions_go_as_the_page_says(page: Path, tmp_path: Path) -> None:
     with Session(tmp_path / "a folder") as session:
         for block in blocks_of(page):
@@ -283,13 +255,6 @@ def test_sessions_go_as_the_page_says(page: Path, tmp_path: Path) -> None:
                 for line in block.lines:
                     session.play(line)
         assert session.is_at_rest()
-
-
-def test_pages_that_are_to_be_run_are_there() -> None:
-    assert {page.stem for page in SESSION_PAGES} >= {"first-run-fake", "first-run-spot", "operate"}
-    assert {page.stem for page in RUN_PAGES} >= {
-        *("first-run-fake", "add-an-effect", "operate", "training", "sysid", "diagnosis", "log", "compare", "python")
-    }
 
 
 def test_yaml_and_python_blocks_are_valid() -> None:

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from .blocks import REPOSITORY, spans_of
-from .ledger import runs
 from .shell import OFFLINE, bash, write_program
+
+pytestmark = pytest.mark.slow
 
 EXTRAS = ("fake", "cameras", "web", "live", "train", "sysid", "diagnosis", "gamepad", "gym", "ros", "all")
 PLUGIN_TEST = """
@@ -61,8 +62,6 @@ def shell(path: str, tmp_path: Path) -> Shell:
     return lambda text: bash(text, tmp_path, PATH=path, PYTHONPATH="")
 
 
-@runs("pip install -c requirements.lock .[runtime]", "pip install -c requirements.lock .[fake]")
-@runs("pip install -c requirements.lock .[live]")
 def test_all_extras_are_in_the_lock_and_in_the_readme(project: Path, path: str) -> None:
     table = (REPOSITORY / "README.md").read_text(encoding="utf-8")
     assert all(f"'.[{name}]'" in table for name in EXTRAS if name not in ("live", "cameras"))

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from .ledger import runs
 from .shell import bash
+
+pytestmark = pytest.mark.slow
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -20,14 +21,12 @@ def digests(folder: Path) -> dict[str, str]:
     }
 
 
-@runs("make setup", ". .venv/bin/activate", "make help", "spot-rl --help")
 def test_set_up_and_activate(project: Path) -> None:
     told = bash("make setup\n. .venv/bin/activate\nmake help\nspot-rl --help", project)
     assert "make demo" in told
     assert "fake-robot" in told
 
 
-@runs("make demo", "spot-rl user-sequence LOG --out FILE.yaml")
 def test_the_demo_in_lock_step(project: Path) -> None:
     told = bash("make demo", project)
     assert "outcome   completed" in told
@@ -39,14 +38,12 @@ def test_the_demo_in_lock_step(project: Path) -> None:
     assert "waypoints over" in bash(f"spot-rl user-sequence '{log}' --out walked.yaml", project)
 
 
-@runs("make format", "make protos")
 def test_formatting_and_protos_leave_the_project_as_it_is(project: Path) -> None:
     before = digests(project)
     bash("make format\nmake protos", project)
     assert digests(project) == before
 
 
-@runs("make fuzz", "python tests/fuzz/run.py NAME -runs=1000000 -seed=777")
 def test_fuzzing(project: Path) -> None:
     pytest.importorskip("atheris")
     told = bash("make fuzz ARGS='--only config --runs 10 --seconds 600'", project)

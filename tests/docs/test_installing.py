@@ -16,8 +16,9 @@ import pytest
 from tests.deploy.test_install import FILES, PIP, write_wheel
 
 from .blocks import REPOSITORY, spans_of
-from .ledger import runs
 from .shell import OFFLINE, PROGRAMS, bash, block_with, write_program
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -48,8 +49,6 @@ def make_bundle(folder: Path, version: str) -> None:
     (folder / "manifest.json").write_text(json.dumps({**about, "sha256": sha256}))
 
 
-@runs("cd spot-rl-0.1.0-cp310-aarch64", "export PATH=/opt/spot-rl/current/venv/bin:$PATH")
-@runs(*(f"sudo python3 install.py {action}" for action in ("install", "rollback", "status", "uninstall")))
 @pytest.mark.skipif(PIP is None, reason="this Python has no bundled pip wheel to install with")
 def test_the_installer_does_what_the_page_says(tmp_path: Path, programs: Path) -> None:
     path, root = f"{programs}:{PROGRAMS}:{os.environ['PATH']}", tmp_path / "root"
@@ -67,7 +66,6 @@ def test_the_installer_does_what_the_page_says(tmp_path: Path, programs: Path) -
     assert not [path for path in root.rglob("*") if path.is_file()]
 
 
-@runs("python deploy/build_wheelhouse.py --python 3.10 --machine aarch64")
 def test_the_bundle_is_built_but_for_the_download(tmp_path: Path, programs: Path) -> None:
     write_program(
         programs / "python3.10",
@@ -87,7 +85,6 @@ def test_the_bundle_is_built_but_for_the_download(tmp_path: Path, programs: Path
     assert "take the other bundle" in refused.stderr
 
 
-@runs("spot-rl prune-logs /var/log/spot-rl --quota-gb 20 --dry-run")
 def test_what_the_quota_would_delete(tmp_path: Path) -> None:
     (tmp_path / "old.mcap").write_bytes(b"log")
     words = next(words for words in spans_of(REPOSITORY / "docs" / "deploy.md") if words[1:2] == ["prune-logs"])

@@ -1,4 +1,8 @@
-"""Every script that a page names runs: here at its smallest, in CI's weekly job, or in another test."""
+"""Every script that a page names runs at its smallest: here, or in CI's weekly job.
+
+What takes more than some seconds of CPU time, or runs in real time, is ``WEEKLY``: it runs where ``SPOT_RL_WEEKLY`` is
+set, as ``.ci/weekly`` does.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +18,52 @@ from spot_model.console.command_registry import source_of
 from spot_model.user_code import OWN_PACKAGES
 
 from .blocks import REPOSITORY
-from .scripts import BY_CI, ELSEWHERE, LEDGER, NOT_RUN, SCRIPT, SMALL, WEEKLY
 from .shell import ENVIRONMENT, PROGRAMS
+
+SMALL: dict[str, tuple[str, ...]] = {
+    "benchmarks/gait_figures.py": ("walk --speeds 0.5",),
+    "benchmarks/log_damage.py": ("LOG 5",),
+    "benchmarks/solver_options.py": ("--policy walk --rounds 1 --robots 4",),
+    "scripts/draw_effects.py": ("",),
+}
+"""Script, and the words after it in each of its runs; ``LOG`` stands for a log of a short walk."""
+
+WEEKLY: dict[str, tuple[str, ...]] = {
+    "benchmarks/start_up.py": ("2",),
+    "benchmarks/conformance_errors.py": ("body_velocity_negated",),
+    "benchmarks/claims/loop.py": ("--seconds 2 --plain",),
+    "benchmarks/claims/fakes.py": ("--seconds 1 --most 2",),
+    "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),
+    "benchmarks/check_experiments.py": (
+        "--policy walk --out found.json --robots 2 --only squat --once --figure found.svg",
+    ),
+    "benchmarks/claims/identification.py": ("--generations 1 --seconds 6",),
+    "benchmarks/claims/training.py": ("--envs 16",),
+    "benchmarks/gait_on_robot.py": ("walk --speeds 0.5",),
+    "benchmarks/has_it_changed.py": ("robots --seed 71 --to 1 --workers 1 --out changed", "score changed"),
+    "benchmarks/identify_fake.py": ("--out found --truth 0 --policy walk --repeats 1 --config short.yaml",),
+    "benchmarks/identify_session.sh": (
+        "run small --truth 0 --policy walk --sequences ahead.yaml --repeats 1 --config short.yaml",
+    ),
+    "benchmarks/loop_parts.py": ("--seconds 2",),
+    "benchmarks/judge_policy.py": ("walk --n 2 --seeds 2",),
+    "benchmarks/predict_withheld.py": (
+        "robots --seed 51 --count 1 --speed 1 --policy walk --out predicted",
+        "score predicted",
+    ),
+    "benchmarks/rounds_withheld.py": (
+        "robots --seed 31 --to 3 --out rounds --strategies menu --until 300",
+        "score rounds --to 3",
+    ),
+    "benchmarks/substitution.py": ("robots --seed 777301 --to 1 --out parts", "table parts"),
+    "benchmarks/withheld_fake.py": ("--work found --policy walk --repeats 1",),
+    "examples/ask_the_robot.py": ("asked",),
+    "examples/close_the_loop.py": ("--robot torque_lag --out loop --improved walk --oracle walk",),
+    "examples/has_it_changed.py": ("changed --weeks 3 --repeats 1",),
+    "examples/hidden_friction.py": ("hidden_friction",),
+}
+
+SEEN = [file for folder in ("benchmarks", "examples") for file in sorted((REPOSITORY / folder).rglob("*.py"))]
 
 AHEAD = """\
 schema: spot-rl/velocity-sequence/1
@@ -23,47 +71,6 @@ name: ahead
 duration_s: 4
 waypoints: [{time_s: 0, v_x_m_s: 0.5}]
 """
-
-
-def named_in(text: str) -> set[str]:
-    """Scripts that a page names."""
-    return set(SCRIPT.findall(text))
-
-
-NAMED = {
-    script
-    for page in REPOSITORY.rglob("*.md")
-    if not {".venv", "build"} & set(page.relative_to(REPOSITORY).parts)
-    for script in named_in(page.read_text(encoding="utf-8"))
-}
-
-
-def test_every_script_of_a_page_is_run_or_has_its_reason() -> None:
-    assert len(NAMED) > 30
-    assert not NAMED - LEDGER.keys(), "run these in tests/docs/scripts.py, or say there why not"
-    assert not LEDGER.keys() - NAMED, "no page names these"
-    assert len(LEDGER) == sum(map(len, (SMALL, WEEKLY, ELSEWHERE, BY_CI, NOT_RUN))), "a script stands in two tables"
-    assert not [script for script in LEDGER if not (REPOSITORY / script).is_file()]
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("run `python benchmarks/new.py --all`", {"benchmarks/new.py"}),
-        ("[it](../examples/tour.ipynb), (deploy/a/b.sh)", {"deploy/a/b.sh"}),
-        ("my/benchmarks/new.py and benchmarks/table.txt", set()),
-    ],
-)
-def test_scripts_are_found_in_a_page(text: str, found: set[str]) -> None:
-    assert named_in(text) == found
-
-
-def test_what_runs_elsewhere_is_there() -> None:
-    for script, (file, words) in ELSEWHERE.items():
-        assert words in (REPOSITORY / "tests" / file).read_text(encoding="utf-8"), script
-    lines = (REPOSITORY / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    assert set(BY_CI.values()) <= set(lines)
-    assert "SPOT_RL_WEEKLY=1" in (REPOSITORY / ".ci" / "weekly").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -112,6 +119,7 @@ def log_in(folder: Path) -> str:
 
 
 @pytest.mark.parametrize("script", SMALL)
+@pytest.mark.slow
 def test_it_runs_at_its_smallest(script: str, folder: Path) -> None:
     run_script(script, SMALL[script], folder)
 
@@ -137,10 +145,10 @@ def defined_in(file: Path) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("script", sorted(s for s in {*WEEKLY, *NOT_RUN} if s.endswith(".py")))
-def test_what_it_takes_from_the_project_is_there(script: str) -> None:
+@pytest.mark.parametrize("script", SEEN, ids=lambda script: script.name)
+def test_what_it_takes_from_the_project_is_there(script: Path) -> None:
     """A script that runs seldom, or never here, still has to find every name that it imports from our packages."""
-    for node in ast.walk(ast.parse((REPOSITORY / script).read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in OWN_PACKAGES:
             file = source_of(node.module or "")
             assert file is not None, f"there is no module {node.module}"

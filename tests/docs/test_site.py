@@ -37,6 +37,13 @@ def test_its_pages_ask_nobody_else_and_swallow_no_list(site: Path) -> None:
         assert not re.findall(r"url\(\"?https?:|@import", style.read_text(encoding="utf-8")), style.name
 
 
+def test_links_of_the_other_pages_resolve() -> None:
+    """mkdocs asks for those within ``docs/``, as strictly."""
+    for page in REPOSITORY.glob("*.md"):
+        links = re.findall(r"\]\((?!https?:|mailto:|#)([^)#\s]+)", page.read_text(encoding="utf-8"))
+        assert not [link for link in links if not (REPOSITORY / link).exists()], page.name
+
+
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: the site is not searched in a browser")
 @pytest.mark.parametrize("page", ["index.html", "reference/effects.html"])

@@ -26,6 +26,8 @@ from fake_robot.start.commands import app, in_one_line
 from fake_robot.start.process import FakeProcessError
 from spot_model.errors import SpotRlError
 
+pytestmark = pytest.mark.slow
+
 PROGRAMS = Path(__file__).parent / "sdk_programs"
 QUICK_START = {"power": {"power_on_s": 0.4}, "motion": {"stand_s": 0.8, "sit_s": 0.8}}
 """The default robot, but quicker to its feet: programs wait for it in real time."""

@@ -51,6 +51,7 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         _ = spot_rl.make_env
 
 
+@pytest.mark.slow
 def test_a_walk_is_arrays_and_frames(walks: list[Run]) -> None:
     run = walks[0]
     assert run.outcome == "completed"

@@ -14,6 +14,8 @@ import pytest
 
 from .conftest import REPOSITORY
 
+pytestmark = pytest.mark.slow
+
 NOTEBOOK = REPOSITORY / "examples" / "tour.ipynb"
 SCRIPT = REPOSITORY / "scripts" / "run_notebook.py"
 MOST_BYTES = 400_000
@@ -41,7 +43,6 @@ def labels_of(cell: dict[str, Any]) -> list[str]:
     return re.findall(r"[A-Za-z_][\w.%]*", words_of(cell)) if is_table else []
 
 
-@pytest.mark.slow
 def test_the_tour_gives_outputs_like_those_that_are_stored(tmp_path: Path) -> None:
     stored = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
     assert stored["nbformat"] == 4

@@ -17,10 +17,11 @@ import pytest
 from proof.loop_bench import KEYS
 from spot_model.process.signals import exit_on_termination
 
+pytestmark = pytest.mark.slow
+
 COMMAND = [sys.executable, "-c", "from spot_model.console.command_line import main; main()"]
 
 
-@pytest.mark.slow
 def test_the_loop_benchmark_prints_one_object_with_every_figure(tmp_path: Path, make_policy_bytes: Any) -> None:
     policy = tmp_path / "policy.onnx"
     policy.write_bytes(make_policy_bytes())

@@ -329,10 +329,11 @@ def test_what_legs_carry_fades_and_adds_up() -> None:
     np.testing.assert_allclose(after.pushed_n_s, pushed, rtol=1e-4)
     assert after.gained_n_s == pytest.approx(3.0 * fade)
     assert after.felt_s == pytest.approx(0.9 * fade + 0.018)
-    rising = ground.after_weight_window(
-        before, window(linear_vel_of_body_in_odom_m_s=np.array([5.0, 5.0, 0.2])), carried_n
-    )
+    slow, fast = (window(linear_vel_of_body_in_odom_m_s=np.array([5.0, 5.0, up_m_s])) for up_m_s in (0.2, 0.5))
+    rising = ground.after_weight_window(before, slow, carried_n)
     assert rising.gained_n_s == pytest.approx(3.0 * fade + 31.60 * 0.2, rel=1e-3)
+    braked = ground.after_weight_window(before, slow._replace(first=fast.last), carried_n)
+    assert braked.gained_n_s == pytest.approx(3.0 * fade - 31.60 * 0.3, rel=1e-3)
     assert ground.after_weight_window(before, seen._replace(duration_s=2.0), carried_n).felt_s == pytest.approx(2.0)
 
 

@@ -30,16 +30,11 @@ def error(name: str) -> Lie:
 
 def rates_of(position_rad: Array, velocity_m_s: Array, turn_rate_rad_s: Array) -> Array:
     """The joint velocities with which no foot slides, by the feet's motion with each joint alone."""
-    still = feet(position_rad, np.zeros(12))
-    turned = turn_rate_rad_s
-
-    def soles_m_s(rates: Array) -> Array:
-        moved = feet(position_rad, rates)
-        centres = velocity_m_s + np.cross(turned, still.position_m) + moved.velocity_m_s
-        return np.asarray(centres - facts.FOOT_RADIUS_M * np.cross(turned + moved.turn_rate_rad_s, UP))
-
-    at_rest = soles_m_s(np.zeros(12))
-    columns = np.array([soles_m_s(np.eye(12)[joint]) - at_rest for joint in range(12)])
+    rates = np.vstack([np.zeros(12), np.eye(12)])  # at rest, and each joint alone
+    moved = feet(np.tile(position_rad, (13, 1)), rates)
+    centres = velocity_m_s + np.cross(turn_rate_rad_s, moved.position_m) + moved.velocity_m_s
+    soles_m_s = centres - facts.FOOT_RADIUS_M * np.cross(turn_rate_rad_s + moved.turn_rate_rad_s, UP)
+    at_rest, columns = soles_m_s[0], soles_m_s[1:] - soles_m_s[0]
     solved = [np.linalg.solve(columns[3 * leg : 3 * leg + 3, leg].T, -at_rest[leg]) for leg in range(4)]
     return np.concatenate(solved)
 

@@ -216,6 +216,7 @@ def test_the_benchmark_reports_every_share(tiny: TrainConfig) -> None:
     assert total == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_two_processes_learn_one_network(tmp_path: Path) -> None:
     script = tmp_path / "two.py"
     script.write_text(

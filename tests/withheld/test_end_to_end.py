@@ -13,6 +13,8 @@ from withheld.command import app
 from withheld.outcome import read_outcome
 from withheld.scoring.reading import read_cases
 
+pytestmark = pytest.mark.slow
+
 REALITY = "tests.withheld.stand_in:StandIn"
 SEED = "5"
 WRITES_DOWN = """
@@ -45,7 +47,6 @@ def run(opened: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.slow
 def test_each_case_has_a_verdict_a_truth_and_the_size_of_its_faults(run: Path) -> None:
     outcomes = read_cases([run]).outcomes
     assert [o.case.number for o in outcomes] == [1]
@@ -55,7 +56,6 @@ def test_each_case_has_a_verdict_a_truth_and_the_size_of_its_faults(run: Path) -
         assert 0.5 <= o.truth.error_scale <= 5.0
 
 
-@pytest.mark.slow
 def test_the_diagnosis_opens_its_logs_and_nothing_of_the_truth(run: Path, opened: Path) -> None:
     paths = [Path(line) for line in opened.read_text(errors="replace").splitlines()]
     assert len({p for p in paths if p.suffix == ".mcap"}) == len(list((run / "cases/0001/given/logs").iterdir()))
@@ -64,7 +64,6 @@ def test_the_diagnosis_opens_its_logs_and_nothing_of_the_truth(run: Path, opened
     assert not [p for p in paths if {"withheld", "fake_robot"} & set(p.parts) and p.name != "launch.py"]
 
 
-@pytest.mark.slow
 def test_what_was_given_is_logs_model_and_policy_and_says_nothing(run: Path) -> None:
     outcome = read_outcome(run / "cases" / "0001" / "outcome.json")
     given = run / "cases" / "0001" / "given"
@@ -75,7 +74,6 @@ def test_what_was_given_is_logs_model_and_policy_and_says_nothing(run: Path) -> 
     assert len(logs) == outcome.case.repeats * len(outcome.case.sequences)
 
 
-@pytest.mark.slow
 def test_a_finished_part_is_resumed_at_once_and_gives_the_same_scores(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,7 +87,6 @@ def test_a_finished_part_is_resumed_at_once_and_gives_the_same_scores(
     assert len(list((run / "cases").iterdir())) == 1
 
 
-@pytest.mark.slow
 def test_the_packed_run_scores_the_same(run: Path, tmp_path: Path) -> None:
     file = tmp_path / "run.tar.gz"
     assert CliRunner().invoke(app, ["pack", str(run), str(file)]).output.startswith("1 case")
@@ -99,7 +96,6 @@ def test_the_packed_run_scores_the_same(run: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again" / "scores.json").read_text() == (run / "scores.json").read_text()
 
 
-@pytest.mark.slow
 def test_the_table_is_markdown_without_empty_rows(run: Path) -> None:
     text = CliRunner().invoke(app, ["table", str(run)]).output
     assert "| figure | asked | measured (cases; 95 % interval) | |" in text
@@ -107,7 +103,6 @@ def test_the_table_is_markdown_without_empty_rows(run: Path) -> None:
     assert "no case" not in text
 
 
-@pytest.mark.slow
 def test_a_case_is_shown(run: Path) -> None:
     done = CliRunner().invoke(app, ["case", "open", f"{run}/1"])
     assert done.exit_code == 0, done.exception
@@ -115,7 +110,6 @@ def test_a_case_is_shown(run: Path) -> None:
     assert status in done.output
 
 
-@pytest.mark.slow
 def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("withheld.blind.run_folder.digest_of", lambda _: "another")
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])

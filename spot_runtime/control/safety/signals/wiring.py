@@ -21,16 +21,16 @@ from spot_runtime.control.safety.signals.legs import feet, sole_speeds_m_s, stan
 from spot_runtime.control.safety.signals.window import Window
 from spot_runtime.control.safety.states import is_between
 
-_JOINTS: Final[NDArray[np.int64]] = np.arange(facts.N_JOINTS).reshape(facts.N_LEGS, -1)
+_JOINTS: Final[NDArray[np.int64]] = np.array(np.split(np.arange(facts.N_JOINTS), facts.N_LEGS))
 _ENDS: Final = {"left": [0, 2], "right": [1, 3], "front": [0, 1], "hind": [2, 3]}
 
 
 def _errors() -> Iterator[tuple[str, NDArray[np.int64], NDArray[np.int64]]]:
     """Words, joints that are mirrored (or exchanged), and those that they are exchanged with (none: mirrored)."""
     of_a_kind = [legs_of for kind in _JOINTS.T for legs_of in (kind, *(kind[legs] for legs in _ENDS.values()))]
-    for group in (*_JOINTS.reshape(-1, 1), *of_a_kind):
+    singles = _JOINTS.ravel()[:, np.newaxis]
+    for group in (*singles, *of_a_kind):
         yield ", ".join(facts.JOINT_NAMES[joint] for joint in group) + " mirrored", group, group[:0]
-    singles = _JOINTS.reshape(-1, 1)
     for kind, names, joints in (("", facts.JOINT_NAMES, singles), ("legs ", facts.LEG_NAMES, _JOINTS)):
         for a, b in combinations(range(len(names)), 2):
             yield f"{kind}{names[a]} and {names[b]} exchanged", joints[a], joints[b]
