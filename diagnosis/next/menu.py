@@ -1,0 +1,172 @@
+"""The menu, weighed: a run of each recording is simulated, and what it would leave in doubt is worked out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from diagnosis.decision_constants import NAMED
+from diagnosis.document import Verdict
+from diagnosis.library import LibraryEffect
+from diagnosis.next.candidates import Candidate, Motion, candidates, given
+from diagnosis.next.doubts import WORTH, Doubt, Key, doubts_of, left_in_doubt
+from diagnosis.next.trial import burden, is_held, refusals, try_on, wide_robots
+from diagnosis.report import words
+from diagnosis.selection.normal_equations import one_thread
+from diagnosis.verdict.explanation import evidence_of
+from diagnosis.verdict.posterior_file import Posterior
+from spot_log.read.run import Run
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
+from spot_model.robot.facts import JOINT_NAMES
+from trainer.signals.policy_ticks import tick_period_s
+
+
+class Diagnosed(NamedTuple):
+    """A diagnosis with what it was made of."""
+
+    verdict: Verdict
+    posterior: Posterior
+    robots: tuple[RobotModel, ...]
+    """Those that the logs allow; the first is the corrected model."""
+    nominal: RobotModel
+    library: Mapping[str, LibraryEffect]
+    runs: tuple[Run, ...]
+    policy: Policy | None
+    """For walks; without it only the standing robot is recorded."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording with what it would leave in doubt."""
+
+    candidate: Candidate
+    doubts: tuple[Doubt, ...]
+    left: Mapping[Key, float] = field(default_factory=dict)
+    """By doubt; what the recording does not touch is not in it."""
+    loads: str = ""
+    refused: tuple[str, ...] = ()
+    """Why it must not be run; empty where nothing was found against it."""
+    is_held: bool = False
+    """Whether the logs hold it already."""
+
+    def after(self, doubt: Doubt) -> float:
+        """What is expected of a doubt after it."""
+        return self.left.get(doubt.key, doubt.now)
+
+    def drop(self, doubt: Doubt) -> float:
+        """Share by which it lowers a doubt; below 0 where it dilutes what the logs show."""
+        return 1.0 - self.after(doubt) / doubt.now
+
+    @property
+    def gain(self) -> float:
+        """Mean of these shares, by which recordings are ranked: a person's time goes with runs, not with seconds."""
+        return float(np.mean([self.drop(d) for d in self.doubts])) if self.doubts else 0.0
+
+    @property
+    def ranked(self) -> tuple[Doubt, ...]:
+        """Doubts, what it lowers most first."""
+        return tuple(sorted(self.doubts, key=lambda d: -self.drop(d)))
+
+    @property
+    def is_worth(self) -> bool:
+        """Whether it should be run if it is safe, or was asked for."""
+        return not self.refused and (self.candidate.is_own or any(self.drop(d) >= WORTH for d in self.doubts))
+
+
+@dataclass(frozen=True)
+class Menu:
+    """All that was weighed, the most telling first; the best of what is worth running has passed the gate."""
+
+    best: Recording | None
+    recordings: tuple[Recording, ...]
+    nothing: str = ""
+    """Why nothing is worth running; empty where something is."""
+
+
+def weighed(found: Diagnosed, seed: int, tell: Callable[[float], None], own: Motion | None = None) -> Menu:
+    """Weigh the menu, or a user's ``own`` recording; ``seed`` is of all draws, ``tell`` gets the share that is done."""
+    doubts = doubts_of(found.verdict, found.library)
+    if not doubts and own is None:
+        return Menu(None, (), _settled(found.verdict))
+    kinds = menu_of(found, doubts) if own is None else (given(own),)
+    made = []
+    for number, candidate in enumerate(kinds, start=1):
+        made.append(weighed_one(candidate, found, doubts, seed))
+        tell(0.7 * number / len(kinds))
+    made.sort(key=lambda r: (bool(r.refused), not r.is_worth, -r.gain))
+    best = None
+    for at, one in enumerate(made):
+        if best is None and one.is_worth:
+            made[at] = through_gate(one, found, seed)
+            best = None if made[at].refused else made[at]
+    tell(1.0)
+    return Menu(best, tuple(made), "" if best is not None else _little(made))
+
+
+def menu_of(found: Diagnosed, doubts: Sequence[Doubt]) -> tuple[Candidate, ...]:
+    """The menu for what is in doubt: joints of the narrowest place are swept first."""
+    places = [d.joints for d in found.verdict.differences]
+    places += [tuple(j for j in JOINT_NAMES if j.endswith(d.key[2])) for d in doubts if d.key[2]]
+    joints = [joint for place in sorted(places, key=len) for joint in place] or JOINT_NAMES
+    effects = {t.effect for p in found.posterior.possibilities for t in p.terms}
+    return candidates(found.policy and found.policy.contract, [*dict.fromkeys(joints)], effects)
+
+
+def weighed_one(candidate: Candidate, found: Diagnosed, doubts: tuple[Doubt, ...], seed: int) -> Recording:
+    """What one recording leaves in doubt, from a run of the corrected model beside the logs."""
+    made = Recording(candidate, doubts)
+    try:
+        (run,) = _tried(candidate, found.robots[:1], found, seed)
+    except BadInputError as error:
+        return replace(made, refused=(str(error),))
+    held = is_held(run, found.runs)
+    made = replace(made, loads=burden([run]), refused=() if held else refusals([run]), is_held=held)
+    if not doubts or made.refused:
+        return made
+    if not any(np.isfinite(log.states.load_nm).any() for log in found.runs):
+        # The next log will have no loads either.
+        run = replace(run, states=replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan)))
+    with one_thread():
+        *_, board = evidence_of((*found.runs, run), found.nominal, found.policy, found.library)
+        return replace(made, left=left_in_doubt(board, found.verdict, found.posterior, found.nominal, found.library))
+
+
+def through_gate(one: Recording, found: Diagnosed, seed: int) -> Recording:
+    """The recording, refused if one of the robots with wide errors does not bear it, unless the logs hold it."""
+    if one.is_held:
+        return one
+    with one_thread():
+        *_, board = evidence_of(found.runs, found.nominal, found.policy, found.library)
+    runs = _tried(one.candidate, wide_robots(found.robots, board, np.random.default_rng(seed)), found, seed)
+    return replace(one, refused=refusals(runs), loads=burden(runs))
+
+
+def _tried(candidate: Candidate, models: Sequence[RobotModel], found: Diagnosed, seed: int) -> tuple[Run, ...]:
+    return try_on(candidate.motion, models, found.policy, seed, 1.0 / tick_period_s(found.runs))
+
+
+def _little(made: Sequence[Recording]) -> str:
+    """Why nothing that was weighed is worth running."""
+    told = [f"{r.candidate.name} is refused: {r.refused[0]}" for r in made if r.refused]
+    pairs = [(r, d) for r in made for d in r.doubts if not r.refused]
+    if pairs:
+        best, doubt = max(pairs, key=lambda pair: pair[0].drop(pair[1]))
+        now, then = doubt.told(doubt.now), doubt.told(best.after(doubt))
+        best_told = f"most is expected of {best.candidate.name}: {doubt.title} {then} instead of {now}"
+        told.insert(0, f"{best_told}. {words.percent(WORTH)} less is the least that is worth a recording")
+    return words.sentence("; ".join(told))
+
+
+def _settled(verdict: Verdict) -> str:
+    """Why nothing is in doubt that a recording could narrow."""
+    if verdict.status == "cannot_tell":
+        return " ".join(["These logs show too little to weigh a recording.", *verdict.log_advice[:1]])
+    if verdict.probability_unknown > NAMED:
+        told = f"With {words.percent(verdict.probability_unknown)} an effect is there that the library lacks"
+        return f"{told}: it has no formula by which a recording could be weighed. Look at the robot."
+    return "No number is in doubt: what is left of the intervals is what formulas are usually wrong by."
