@@ -7,14 +7,13 @@ formulas then state the intervals: what is expected is what a diagnosis of all l
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from diagnosis.decision_constants import FORMULA_ERROR, PARAMETER_SPREAD
 from diagnosis.document import CalibratedNumber, Number, Verdict
-from diagnosis.library import LibraryEffect, Robot
+from diagnosis.library import LibraryEffect
 from diagnosis.report import words
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Placed, Scorer
@@ -32,8 +31,7 @@ Key = tuple[str, str, str]
 """Effect, parameter and place of a number; of the question which effect it is, the effect alone."""
 
 
-@dataclass(frozen=True)
-class Doubt:
+class Doubt(NamedTuple):
     """A number with the half-width of its 90 % interval, or the question which effect it is."""
 
     key: Key
@@ -52,7 +50,7 @@ def doubts_of(verdict: Verdict, library: Mapping[str, LibraryEffect]) -> tuple[D
 
     Formulas leave a part of each interval, whatever is recorded: where that is nearly all, the number is settled.
     """
-    found = []
+    found, named = [], {d.name for d in verdict.differences}
     for d in verdict.differences:
         where = f" at {words.joints_in_short(d.joints)}" if d.joints else ""
         null = {p.name: p.null for p in library[d.name].effect.parameters()}
@@ -63,7 +61,6 @@ def doubts_of(verdict: Verdict, library: Mapping[str, LibraryEffect]) -> tuple[D
             zero = null[name] if abs(null.get(name, np.inf)) < NEVER_MET else 0.0
             if not _is_settled(p, p.value - zero):
                 found.append(Doubt((d.name, name, ""), f"{d.title}{where}: {words.parameter(name)}", _half(p), p.unit))
-    named = {d.name for d in verdict.differences}
     for n in verdict.calibration.numbers:
         is_open = n.effect not in named and 1.0 - SURE < n.probability < SURE
         if is_open and not _is_settled(n, n.value - n.nominal):
@@ -90,17 +87,17 @@ def left_in_doubt(
 
     ``board`` is of the logs and the simulated run; all else is of the diagnosis.
     """
-    sets = {
-        frozenset(t.effect for t in p.terms): [placed(t, board.robot, library) for t in p.terms]
-        for p in posterior.possibilities
-    }
+
+    def placed(t: Term) -> Placed:
+        units = board.robot.units(library[t.effect].location)
+        return Placed(library[t.effect], t.shape, (units @ select_joints(t.joints) > 0.5).astype(np.float64))
+
+    sets = {frozenset(t.effect for t in p.terms): [placed(t) for t in p.terms] for p in posterior.possibilities}
     stated = frozenset(d.name for d in verdict.differences)
     terms = sets.get(stated, [])
     found = {_key(n): _half(n) for n in calibrated_numbers(board, Scorer(board, terms).now, nominal)}
-    for d in verdict.differences:
-        mine = next((t for t in terms if t.effect.name == d.name), None)
-        if mine is None:
-            continue
+    for d in verdict.differences if terms else ():
+        mine = next(t for t in terms if t.effect.name == d.name)
         beside = Scorer(board, [t for t in terms if t is not mine])
         fit = beside.scored(mine.effect, mine.shape, mine.place)
         found |= {(d.name, name, ""): _half(p) for name, p in numbers(beside, fit).items()}
@@ -112,13 +109,6 @@ def left_in_doubt(
                 odds += float(np.exp(-max(less, 0.0) / (1.0 + FORMULA_ERROR * max(own - beside.now.value, 0.0))))
         found[d.name, "", ""] = odds / (1.0 + odds)
     return found
-
-
-def placed(term: Term, robot: Robot, library: Mapping[str, LibraryEffect]) -> Placed:
-    """A term of the posterior where it acts on Spot."""
-    effect = library[term.effect]
-    place = (robot.units(effect.location) @ select_joints(term.joints) > 0.5).astype(np.float64)
-    return Placed(effect, term.shape, place)
 
 
 def _best(beside: Scorer, own: Placed) -> float:

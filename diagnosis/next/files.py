@@ -1,4 +1,4 @@
-"""From a diagnosis' folder to a menu and its files: the recording with its command, all that was weighed, the page."""
+"""From a diagnosis' folder to a menu and its files: the recording with its commands, all that was weighed, the page."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ from diagnosis.session import Inputs, Progress, load_inputs, run_session
 from diagnosis.verdict.posterior_file import load_posterior
 from spot_model.console import progress
 from spot_model.errors import BadInputError
-from spot_model.io.joint_experiment import SCHEMA as JOINT_EXPERIMENT
-from spot_model.io.joint_experiment import joint_experiment_from_data, save_joint_experiment
+from spot_model.io.joint_experiment import SCHEMA, joint_experiment_from_data, save_joint_experiment
 from spot_model.io.model_file import load_model
 from spot_model.io.models_file import load_models
 from spot_model.io.settings import explain
@@ -40,7 +39,7 @@ LASTS_S: Final = (4.0, 60.0)
 def propose(
     folder: Path, policy: Path | None = None, *, own: Motion | None = None, out: Path | None = None, seed: int = 0
 ) -> tuple[list[str], Path]:
-    """Weigh the menu, or a user's own recording, and write it; returns lines for a terminal, and the page.
+    """Weigh the menu, or a user's ``own`` recording, and write it; returns lines for a terminal, and the page.
 
     Raises:
         BadInputError: The folder holds no diagnosis of Spot.
@@ -58,12 +57,7 @@ def propose(
 
 
 def first_diagnosis(folder: Path, logs: Sequence[Path], nominal: str | None, policy: Path | None) -> None:
-    """Diagnose the first logs into the folder.
-
-    Raises:
-        BadInputError: No model is given.
-        OutputExistsError: The folder holds a diagnosis already.
-    """
+    """Diagnose the first logs into a folder without a diagnosis."""
     if nominal is None:
         raise BadInputError("--logs needs the simulator's model; give --nominal MODEL")
     check_free(folder)
@@ -78,25 +72,22 @@ def opened(folder: Path, policy: Path | None = None) -> tuple[Inputs, Diagnosed]
     Raises:
         BadInputError: There is none, or one of another release, or of a robot other than Spot.
     """
-    inputs = load_inputs(folder)
-    files = {name: folder / NAMES[name] for name in ("verdict", "posterior", "robots")}
-    lacking = [file.name for file in files.values() if not file.exists()]
-    if lacking:
-        raise BadInputError(f"{folder} holds no {lacking[0]}; a next recording needs a whole diagnosis of Spot")
+    inputs, files = load_inputs(folder), [folder / NAMES[name] for name in ("verdict", "posterior", "robots")]
+    if lacking := [file.name for file in files if not file.exists()]:
+        raise BadInputError(f"{folder} holds no {lacking[0]}; the menu needs a whole diagnosis of Spot: diagnose again")
     try:
-        verdict, posterior = load_verdict(files["verdict"]), load_posterior(files["posterior"])
+        verdict, posterior = load_verdict(files[0]), load_posterior(files[1])
     except ValidationError as error:
-        raise BadInputError(
-            f"{folder}: a diagnosis of another release, or damaged; diagnose again:\n{explain(error)}"
-        ) from error
+        told = f"{folder}: a diagnosis of another release, or damaged; diagnose again:\n{explain(error)}"
+        raise BadInputError(told) from error
     runs, _ = read_logs([Path(p) for p in inputs.logs])
     file = policy or find_policy_file(None if inputs.policy is None else Path(inputs.policy), runs)
     walking = None if file is None else load_policy(file)
     runs = runs if walking is None else apart_by_gains(runs, walking)[0]
-    nominal, robots = merged(load_model(inputs.nominal)), load_models(str(files["robots"]))
+    nominal = merged(load_model(inputs.nominal))
     library = with_repairs(chosen_library(list(inputs.add_effect), list(inputs.without)), nominal)
     inputs = inputs.model_copy(update={"policy": None if file is None else str(file.absolute())})
-    return inputs, Diagnosed(verdict, posterior, robots, nominal, library, runs, walking)
+    return inputs, Diagnosed(verdict, posterior, load_models(str(files[2])), nominal, library, runs, walking)
 
 
 def load_motion(path: Path) -> Motion:
@@ -106,34 +97,31 @@ def load_motion(path: Path) -> Motion:
         BadInputError: The file cannot be read, is neither, or asks for what is never allowed.
     """
     data = read_yaml(path, "experiment")
-    if isinstance(data, dict) and data.get("schema") == JOINT_EXPERIMENT:
+    if isinstance(data, dict) and data.get("schema") == SCHEMA:
         return joint_experiment_from_data(data, source=f"joint experiment {path}")
-    walk = load_sequence(str(path))
-    low, high = LASTS_S
+    walk, (low, high) = load_sequence(str(path)), LASTS_S
     if not low <= walk.duration_s <= high:
-        raise BadInputError(
-            f"experiment {path}: duration_s is {walk.duration_s:g}; allowed: {low:g} to {high:g} s, as for a joint "
-            "experiment; run a longer one with 'spot-rl run'"
-        )
+        allowed = f"{low:g} to {high:g} s, as for a joint experiment; run a longer one with 'spot-rl run'"
+        raise BadInputError(f"experiment {path}: duration_s is {walk.duration_s:g}; allowed: {allowed}")
     return walk
 
 
 def _written(menu: Menu, inputs: Inputs, part: Path, place: Path) -> list[str]:
     """Write the best recording and ``menu.json`` into ``part``, named as they will lie in ``place``.
 
-    Returns the commands that run it, and then diagnose again; none where nothing is worth running.
+    Returns the commands that run it and then diagnose again; none where nothing is worth running.
     """
     commands: list[str] = []
     if menu.best is not None:
         motion, file = menu.best.candidate.motion, place / f"{menu.best.candidate.name}.yaml"
+        what = f"--experiment {file}"
         if isinstance(motion, VelocitySequence):
             save_sequence(motion, part / file.name)
-            what = f"--policy {inputs.policy or 'POLICY.onnx'} --sequence {file}"
+            what = f"--policy {inputs.policy} --sequence {file}"
         else:
             save_joint_experiment(motion, part / file.name)
-            what = f"--experiment {file}"
-        every = f"{' '.join(inputs.logs)} MORE_LOGS --nominal {inputs.nominal}"
-        commands = [f"spot-rl run {what} --log-dir MORE_LOGS --robot HOST", f"spot-rl diagnose {every} --out OUT_2"]
+        again = f"{' '.join(inputs.logs)} MORE_LOGS --nominal {inputs.nominal} --out OUT_2"
+        commands = [f"spot-rl run {what} --log-dir MORE_LOGS --robot HOST", f"spot-rl diagnose {again}"]
     recordings = [
         {name: getattr(r.candidate, name) for name in ("name", "title", "robot_s", "needs")}
         | {name: getattr(r, name) for name in ("loads", "refused", "is_held", "gain")}

@@ -78,8 +78,7 @@ class Recording:
         return not self.refused and (self.candidate.is_own or any(self.drop(d) >= WORTH for d in self.doubts))
 
 
-@dataclass(frozen=True)
-class Menu:
+class Menu(NamedTuple):
     """All that was weighed, the most telling first; the best of what is worth running has passed the gate."""
 
     best: Recording | None
@@ -152,14 +151,14 @@ def _tried(candidate: Candidate, models: Sequence[RobotModel], found: Diagnosed,
 
 def _little(made: Sequence[Recording]) -> str:
     """Why nothing that was weighed is worth running."""
-    told = [f"{r.candidate.name} is refused: {r.refused[0]}" for r in made if r.refused]
+    refused = [f"{r.candidate.name} is refused: {r.refused[0]}" for r in made if r.refused]
     pairs = [(r, d) for r in made for d in r.doubts if not r.refused]
-    if pairs:
-        best, doubt = max(pairs, key=lambda pair: pair[0].drop(pair[1]))
-        now, then = doubt.told(doubt.now), doubt.told(best.after(doubt))
-        best_told = f"most is expected of {best.candidate.name}: {doubt.title} {then} instead of {now}"
-        told.insert(0, f"{best_told}. {words.percent(WORTH)} less is the least that is worth a recording")
-    return words.sentence("; ".join(told))
+    if not pairs:
+        return words.sentence("; ".join(refused))
+    best, doubt = max(pairs, key=lambda pair: pair[0].drop(pair[1]))
+    told = f"{best.candidate.name}: {doubt.title} {doubt.told(best.after(doubt))} instead of {doubt.told(doubt.now)}"
+    least = f"{words.percent(WORTH)} less is the least that is worth a recording"
+    return words.sentence("; ".join([f"most is expected of {told}. {least}", *refused]))
 
 
 def _settled(verdict: Verdict) -> str:
