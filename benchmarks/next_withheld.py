@@ -26,7 +26,7 @@ from diagnosis.document import Verdict, load_verdict
 from diagnosis.next.candidates import Motion
 from diagnosis.next.doubts import Key, doubts_of
 from diagnosis.next.files import opened
-from diagnosis.next.menu import menu_of, weighed_one
+from diagnosis.next.menu import known_of, menu_of, weighed_one
 from diagnosis.session import Inputs, Progress, run_session
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
@@ -83,7 +83,8 @@ def tried(case: Case, reality: ComposedReality, work: Path) -> dict[str, Any]:
     row: dict[str, Any] = {"before": _state(found.verdict, case, reality.truth, work / "walk found")}
     if not doubts:
         return row
-    weighed = [weighed_one(c, found, doubts, case.diagnosis_seed) for c in menu_of(found, doubts)]
+    before = known_of(found, found.runs)
+    weighed = [weighed_one(c, found, doubts, before, case.diagnosis_seed) for c in menu_of(found, doubts)]
     safe = sorted((r for r in weighed if not r.refused), key=lambda r: -r.gain)
     rest = safe[1:]
     other = rest[int(np.random.default_rng(case.diagnosis_seed).integers(len(rest)))]

@@ -12,7 +12,7 @@ from diagnosis.decision_constants import NAMED
 from diagnosis.document import Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.next.candidates import Candidate, Motion, candidates, given
-from diagnosis.next.doubts import WORTH, Doubt, Key, doubts_of, left_in_doubt
+from diagnosis.next.doubts import WORTH, Doubt, Key, doubts_of, known
 from diagnosis.next.trial import burden, is_held, refusals, try_on, wide_robots
 from diagnosis.report import words
 from diagnosis.selection.normal_equations import one_thread
@@ -93,9 +93,10 @@ def weighed(found: Diagnosed, seed: int, tell: Callable[[float], None], own: Mot
     if not doubts and own is None:
         return Menu(None, (), _settled(found.verdict))
     kinds = menu_of(found, doubts) if own is None else (given(own),)
+    before: Mapping[Key, float] = known_of(found, found.runs) if doubts else {}
     made = []
     for number, candidate in enumerate(kinds, start=1):
-        made.append(weighed_one(candidate, found, doubts, seed))
+        made.append(weighed_one(candidate, found, doubts, before, seed))
         tell(0.7 * number / len(kinds))
     made.sort(key=lambda r: (bool(r.refused), not r.is_worth, -r.gain))
     best = None
@@ -116,8 +117,17 @@ def menu_of(found: Diagnosed, doubts: Sequence[Doubt]) -> tuple[Candidate, ...]:
     return candidates(found.policy and found.policy.contract, [*dict.fromkeys(joints)], effects)
 
 
-def weighed_one(candidate: Candidate, found: Diagnosed, doubts: tuple[Doubt, ...], seed: int) -> Recording:
-    """What one recording leaves in doubt, from a run of the corrected model beside the logs."""
+def known_of(found: Diagnosed, runs: Sequence[Run]) -> Mapping[Key, float]:
+    """What runs tell, by number."""
+    with one_thread():
+        *_, board = evidence_of(runs, found.nominal, found.policy, found.library)
+        return known(board, found.verdict, found.posterior, found.nominal, found.library)
+
+
+def weighed_one(
+    candidate: Candidate, found: Diagnosed, doubts: tuple[Doubt, ...], before: Mapping[Key, float], seed: int
+) -> Recording:
+    """What one recording leaves in doubt, from a run of the corrected model beside the logs, which tell ``before``."""
     made = Recording(candidate, doubts)
     try:
         (run,) = _tried(candidate, found.robots[:1], found, seed)
@@ -130,9 +140,10 @@ def weighed_one(candidate: Candidate, found: Diagnosed, doubts: tuple[Doubt, ...
     if not any(np.isfinite(log.states.load_nm).any() for log in found.runs):
         # The next log will have no loads either.
         run = replace(run, states=replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan)))
-    with one_thread():
-        *_, board = evidence_of((*found.runs, run), found.nominal, found.policy, found.library)
-        return replace(made, left=left_in_doubt(board, found.verdict, found.posterior, found.nominal, found.library))
+    then = known_of(found, (*found.runs, run))
+    return replace(
+        made, left={d.key: d.after(before[d.key], then[d.key]) for d in doubts if before.get(d.key) and d.key in then}
+    )
 
 
 def through_gate(one: Recording, found: Diagnosed, seed: int) -> Recording:

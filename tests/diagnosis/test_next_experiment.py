@@ -18,9 +18,9 @@ from diagnosis.document import CalibratedNumber, Calibration, Difference, Number
 from diagnosis.library.registry import LIBRARY
 from diagnosis.next import menu as weighing
 from diagnosis.next.candidates import HEAT, SHIFTS, candidates, given
-from diagnosis.next.doubts import Doubt, doubts_of, left_in_doubt
+from diagnosis.next.doubts import Doubt, doubts_of
 from diagnosis.next.files import _lines, _written, load_motion, opened
-from diagnosis.next.menu import Diagnosed, Menu, Recording, through_gate, weighed, weighed_one
+from diagnosis.next.menu import Diagnosed, Menu, Recording, known_of, through_gate, weighed, weighed_one
 from diagnosis.next.trial import ROBOTS, is_held, refusals, try_on, wide_robots
 from diagnosis.session import Inputs
 from diagnosis.verdict.explanation import evidence_of
@@ -28,6 +28,7 @@ from diagnosis.verdict.posterior_file import Posterior
 from spot_log.read.run import Run
 from spot_model.effects.base import Motion
 from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.friction import ViscousFriction
 from spot_model.effects.torque_limits import PositionTorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import Squat, load_joint_experiment
@@ -41,60 +42,66 @@ from spot_model.robot.facts import JOINT_NAMES
 from .report_case import verdict
 
 WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
-SQUAT = Squat(name="squat", duration_s=4.0, depth_m=0.06)
-WEAK = RobotModel((TorqueGain(joints=("knees",), gain=0.8),))
-LEVEL: Any = {"value": 2.0, "unit": "N·m"}
+SQUAT = Squat(name="squat", duration_s=4.0, depth_m=0.12, frequency_hz=0.8)
+DRAGGING = RobotModel((ViscousFriction(joints=("knees",), damping_nm_s_per_rad=0.3),))
+NUMBER = ("viscous_friction", "damping_nm_s_per_rad", "")
+KNEES = tuple(j for j in JOINT_NAMES if j.endswith("kn"))
 
 
 def posterior() -> Posterior:
-    """Weak knees alone."""
-    term = {"effect": "torque_gain", "joints": ["knees"], "shape": {}, "mean": [-0.2], "covariance": [[0.01]]}
+    """Dragging knees alone."""
+    term = {"effect": "viscous_friction", "joints": ["knees"], "shape": {}, "mean": [0.3], "covariance": [[0.01]]}
     own = {"weight": 1.0, "distance_floors": None, "model": RobotModel().to_data(), "terms": [term]}
     return Posterior.model_validate({"schema": "spot-rl/posterior/2", "possibilities": [own]})
 
 
-def weak_knees(half: float = 0.1) -> Verdict:
+def dragging(half: float = 0.2, **more: Any) -> Verdict:
     """A verdict that says so, with an interval."""
-    gain = Number(value=0.8, low=0.8 - half, high=0.8 + half)
+    number = Number(value=0.3, low=0.3 - half, high=0.3 + half, unit="N·m·s/rad")
+    given = {"group": ("viscous_friction",), "rivals": {"viscous_friction": 0.9}, **more}
     difference = Difference(
-        name="torque_gain", title="torque gain", probability=0.9, group=("torque_gain",), split_by="",
-        joints=tuple(j for j in JOINT_NAMES if j.endswith("kn")), parameters={"gain": gain}, rivals={"torque_gain": 0.9},
-    )  # fmt: skip
+        name="viscous_friction",
+        title="viscous friction",
+        probability=0.9,
+        joints=KNEES,
+        split_by="",
+        parameters={"damping_nm_s_per_rad": number},
+        **given,
+    )
     return verdict((), differences=(difference,), calibration=Calibration())
 
 
 @pytest.fixture(scope="module")
 def stood() -> Run:
-    """A log of weak knees that shift their weight."""
-    return try_on(SHIFTS.model_copy(update={"duration_s": 4.0}), [WEAK], None, 0)[0]
+    """A log of dragging knees that shift their weight."""
+    return try_on(SHIFTS.model_copy(update={"duration_s": 4.0}), [DRAGGING], None, 0)[0]
 
 
 @pytest.fixture(scope="module")
 def squatted() -> Run:
-    """A log of weak knees that go down and up."""
-    return try_on(SQUAT, [WEAK], None, 1)[0]
+    """A log of dragging knees that go down and up."""
+    return try_on(SQUAT, [DRAGGING], None, 1)[0]
 
 
-def diagnosed(*runs: Run, half: float = 0.1) -> Diagnosed:
-    """Weak knees, diagnosed from logs."""
-    return Diagnosed(weak_knees(half), posterior(), (WEAK,), RobotModel(), LIBRARY, runs, None)
+def diagnosed(*runs: Run, half: float = 0.2) -> Diagnosed:
+    """Dragging knees, diagnosed from logs."""
+    return Diagnosed(dragging(half), posterior(), (DRAGGING,), RobotModel(), LIBRARY, runs, None)
 
 
 # What is in doubt ----------------------------------------------------------------------------------------------------
 
 
 def test_numbers_in_doubt_are_those_that_formulas_leave_room_in() -> None:
-    """Of a gain of 0.8 formulas leave 1.645 · 0.1 · 0.2 = 0.033: of ± 0.04 that is more than four fifths."""
-    assert [d.key for d in doubts_of(weak_knees(0.1), LIBRARY)] == [("torque_gain", "gain", "")]
-    assert doubts_of(weak_knees(0.04), LIBRARY) == ()
+    """Of 0.3 N·m·s/rad formulas leave 1.645 · 0.1 · 0.3 = 0.049: of ± 0.06 more than four fifths, of ± 0.063 less."""
+    assert [d.key for d in doubts_of(dragging(0.063), LIBRARY)] == [NUMBER]
+    assert doubts_of(dragging(0.06), LIBRARY) == ()
 
 
 def test_a_group_is_in_doubt_by_what_its_rivals_share() -> None:
-    (one,) = weak_knees(0.04).differences
-    rivals = {"torque_gain": 0.6, "viscous_friction": 0.2}
-    two = one.model_copy(update={"group": ("torque_gain", "viscous_friction"), "rivals": rivals})
-    (doubt,) = doubts_of(weak_knees().model_copy(update={"differences": (two,)}), LIBRARY)
-    assert (doubt.key, doubt.now, doubt.told(doubt.now)) == (("torque_gain", "", ""), pytest.approx(0.25), "25 %")
+    rivals = {"viscous_friction": 0.6, "torque_gain": 0.2}
+    (doubt,) = doubts_of(dragging(0.05, group=tuple(rivals), rivals=rivals), LIBRARY)
+    assert (doubt.key, doubt.now) == (("viscous_friction", "", ""), pytest.approx(0.25))
+    assert doubt.told(doubt.now) == "25 %"
 
 
 @pytest.mark.parametrize(("probability", "is_in_doubt"), [(0.02, False), (0.5, True), (0.98, False)])
@@ -116,7 +123,7 @@ def test_the_robots_own_numbers_are_in_doubt_between_odd_and_ordinary(probabilit
     ],
 )
 def test_where_all_is_settled_nothing_is_simulated(status: str, unknown: float, told: str) -> None:
-    settled = weak_knees(0.01).model_copy(update={"status": status, "probability_unknown": unknown})
+    settled = dragging(0.01).model_copy(update={"status": status, "probability_unknown": unknown})
     menu = weighed(diagnosed()._replace(verdict=settled, robots=()), 0, lambda _: None)
     assert (menu.best, menu.recordings) == (None, ())
     assert told in menu.nothing
@@ -125,24 +132,25 @@ def test_where_all_is_settled_nothing_is_simulated(status: str, unknown: float, 
 # What a recording leaves of it ---------------------------------------------------------------------------------------
 
 
-def half_width(*runs: Run) -> float:
-    """Of the knees' gain, as a diagnosis of the logs would state it."""
-    *_, board = evidence_of(runs, RobotModel(), None, LIBRARY)
-    return left_in_doubt(board, weak_knees(), posterior(), RobotModel(), LIBRARY)["torque_gain", "gain", ""]
+def known(*runs: Run) -> float:
+    """Standard deviation of the knees' drag by these logs."""
+    return known_of(diagnosed(), runs)[NUMBER]
 
 
-def test_squats_make_the_knees_surer_beside_weight_shifts_than_the_same_shifts_again(stood: Run, squatted: Run) -> None:
-    alone, again, beside = half_width(stood), half_width(stood, stood), half_width(stood, squatted)
-    assert again == pytest.approx(alone, rel=0.15)
+def test_squats_tell_more_beside_weight_shifts_than_the_same_shifts_again(stood: Run, squatted: Run) -> None:
+    alone, again, beside = known(stood), known(stood, stood), known(stood, squatted)
+    assert again == pytest.approx(alone, rel=0.1)
     assert beside < 0.8 * again
 
 
-def test_what_is_expected_is_what_a_diagnosis_of_both_logs_states(stood: Run, squatted: Run) -> None:
-    found = diagnosed(stood)
-    one = weighed_one(given(SQUAT), found, doubts_of(found.verdict, LIBRARY), 5)
+def test_what_is_expected_is_what_logs_of_the_recording_tell(stood: Run, squatted: Run) -> None:
+    """Formulas leave 1.645 · 0.1 · 0.3 of the half-width of 0.2; the rest goes with the standard deviation."""
+    found, left = diagnosed(stood), 0.04935
+    (doubt,) = doubts_of(found.verdict, LIBRARY)
+    one = weighed_one(given(SQUAT), found, (doubt,), known_of(found, [stood]), 5)
+    ratio = known(stood, squatted) / known(stood)
     assert one.refused == ()
-    (doubt,) = one.doubts
-    assert one.after(doubt) == pytest.approx(half_width(stood, squatted), rel=0.1)
+    assert one.after(doubt) == pytest.approx(np.hypot(left, ratio * np.sqrt(0.2**2 - left**2)), rel=0.1)
 
 
 def a_recording(left: float = 0.4, refused: Sequence[str] = (), name: str = "squat") -> Recording:
@@ -172,6 +180,7 @@ def test_a_fifth_narrower_is_worth_running(left: float, refused: tuple[str, ...]
 def menu_of(monkeypatch: pytest.MonkeyPatch, made: Sequence[Recording], refused: Sequence[str] = ()) -> Menu:
     """The menu of these recordings, of which the gate refuses some."""
     by_name = {r.candidate.name: r for r in made}
+    monkeypatch.setattr(weighing, "known_of", lambda *_: {})
     monkeypatch.setattr(weighing, "menu_of", lambda *_: [r.candidate for r in made])
     monkeypatch.setattr(weighing, "weighed_one", lambda c, *_: by_name[c.name])
     monkeypatch.setattr(
@@ -257,8 +266,8 @@ def test_the_menu_is_of_what_is_there_and_in_doubt() -> None:
     assert {c.name for c in candidates(None, (), (HEAT,))} == {"standing", "squat", "warm_up"}
 
 
-def test_weak_knees_have_knees_swept() -> None:
-    names = [c.name for c in weighing.menu_of(diagnosed(), doubts_of(weak_knees(), LIBRARY))]
+def test_dragging_have_knees_swept() -> None:
+    names = [c.name for c in weighing.menu_of(diagnosed(), doubts_of(dragging(), LIBRARY))]
     assert names == ["standing", "squat", "sweep_fl_kn", "sweep_fr_kn", "sweep_hl_kn"]
 
 
@@ -301,7 +310,7 @@ def test_what_a_log_holds_is_as_fast_in_every_direction_and_changes_as_much(squa
 def test_standing_recordings_are_held_by_their_own_kind(stood: Run, squatted: Run) -> None:
     assert is_held(squatted, [try_on(SQUAT, [RobotModel()], None, 7)[0]])
     assert not is_held(squatted, [stood])
-    assert not is_held(try_on(SQUAT.model_copy(update={"depth_m": 0.1}), [WEAK], None, 3)[0], [squatted])
+    assert not is_held(try_on(SQUAT.model_copy(update={"depth_m": 0.15}), [DRAGGING], None, 3)[0], [squatted])
 
 
 def test_what_the_logs_hold_is_never_refused(squatted: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -311,10 +320,10 @@ def test_what_the_logs_hold_is_never_refused(squatted: Run, monkeypatch: pytest.
     monkeypatch.setattr(weighing, "refusals", refuse)
     found = diagnosed(squatted, half=0.01)
     for candidate, refused in ((given(SQUAT), ()), (candidates(None, ())[0], refuse(()))):
-        one = weighed_one(candidate, found, (), 0)
+        one = weighed_one(candidate, found, (), {}, 0)
         assert one.refused == refused
         assert one.is_held is not bool(refused)
-    assert through_gate(weighed_one(given(SQUAT), found, (), 0), found, 0).refused == ()
+    assert through_gate(weighed_one(given(SQUAT), found, (), {}, 0), found, 0).refused == ()
 
 
 # Files ---------------------------------------------------------------------------------------------------------------
@@ -351,7 +360,7 @@ def walk_file(folder: Path, duration_s: float, speed_m_s: float) -> Path:
 def test_what_no_robot_can_do_is_refused_with_the_reason(tmp_path: Path) -> None:
     """The set-point swings by 0.6 rad at up to 5 Hz: 0.6 · 2π · 5 = 18.8 rad/s. The policy walks at 1.7 m/s at most."""
     swing = {"kind": "sweep", "duration_s": 10.0, "joint": "fl_kn", "amplitude_rad": 0.6, "end_hz": 5.0}
-    found = diagnosed()._replace(policy=load_policy(WALK))
+    found = diagnosed()._replace(policy=load_policy(WALK), verdict=dragging(0.01))
     for file, told in (
         (write(tmp_path / "swing.yaml", **JOINT, **swing), "fl_kn"),
         (walk_file(tmp_path, 5.0, 9.0), "(m/s), ω_z (rad/s) from -0.8, -0.5, -1 to 1.7, 0.5, 1"),
