@@ -44,9 +44,8 @@ from withheld.simulator.simulation import RealityDivergedError
 WAYS: Final = ("best", "random")
 
 
-def robot(given: tuple[int, int, str, Path]) -> str:
+def robot(seed: int, number: int, catalogue: str, out: Path) -> str:
     """One robot, unless it is done; a line to print."""
-    seed, number, catalogue, out = given
     file = out / f"{number:04d}.json"
     if not file.exists():
         case = draw(seed, number, source_of(catalogue), FOLDER)
