@@ -26,7 +26,7 @@ from diagnosis.document import Verdict, load_verdict
 from diagnosis.next.candidates import Motion
 from diagnosis.next.doubts import Key, doubts_of
 from diagnosis.next.files import opened
-from diagnosis.next.menu import known_of, menu_of, weighed_one
+from diagnosis.next.menu import board_of, menu_of, weighed_one
 from diagnosis.session import Inputs, Progress, run_session
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
@@ -82,8 +82,8 @@ def tried(case: Case, reality: ComposedReality, work: Path) -> dict[str, Any]:
     row: dict[str, Any] = {"before": _state(found.verdict, case, reality.truth, work / "walk found")}
     if not doubts:
         return row
-    before = known_of(found, found.runs)
-    weighed = [weighed_one(c, found, doubts, before, case.diagnosis_seed) for c in menu_of(found, doubts)]
+    board = board_of(found, found.runs)
+    weighed = [weighed_one(c, found, doubts, board, case.diagnosis_seed) for c in menu_of(found, doubts)]
     safe = sorted((r for r in weighed if not r.refused), key=lambda r: -r.gain)
     rest = safe[1:]
     other = rest[int(np.random.default_rng(case.diagnosis_seed).integers(len(rest)))]
@@ -92,20 +92,23 @@ def tried(case: Case, reality: ComposedReality, work: Path) -> dict[str, Any]:
         row[way] = {
             "recording": chosen.candidate.name,
             "is_worth": chosen.is_worth,
-            "expected": {"/".join(d.key): chosen.after(d) for d in doubts},
+            "expected": {"/".join(key): half for key, half in chosen.after.items()},
             **_state(load_verdict(place / "verdict.json"), case, reality.truth, place),
         }
-    row["doubts"] = ["/".join(d.key) for d in doubts if d.key[1]]
+    row["doubts"] = ["/".join(d.key) for d in doubts]
     return row
 
 
 def _state(verdict: Verdict, case: Case, truth: Truth, place: Path) -> dict[str, Any]:
     """All numbers of a verdict, each with half-width, published spread and error, and whether the verdict is right."""
     said: dict[Key, tuple[float, float]] = {
-        (n.effect, n.parameter, n.where): (n.value, 0.5 * (n.high - n.low)) for n in verdict.calibration.numbers
+        (n.effect, n.parameter, n.where): (n.value, max(n.high - n.value, n.value - n.low))
+        for n in verdict.calibration.numbers
     }
     for d in verdict.differences:
-        said |= {(d.name, name, ""): (p.value, 0.5 * (p.high - p.low)) for name, p in d.parameters.items()}
+        said |= {
+            (d.name, name, ""): (p.value, max(p.high - p.value, p.value - p.low)) for name, p in d.parameters.items()
+        }
     true = {name: value for fault in truth.faults for name, value in fault.parameters.items()}
     numbers = {}
     for (effect, parameter, where), (value, half) in said.items():

@@ -1,7 +1,7 @@
-"""What is in doubt after a diagnosis, and how much of it a recording leaves: its columns beside those of the logs.
+"""What is in doubt after a diagnosis, and what logs tell of it.
 
-A simulated run of the recording is laid out beside the logs as a diagnosis does it. What all of it tells of each number
-beside the ordinary errors is linear and Gaussian; formulas leave a part of each interval, whatever is recorded.
+What logs tell of each number beside the ordinary errors, and beside the effects that could be there in its place, is
+linear and Gaussian; formulas leave a part of each interval, whatever is recorded.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from diagnosis.decision_constants import FORMULA_ERROR, PARAMETER_SPREAD
+from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.document import CalibratedNumber, Number, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.report import words
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Placed, Scorer, spreads
 from diagnosis.verdict.calibration import NEVER_MET, Z_90, calibrated_numbers
-from diagnosis.verdict.posterior_file import Posterior, Term
+from diagnosis.verdict.posterior_file import Posterior
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.joints import select_joints
 
@@ -28,54 +28,68 @@ WORTH: Final = 0.2
 SURE: Final = 0.9
 """What is so probable, or so improbable, is in no doubt."""
 Key = tuple[str, str, str]
-"""Effect, parameter and place of a number; of the question which effect it is, the effect alone."""
+"""Effect, parameter and place of a number; of a difference no place."""
 
 
 class Doubt(NamedTuple):
-    """A number with the half-width of its 90 % interval, or the question which effect it is."""
+    """A number with the half-width of its 90 % interval."""
 
     key: Key
     title: str
+    unit: str
     now: float
-    """Half-width; of the question, the probability that it is another effect."""
-    unit: str = ""
-    left: float = 0.0
-    """The part of the half-width that formulas leave, whatever is recorded."""
+    """Half-width."""
+    left: float
+    """The part of it that formulas leave, whatever is recorded."""
 
-    def told(self, size: float) -> str:
-        """A half-width or a probability in words."""
-        return f"± {words.number(size, self.unit)}" if self.key[1] else words.percent(size)
+    def told(self, half: float) -> str:
+        """A half-width in words."""
+        return f"± {words.number(half, self.unit)}"
 
-    def after(self, before: float, then: float) -> float:
-        """What is expected of it where :func:`known` tells ``before`` of the logs and ``then`` of all."""
-        if not self.key[1]:
-            return then
-        return float(np.hypot(self.left, np.sqrt(max(self.now**2 - self.left**2, 0.0)) * then / before))
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a recording that leaves nothing but what formulas leave would be worth it."""
-        return self.left < (1.0 - WORTH) * self.now
+    def after(self, ratio: float) -> float:
+        """The half-width where what logs tell scatters by so many times what it did."""
+        return float(np.hypot(self.left, np.sqrt(max(self.now**2 - self.left**2, 0.0)) * ratio))
 
 
 def doubts_of(verdict: Verdict, library: Mapping[str, LibraryEffect]) -> tuple[Doubt, ...]:
-    """What a recording could narrow: differences, their rivals, and numbers of the robot's own that may stand out."""
+    """Numbers that a recording could narrow: of differences, and the robot's own that may stand out."""
     found, named = [], {d.name for d in verdict.differences}
     for d in verdict.differences:
-        where = f" at {words.joints_in_short(d.joints)}" if d.joints else ""
         null = {p.name: p.null for p in library[d.name].effect.parameters()}
-        if len(d.group) > 1:
-            another = 1.0 - d.rivals[d.name] / sum(d.rivals.values())
-            found.append(Doubt((d.name, "", ""), f"another effect than {d.title}{where}", another))
         for name, p in d.parameters.items():
             zero = null[name] if abs(null.get(name, np.inf)) < NEVER_MET else 0.0
-            title = f"{d.title}{where}: {words.parameter(name)}"
-            found.append(Doubt((d.name, name, ""), title, _half(p), p.unit, _left(p.value - zero)))
+            title = f"{words.found(d)}: {words.parameter(name)}"
+            found.append(Doubt((d.name, name, ""), title, p.unit, _half(p), _left(p.value - zero)))
     for n in verdict.calibration.numbers:
         if n.effect not in named and 1.0 - SURE < n.probability < SURE:
             title = f"{n.title}, {words.place(n.where)}"
-            found.append(Doubt(_key(n), title, _half(n), n.unit, _left(n.value - n.nominal)))
-    return tuple(doubt for doubt in found if doubt.is_open)
+            found.append(Doubt(_key(n), title, n.unit, _half(n), _left(n.value - n.nominal)))
+    return tuple(d for d in found if d.after(0.0) < (1.0 - WORTH) * d.now)
+
+
+def known(
+    board: Evidence, verdict: Verdict, posterior: Posterior, nominal: RobotModel, library: Mapping[str, LibraryEffect]
+) -> dict[Key, float]:
+    """By how much what logs tell of each number scatters; ``board`` is theirs, all else is of the diagnosis."""
+    terms: dict[tuple[str, tuple[str, ...]], Placed] = {}
+    for p in sorted(posterior.possibilities, key=lambda p: -p.weight):
+        for t in p.terms:
+            units = board.robot.units(library[t.effect].location)
+            place = (units @ select_joints(t.joints) > 0.5).astype(np.float64)
+            terms.setdefault((t.effect, t.joints), Placed(library[t.effect], t.shape, place))
+    stated = [t for (effect, _), t in terms.items() if effect in {d.name for d in verdict.differences}]
+    found = {
+        _key(n): float(np.sqrt(max(_half(n) ** 2 - _left(n.value - n.nominal) ** 2, 0.0)))
+        for n in calibrated_numbers(board, Scorer(board, stated).now, nominal)
+    }
+    # The first term of an effect is its strongest. A number in its shape goes with the effect as a whole.
+    scatter, first = spreads(Scorer(board, list(terms.values()))), 0
+    for effect, _ in terms:
+        names = [c.name for c in library[effect].coefficients]
+        for p in library[effect].effect.parameters():
+            found.setdefault((effect, p.name, ""), scatter[first + (names.index(p.name) if p.name in names else 0)])
+        first += len(names)
+    return found
 
 
 def _half(n: Number | CalibratedNumber) -> float:
@@ -89,46 +103,3 @@ def _left(size: float) -> float:
 
 def _key(n: CalibratedNumber) -> Key:
     return n.effect, n.parameter, n.where
-
-
-def known(
-    board: Evidence, verdict: Verdict, posterior: Posterior, nominal: RobotModel, library: Mapping[str, LibraryEffect]
-) -> dict[Key, float]:
-    """What logs tell of all numbers, in multiples of a standard deviation, and of each group that it is another effect.
-
-    ``board`` is of the logs, with or without a simulated run beside; all else is of the diagnosis.
-    """
-
-    def placed(t: Term) -> Placed:
-        units = board.robot.units(library[t.effect].location)
-        return Placed(library[t.effect], t.shape, (units @ select_joints(t.joints) > 0.5).astype(np.float64))
-
-    sets = {frozenset(t.effect for t in p.terms): [placed(t) for t in p.terms] for p in posterior.possibilities}
-    stated = frozenset(d.name for d in verdict.differences)
-    terms = sets.get(stated, [])
-    scorer = Scorer(board, terms)
-    found = {
-        _key(n): float(np.sqrt(max(_half(n) ** 2 - _left(n.value - n.nominal) ** 2, 0.0)))
-        for n in calibrated_numbers(board, scorer.now, nominal)
-    }
-    names = [(t.effect.name, c.name) for t in terms for c in t.effect.coefficients]
-    by_name = dict(zip(reversed(names), reversed(spreads(scorer)), strict=True))
-    for d in verdict.differences if terms else ():
-        mine = next(t for t in terms if t.effect.name == d.name)
-        size = by_name[d.name, mine.effect.coefficients[0].name]
-        found |= {(d.name, name, ""): float(by_name.get((d.name, name), size)) for name in d.parameters}
-        beside = Scorer(board, [t for t in terms if t is not mine])
-        # As a verdict weighs rivals. What is recorded may move their shapes.
-        own, odds = _best(beside, mine), 0.0
-        for rival in (sets.get(stated - {d.name} | {name}) for name in d.group if name != d.name):
-            if rival:
-                less = own - _best(Scorer(board, rival[:-1]), rival[-1])
-                odds += float(np.exp(-max(less, 0.0) / (1.0 + FORMULA_ERROR * max(own - beside.now.value, 0.0))))
-        found[d.name, "", ""] = odds / (1.0 + odds)
-    return found
-
-
-def _best(beside: Scorer, own: Placed) -> float:
-    """Value of an effect in the best of the shapes near its own."""
-    shapes = (own.shape, *own.effect.refined(own.shape))
-    return max(beside.scored(own.effect, shape, own.place).value for shape in shapes)

@@ -125,7 +125,7 @@ def _written(menu: Menu, inputs: Inputs, part: Path, place: Path) -> list[str]:
     recordings = [
         {name: getattr(r.candidate, name) for name in ("name", "title", "robot_s", "needs")}
         | {name: getattr(r, name) for name in ("loads", "refused", "is_held", "gain")}
-        | {"numbers": [{"title": d.title, "unit": d.unit, "now": d.now, "expected": r.after(d)} for d in r.doubts]}
+        | {"numbers": [{"title": d.title, "unit": d.unit, "now": d.now, "expected": r.after[d.key]} for d in r.doubts]}
         for r in menu.recordings
     ]
     best = None if menu.best is None else menu.best.candidate.name
@@ -140,7 +140,5 @@ def _lines(menu: Menu) -> list[str]:
     if menu.best is None:
         return [f"nothing worth running: {menu.nothing}"]
     best, own = menu.best, menu.best.candidate
-    numbers = [f"  {d.title}: {d.told(d.now)} now, {d.told(best.after(d))} expected" for d in best.ranked]
-    cost = f"  {own.robot_s:.0f} s of robot time; needs {own.needs}; loads {best.loads}"
     refused = [f"refused: {r.candidate.name}: {reason}" for r in menu.recordings for reason in r.refused]
-    return [f"run this next: {own.name}, {own.title}", *numbers, cost, *refused]
+    return [f"run this next: {own.name}, {own.title}", *(f"  {told}" for told in (*best.told, best.cost)), *refused]

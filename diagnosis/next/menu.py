@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from diagnosis.next.candidates import Candidate, Motion, candidates, given
 from diagnosis.next.doubts import WORTH, Doubt, Key, doubts_of, known
 from diagnosis.next.trial import burden, is_held, refusals, try_on, wide_robots
 from diagnosis.report import words
+from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.verdict.explanation import evidence_of
 from diagnosis.verdict.posterior_file import Posterior
@@ -40,42 +41,45 @@ class Diagnosed(NamedTuple):
     """For walks; without it only the standing robot is recorded."""
 
 
-@dataclass(frozen=True)
-class Recording:
+class Recording(NamedTuple):
     """A recording with what it would leave in doubt."""
 
     candidate: Candidate
     doubts: tuple[Doubt, ...]
-    left: Mapping[Key, float] = field(default_factory=dict)
-    """By doubt; what the recording does not touch is not in it."""
+    """What it lowers most first."""
+    after: Mapping[Key, float]
+    """Expected half-widths by number."""
     loads: str = ""
     refused: tuple[str, ...] = ()
     """Why it must not be run; empty where nothing was found against it."""
     is_held: bool = False
     """Whether the logs hold it already."""
 
-    def after(self, doubt: Doubt) -> float:
-        """What is expected of a doubt after it."""
-        return self.left.get(doubt.key, doubt.now)
-
-    def drop(self, doubt: Doubt) -> float:
-        """Share by which it lowers a doubt; below 0 where it dilutes what the logs show."""
-        return 1.0 - self.after(doubt) / doubt.now
+    @property
+    def drops(self) -> list[float]:
+        """Share by which it lowers each doubt; below 0 where it dilutes what the logs show."""
+        return [1.0 - self.after[d.key] / d.now for d in self.doubts]
 
     @property
     def gain(self) -> float:
         """Mean of these shares, by which recordings are ranked: a person's time goes with runs, not with seconds."""
-        return float(np.mean([self.drop(d) for d in self.doubts])) if self.doubts else 0.0
-
-    @property
-    def ranked(self) -> tuple[Doubt, ...]:
-        """Doubts, what it lowers most first."""
-        return tuple(sorted(self.doubts, key=lambda d: -self.drop(d)))
+        return float(np.mean(self.drops or [0.0]))
 
     @property
     def is_worth(self) -> bool:
         """Whether it should be run if it is safe, or was asked for."""
-        return not self.refused and (self.candidate.is_own or any(self.drop(d) >= WORTH for d in self.doubts))
+        return not self.refused and (self.candidate.is_own or max(self.drops, default=0.0) >= WORTH)
+
+    @property
+    def told(self) -> list[str]:
+        """What it does to each doubt, in words."""
+        return [f"{d.title}: {d.told(d.now)} now, {d.told(self.after[d.key])} expected" for d in self.doubts]
+
+    @property
+    def cost(self) -> str:
+        """What it costs, in words."""
+        held = "; the logs hold it already" if self.is_held else ""
+        return f"{self.candidate.robot_s:.0f} s of robot time; needs {self.candidate.needs}; loads {self.loads}{held}"
 
 
 class Menu(NamedTuple):
@@ -93,16 +97,14 @@ def weighed(found: Diagnosed, seed: int, tell: Callable[[float], None], own: Mot
     if not doubts and own is None:
         return Menu(None, (), _settled(found.verdict))
     kinds = menu_of(found, doubts) if own is None else (given(own),)
-    before: Mapping[Key, float] = known_of(found, found.runs) if doubts else {}
-    made = []
+    board, made, best = board_of(found, found.runs), [], None
     for number, candidate in enumerate(kinds, start=1):
-        made.append(weighed_one(candidate, found, doubts, before, seed))
+        made.append(weighed_one(candidate, found, doubts, board, seed))
         tell(0.7 * number / len(kinds))
     made.sort(key=lambda r: (bool(r.refused), not r.is_worth, -r.gain))
-    best = None
     for at, one in enumerate(made):
         if best is None and one.is_worth:
-            made[at] = through_gate(one, found, seed)
+            made[at] = through_gate(one, found, board, seed)
             best = None if made[at].refused else made[at]
     tell(1.0)
     return Menu(best, tuple(made), "" if best is not None else _little(made))
@@ -117,43 +119,45 @@ def menu_of(found: Diagnosed, doubts: Sequence[Doubt]) -> tuple[Candidate, ...]:
     return candidates(found.policy and found.policy.contract, [*dict.fromkeys(joints)], effects)
 
 
-def known_of(found: Diagnosed, runs: Sequence[Run]) -> Mapping[Key, float]:
-    """What runs tell, by number."""
+def board_of(found: Diagnosed, runs: Sequence[Run]) -> Evidence:
+    """Runs laid out as a diagnosis does it."""
     with one_thread():
-        *_, board = evidence_of(runs, found.nominal, found.policy, found.library)
-        return known(board, found.verdict, found.posterior, found.nominal, found.library)
+        return evidence_of(runs, found.nominal, found.policy, found.library)[-1]
 
 
 def weighed_one(
-    candidate: Candidate, found: Diagnosed, doubts: tuple[Doubt, ...], before: Mapping[Key, float], seed: int
+    candidate: Candidate, found: Diagnosed, doubts: tuple[Doubt, ...], board: Evidence, seed: int
 ) -> Recording:
-    """What one recording leaves in doubt, from a run of the corrected model beside the logs, which tell ``before``."""
-    made = Recording(candidate, doubts)
+    """What one recording leaves in doubt, from a run of the corrected model beside the logs, which ``board`` is of."""
+    after = {d.key: d.now for d in doubts}
     try:
         (run,) = _tried(candidate, found.robots[:1], found, seed)
     except BadInputError as error:
-        return replace(made, refused=(str(error),))
+        return Recording(candidate, doubts, after, refused=(str(error),))
     held = is_held(run, found.runs)
-    made = replace(made, loads=burden([run]), refused=() if held else refusals([run]), is_held=held)
-    if not doubts or made.refused:
-        return made
-    if not any(np.isfinite(log.states.load_nm).any() for log in found.runs):
-        # The next log will have no loads either.
-        run = replace(run, states=replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan)))
-    then = known_of(found, (*found.runs, run))
-    return replace(
-        made, left={d.key: d.after(before[d.key], then[d.key]) for d in doubts if before.get(d.key) and d.key in then}
-    )
+    refused = () if held else refusals([run])
+    loads = burden([run])
+    if doubts and not refused:
+        if not any(np.isfinite(log.states.load_nm).any() for log in found.runs):
+            # The next log will have no loads either.
+            run = replace(run, states=replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan)))
+        before, then = (scatter_of(found, b) for b in (board, board_of(found, (*found.runs, run))))
+        after |= {d.key: d.after(then[d.key] / before[d.key]) for d in doubts if d.key in then and before.get(d.key)}
+    return Recording(candidate, tuple(sorted(doubts, key=lambda d: after[d.key] / d.now)), after, loads, refused, held)
 
 
-def through_gate(one: Recording, found: Diagnosed, seed: int) -> Recording:
+def scatter_of(found: Diagnosed, board: Evidence) -> Mapping[Key, float]:
+    """By how much what a board tells of each number scatters."""
+    with one_thread():
+        return known(board, found.verdict, found.posterior, found.nominal, found.library)
+
+
+def through_gate(one: Recording, found: Diagnosed, board: Evidence, seed: int) -> Recording:
     """The recording, refused if one of the robots with wide errors does not bear it, unless the logs hold it."""
     if one.is_held:
         return one
-    with one_thread():
-        *_, board = evidence_of(found.runs, found.nominal, found.policy, found.library)
     runs = _tried(one.candidate, wide_robots(found.robots, board, np.random.default_rng(seed)), found, seed)
-    return replace(one, refused=refusals(runs), loads=burden(runs))
+    return one._replace(refused=refusals(runs), loads=burden(runs))
 
 
 def _tried(candidate: Candidate, models: Sequence[RobotModel], found: Diagnosed, seed: int) -> tuple[Run, ...]:
@@ -163,20 +167,21 @@ def _tried(candidate: Candidate, models: Sequence[RobotModel], found: Diagnosed,
 def _little(made: Sequence[Recording]) -> str:
     """Why nothing that was weighed is worth running."""
     refused = [f"{r.candidate.name} is refused: {r.refused[0]}" for r in made if r.refused]
-    pairs = [(r, d) for r in made for d in r.doubts if not r.refused]
-    if not pairs:
-        return words.sentence("; ".join(refused))
-    best, doubt = max(pairs, key=lambda pair: pair[0].drop(pair[1]))
-    told = f"{best.candidate.name}: {doubt.title} {doubt.told(best.after(doubt))} instead of {doubt.told(doubt.now)}"
-    least = f"{words.percent(WORTH)} less is the least that is worth a recording"
-    return words.sentence("; ".join([f"most is expected of {told}. {least}", *refused]))
+    safe = [r for r in made if r.doubts and not r.refused]
+    if safe:
+        best = max(safe, key=lambda r: max(r.drops))
+        least = f"{words.percent(WORTH)} less is the least that is worth a recording"
+        refused.insert(0, f"most is expected of {best.candidate.name}. {words.sentence(best.told[0])} {least}")
+    return words.sentence("; ".join(refused))
 
 
 def _settled(verdict: Verdict) -> str:
     """Why nothing is in doubt that a recording could narrow."""
+    split = next((d.split.text for d in verdict.differences if d.split is not None), "")
     if verdict.status == "cannot_tell":
         return " ".join(["These logs show too little to weigh a recording.", *verdict.log_advice[:1]])
-    if verdict.probability_unknown > NAMED:
+    if verdict.probability_unknown > NAMED and not split:
         told = f"With {words.percent(verdict.probability_unknown)} an effect is there that the library lacks"
         return f"{told}: it has no formula by which a recording could be weighed. Look at the robot."
-    return "No number is in doubt: what is left of the intervals is what formulas are usually wrong by."
+    told = "No number is in doubt: what is left of the intervals is what formulas are usually wrong by."
+    return f"{told} To tell which effect it is: {split}" if split else told
