@@ -56,7 +56,9 @@ def robot(seed: int, number: int, catalogue: str, out: Path) -> str:
             except (RealityDivergedError, SpotRlError) as error:
                 told = {"problem": str(error)}
         write_over(file, json.dumps({"fault": case.requests[0].kind, **told}, indent=1))
-    return f"{number}: {file.read_text()}"
+    told = json.loads(file.read_text())
+    ways = ", ".join(f"{way} {told[way]['recording']}" for way in WAYS if way in told)
+    return f"{number}, {told['fault']}: {told.get('problem') or ways or 'nothing is in doubt'}"
 
 
 def tried(case: Case, reality: ComposedReality, work: Path) -> dict[str, Any]:
@@ -134,27 +136,20 @@ def score(rows: Sequence[dict[str, Any]]) -> list[str]:
     whole = [r for r in rows if "before" in r]
     asked = [r for r in whole if "best" in r]
     lines = [f"{len(rows)} robots, {len(rows) - len(whole)} failed; something is in doubt on {len(asked)}"]
-    for way in ("before", *WAYS):
-        states = [r[way] for r in asked]
+    for way in ("before", *WAYS) if asked else ():
         pairs = [(r["before"]["numbers"][k], r[way]["numbers"].get(k), r, k) for r in asked for k in r["doubts"]]
         there = [(a, b, r, k) for a, b, r, k in pairs if b is not None]
-        ratio = [b["half"] / a["half"] for a, b, _, _ in there]
-        spreads = [b["half"] / b["spread"] for _, b, _, _ in there if b["spread"]]
-        errors = [(b["error"], b["half"]) for _, b, _, _ in there if b["error"] is not None]
-        right = [s["right"] for s in states if s["right"] is not None]
-        lines.append(
-            f"{way}: verdict right {sum(right)} of {len(right)}; {len(there)} of {len(pairs)} numbers stated again"
-        )
-        if there:
-            lines.append(f"  half-width over the first one, median {np.median(ratio):.2f}")
-        if there and way != "before":
-            expected = [r[way]["expected"][k] / a["half"] for a, _, r, k in there]
-            lines.append(f"  as expected, median {np.median(expected):.2f}")
-        if spreads:
-            lines.append(f"  half-width in published spreads, median {np.median(spreads):.2f}")
-        if errors:
-            within = sum(error <= half for error, half in errors)
-            lines.append(f"  truth within the interval: {within} of {len(errors)}")
+        right = [r[way]["right"] for r in asked if r[way]["right"] is not None]
+        lines.append(f"{way}: verdict right {sum(right)} of {len(right)}; {len(there)} of {len(pairs)} numbers stated")
+        figures = {
+            "half-width over that before": [b["half"] / a["half"] for a, b, _, _ in there],
+            "as expected": [r[way]["expected"][k] / a["half"] for a, _, r, k in there] if way in WAYS else [],
+            "half-width in published spreads": [b["half"] / b["spread"] for _, b, _, _ in there if b["spread"]],
+            "error over half-width": [b["error"] / b["half"] for _, b, _, _ in there if b["error"] is not None],
+        }
+        lines += [
+            f"  {name}, median {np.median(found):.2f} of {len(found)}" for name, found in figures.items() if found
+        ]
     return lines
 
 

@@ -27,9 +27,9 @@ def next_experiment(diagnosis: AnyPath, *, policy: AnyPath | Policy | None = Non
         seed: Random seed.
 
     Returns:
-        ``page`` (path of next.html), ``best`` (name of the recording that is worth running; null where none is),
-        ``nothing`` (why none is), ``commands`` (run it, and diagnose again) and ``recordings``, the most telling first.
-        Each has its ``name``, ``robot_s``, ``needs``, ``loads``, and the reasons against it in ``refused``. ``numbers``
+        ``page`` (path of next.html) and ``best``, the name of the recording that is worth running; None where none is.
+        ``nothing`` says why none is, ``commands`` run it and diagnose again. ``recordings`` begin with the most
+        telling. Each has its ``name``, ``robot_s``, ``needs``, ``loads``, and the reasons against it in ``refused``. ``numbers``
         has what is in doubt: half-widths of 90 % intervals ``now`` and as ``expected`` after the recording.
 
     Raises:

@@ -86,8 +86,9 @@ def known(
     scatter, first = spreads(Scorer(board, list(terms.values()))), 0
     for effect, _ in terms:
         names = [c.name for c in library[effect].coefficients]
-        for p in library[effect].effect.parameters():
-            found.setdefault((effect, p.name, ""), scatter[first + (names.index(p.name) if p.name in names else 0)])
+        for own in library[effect].effect.parameters():
+            at = first + (names.index(own.name) if own.name in names else 0)
+            found.setdefault((effect, own.name, ""), float(scatter[at]))
         first += len(names)
     return found
 

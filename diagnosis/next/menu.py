@@ -116,7 +116,8 @@ def menu_of(found: Diagnosed, doubts: Sequence[Doubt]) -> tuple[Candidate, ...]:
     places += [tuple(j for j in JOINT_NAMES if j.endswith(d.key[2])) for d in doubts if d.key[2]]
     joints = [joint for place in sorted(places, key=len) for joint in place] or JOINT_NAMES
     effects = {t.effect for p in found.posterior.possibilities for t in p.terms}
-    return candidates(found.policy and found.policy.contract, [*dict.fromkeys(joints)], effects)
+    contract = None if found.policy is None else found.policy.contract
+    return candidates(contract, [*dict.fromkeys(joints)], effects)
 
 
 def board_of(found: Diagnosed, runs: Sequence[Run]) -> Evidence:
