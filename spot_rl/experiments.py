@@ -29,8 +29,8 @@ def next_experiment(diagnosis: AnyPath, *, policy: AnyPath | Policy | None = Non
     Returns:
         ``page`` (path of next.html) and ``best``, the name of the recording that is worth running; None where none is.
         ``nothing`` says why none is, ``commands`` run it and diagnose again. ``recordings`` begin with the most
-        telling. Each has its ``name``, ``robot_s``, ``needs``, ``loads``, and the reasons against it in ``refused``. ``numbers``
-        has what is in doubt: half-widths of 90 % intervals ``now`` and as ``expected`` after the recording.
+        telling. Each has its ``name``, ``robot_s``, ``needs``, ``loads``, and the reasons against it in ``refused``.
+        ``numbers`` has what is in doubt: half-widths of 90 % intervals ``now`` and as ``expected`` afterwards.
 
     Raises:
         SpotRlError: The folder holds no diagnosis, or the policy is not valid.
