@@ -16,7 +16,7 @@ from diagnosis.document import CalibratedNumber, Number, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.report import words
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.scoring import Placed, Scorer, spreads
+from diagnosis.selection.scoring import Placed, Scorer, ranges
 from diagnosis.verdict.calibration import NEVER_MET, Z_90, calibrated_numbers
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.io.model_file import RobotModel
@@ -82,8 +82,14 @@ def known(
         _key(n): float(np.sqrt(max(_half(n) ** 2 - _left(n.value - n.nominal) ** 2, 0.0)))
         for n in calibrated_numbers(board, Scorer(board, stated).now, nominal)
     }
+    if not terms:
+        return found
+    scorer, some = Scorer(board, list(terms.values())), next(iter(terms.values()))
+    held = ranges([t.effect for t in scorer.terms]) ** -2
+    # Whatever the bounds: a number that is fitted at one of them is not known.
+    information = scorer.information(some.effect, some.shape, scorer.weights)[0][: len(held), : len(held)]
+    scatter, first = np.sqrt(np.diag(np.linalg.pinv(information + np.diag(held), hermitian=True))), 0
     # The first term of an effect is its strongest. A number in its shape goes with the effect as a whole.
-    scatter, first = spreads(Scorer(board, list(terms.values()))), 0
     for effect, _ in terms:
         names = [c.name for c in library[effect].coefficients]
         for own in library[effect].effect.parameters():

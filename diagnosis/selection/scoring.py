@@ -373,18 +373,6 @@ def _spread(place: Array, size: int) -> Array:
     return np.asarray((place[:, None, None] * np.eye(size)).reshape(-1, size))
 
 
-def spreads(scorer: Scorer) -> Array:
-    """Standard deviations of the coefficients of the scorer's terms beside the ordinary errors, whatever their bounds.
-
-    End to end; of one without freedom, whose size is in its shape, as a share of that size.
-    """
-    factor, _, gram, mixed, _ = scorer._weighted(scorer.weights)
-    held = np.diag(ranges([t.effect for t in scorer.terms]) ** -2)
-    return np.asarray(
-        np.sqrt(np.diag(np.linalg.pinv(gram - mixed @ cho_solve(factor, mixed.T) + held, hermitian=True)))
-    )
-
-
 def likeness(scorer: Scorer, names: Sequence[str]) -> Array:
     """By pair of effects of the scorer's terms, the share of what the first explains that the second could explain.
 

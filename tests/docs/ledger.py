@@ -147,6 +147,8 @@ NOT_RUN = {
     "pip install -c requirements.lock .fake": WHEEL,
     "spot-rl diagnose next gap --policy mine.onnx": MINUTES,
     "spot-rl diagnose next OUT": MINUTES,
+    "spot-rl diagnose next OUT_2": MINUTES,
+    "spot-rl evaluate POLICY --model OUT/corrected_model.yaml": "takes minutes; tests/trainer runs evaluations of models",
     "spot-rl diagnose LOGS --history HISTORY --nominal paper_identified": HISTORY,
     "spot-rl diagnose LOGS --history HISTORY": HISTORY,
     "spot-rl --install-completion": "changes the shell of whoever calls it; completion itself is tested",
