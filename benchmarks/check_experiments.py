@@ -16,7 +16,7 @@ import numpy as np
 
 from diagnosis.library.registry import LIBRARY
 from diagnosis.next.candidates import HEAT, candidates
-from diagnosis.next.trial import STAND_S, burden, refusals, try_on, wide_robots
+from diagnosis.next.trial import burden, refusals, settled, try_on, wide_robots
 from diagnosis.verdict.explanation import evidence_of
 from spot_log.read.run import Run
 from spot_model.effects.friction import Armature
@@ -31,9 +31,7 @@ SUSPECTS = ("fl_kn", "hr_hy", "hl_hx")
 
 def lean_deg(run: Run) -> float:
     """Largest tilt of a robot, degrees."""
-    s = run.states
-    rows = s.robot_stamp_ns >= s.robot_stamp_ns[0] + round(0.5 * STAND_S * 1e9)
-    return float(np.degrees(tilt_rad(s.odom_from_body_wxyz[rows])).max())
+    return float(np.degrees(tilt_rad(settled(run).odom_from_body_wxyz)).max())
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -16,7 +16,7 @@ from diagnosis.next.candidates import Motion
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.robot_models import with_errors
 from spot_log.format.events import FOLLOWING_MODE
-from spot_log.read.run import Run
+from spot_log.read.run import Run, StateTable
 from spot_model.effects.side_by_side import compact, side_by_side
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
@@ -103,12 +103,16 @@ def refusals(runs: Sequence[Run]) -> tuple[str, ...]:
     )
 
 
+def settled(run: Run) -> StateTable:
+    """States of a simulated robot once it has come down on its feet."""
+    s = run.states
+    return s.rows(s.robot_stamp_ns >= s.robot_stamp_ns[0] + round(0.5 * STAND_S * 1e9))
+
+
 def _wrong(run: Run) -> Iterator[tuple[str, float, str]]:
     """What a run does wrong, by how much, and the joint, where it is one."""
-    s = run.states
-    rows = s.robot_stamp_ns >= s.robot_stamp_ns[0] + round(0.5 * STAND_S * 1e9)
-    position, velocity, load = s.position_rad[rows], s.velocity_rad_s[rows], s.load_nm[rows]
-    attitude = s.odom_from_body_wxyz[rows]
+    s = settled(run)
+    position, velocity, load, attitude = s.position_rad, s.velocity_rad_s, s.load_nm, s.odom_from_body_wxyz
     if not all(np.isfinite(a).all() for a in (position, velocity, load, attitude)):
         yield "break their simulation", 0.0, ""
         return
@@ -133,8 +137,9 @@ def _wrong(run: Run) -> Iterator[tuple[str, float, str]]:
 
 def burden(runs: Sequence[Run]) -> str:
     """What a recording loads on the robot, in words: the largest of all simulated robots."""
-    knee = max(float(np.abs(r.states.load_nm[:, 2::3]).max()) for r in runs)
-    speed = max(float(np.abs(r.states.velocity_rad_s).max()) for r in runs)
+    states = [settled(run) for run in runs]
+    knee = max(float(np.abs(s.load_nm[:, 2::3]).max()) for s in states)
+    speed = max(float(np.abs(s.velocity_rad_s).max()) for s in states)
     return f"knees with up to {knee:.0f} N·m, joints at up to {speed:.1f} rad/s"
 
 

@@ -21,7 +21,7 @@ from diagnosis.next.candidates import HEAT, SHIFTS, candidates, given
 from diagnosis.next.doubts import Doubt, doubts_of
 from diagnosis.next.files import _lines, _written, load_motion, opened
 from diagnosis.next.menu import Diagnosed, Menu, Recording, board_of, scatter_of, through_gate, weighed, weighed_one
-from diagnosis.next.trial import ROBOTS, is_held, refusals, try_on, wide_robots
+from diagnosis.next.trial import ROBOTS, burden, is_held, refusals, try_on, wide_robots
 from diagnosis.session import Inputs
 from diagnosis.verdict.explanation import evidence_of
 from diagnosis.verdict.posterior_file import Posterior
@@ -217,6 +217,14 @@ def test_a_recording_that_makes_a_weak_robot_collapse_is_refused_with_the_reason
     told = refusals(try_on(SQUAT, [RobotModel((TorqueGain(joints=("knees",), gain=1.0 - 1e-9),)), weak], None, 0))
     assert told
     assert told[0].startswith("1 of 2 simulated robots ")
+
+
+def test_what_a_robot_bears_as_it_comes_down_on_its_feet_is_no_load_of_the_recording(squatted: Run) -> None:
+    load = squatted.states.load_nm.copy()
+    load[0] = 300.0
+    dropped = replace(squatted, states=replace(squatted.states, load_nm=load))
+    assert burden([dropped]) == burden([squatted])
+    assert refusals([dropped]) == ()
 
 
 def test_a_refusal_names_the_joint_that_is_loaded_most(squatted: Run) -> None:
