@@ -44,7 +44,7 @@ class Doubt(NamedTuple):
 
     def told(self, half: float) -> str:
         """A half-width in words."""
-        return f"± {words.number(half, self.unit)}"
+        return f"± {words.number(half, '' if self.unit == '1' else self.unit)}"
 
     def after(self, ratio: float) -> float:
         """The half-width where what logs tell scatters by so many times what it did."""

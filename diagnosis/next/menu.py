@@ -95,7 +95,7 @@ def weighed(found: Diagnosed, seed: int, tell: Callable[[float], None], own: Mot
     """Weigh the menu, or a user's ``own`` recording; ``seed`` is of all draws, ``tell`` gets the share that is done."""
     doubts = doubts_of(found.verdict, found.library)
     if not doubts and own is None:
-        return Menu(None, (), _settled(found.verdict))
+        return Menu(None, (), _settled(found.verdict) + _split(found.verdict))
     kinds = menu_of(found, doubts) if own is None else (given(own),)
     board, made, best = board_of(found, found.runs), [], None
     for number, candidate in enumerate(kinds, start=1):
@@ -107,7 +107,7 @@ def weighed(found: Diagnosed, seed: int, tell: Callable[[float], None], own: Mot
             made[at] = through_gate(one, found, board, seed)
             best = None if made[at].refused else made[at]
     tell(1.0)
-    return Menu(best, tuple(made), "" if best is not None else _little(made))
+    return Menu(best, tuple(made), "" if best is not None else _little(made) + _split(found.verdict))
 
 
 def menu_of(found: Diagnosed, doubts: Sequence[Doubt]) -> tuple[Candidate, ...]:
@@ -178,11 +178,15 @@ def _little(made: Sequence[Recording]) -> str:
 
 def _settled(verdict: Verdict) -> str:
     """Why nothing is in doubt that a recording could narrow."""
-    split = next((d.split.text for d in verdict.differences if d.split is not None), "")
     if verdict.status == "cannot_tell":
         return " ".join(["These logs show too little to weigh a recording.", *verdict.log_advice[:1]])
-    if verdict.probability_unknown > NAMED and not split:
+    if verdict.probability_unknown > NAMED:
         told = f"With {words.percent(verdict.probability_unknown)} an effect is there that the library lacks"
         return f"{told}: it has no formula by which a recording could be weighed. Look at the robot."
-    told = "No number is in doubt: what is left of the intervals is what formulas are usually wrong by."
-    return f"{told} To tell which effect it is: {split}" if split else told
+    return "No number is in doubt: what is left of the intervals is what formulas are usually wrong by."
+
+
+def _split(verdict: Verdict) -> str:
+    """What tells the members of a group apart, which no number says."""
+    told = [f" To tell apart {words.called(d)}: {d.split.text}" for d in verdict.differences if d.split is not None]
+    return "".join(told)

@@ -14,7 +14,7 @@ import yaml
 from typer.testing import CliRunner
 
 from diagnosis.command import diagnose
-from diagnosis.document import CalibratedNumber, Calibration, Difference, Number, Verdict
+from diagnosis.document import CalibratedNumber, Calibration, Difference, Number, Split, Verdict
 from diagnosis.library.registry import LIBRARY
 from diagnosis.next import menu as weighing
 from diagnosis.next.candidates import HEAT, SHIFTS, candidates, given
@@ -122,6 +122,13 @@ def test_where_all_is_settled_nothing_is_simulated(status: str, unknown: float, 
     assert told in menu.nothing
 
 
+def test_what_tells_a_group_apart_is_told_where_no_number_is_in_doubt() -> None:
+    split = Split(name="fast", text="Walk fast: friction shows.", command="spot-rl collect")
+    two = dragging(0.01, group=("viscous_friction", "torque_gain"), split=split)
+    menu = weighed(diagnosed()._replace(verdict=two), 0, lambda _: None)
+    assert menu.nothing.endswith("To tell apart viscous friction or torque gain: Walk fast: friction shows.")
+
+
 # What a recording leaves of it ---------------------------------------------------------------------------------------
 
 
@@ -149,7 +156,7 @@ def test_what_is_expected_is_what_logs_of_the_recording_tell(stood: Run, squatte
 def a_recording(left: float = 0.4, refused: Sequence[str] = (), name: str = "squat") -> Recording:
     """A squat that leaves a share of one number, and nothing less of another."""
     doubts = (
-        Doubt(("torque_gain", "gain", ""), "torque gain at all knees: gain", "", 0.1, 0.03),
+        Doubt(("torque_gain", "gain", ""), "torque gain at all knees: gain", "1", 0.1, 0.03),
         Doubt(("armature", "inertia_kg_m2", "hy"), "reflected rotor inertia, forward hips (hy)", "kg·m²", 0.02, 0.01),
     )
     own = replace(candidates(None, ())[1], motion=SQUAT.model_copy(update={"name": name}))
