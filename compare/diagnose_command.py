@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import typer
 
 from diagnosis import command
-from diagnosis.next.command import next_experiment, predict_run
+from diagnosis.next.command import next_recording
 
 if TYPE_CHECKING:
     from diagnosis.verdict.diagnose import Diagnosis
@@ -19,8 +19,7 @@ FOLDER: Final = "compare"
 
 
 diagnose = typer.Typer(cls=command.LogsOrCommand, no_args_is_help=True, help=command.__doc__)
-diagnose.command("next")(next_experiment)
-diagnose.command("predict")(predict_run)
+diagnose.command("next")(next_recording)
 
 
 @diagnose.command(command.EXPLAIN)

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from diagnosis.next.command import next_experiment, predict_run
+from diagnosis.next.command import next_recording
 from spot_model.console.command_registry import PolicyThatRan
 from spot_model.errors import BadInputError
 from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
@@ -32,8 +32,7 @@ class LogsOrCommand(TyperGroup):
 
 
 diagnose = typer.Typer(cls=LogsOrCommand, no_args_is_help=True, help=__doc__)
-diagnose.command("next")(next_experiment)
-diagnose.command("predict")(predict_run)
+diagnose.command("next")(next_recording)
 
 
 @diagnose.command(EXPLAIN)

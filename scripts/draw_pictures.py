@@ -42,8 +42,6 @@ SHOTS = {
     "compare-page": Shot("three/compare.html", 24, 800),
     # spot-rl evaluate walk --n 8 --each 4 --out evaluation
     "evaluation-page": Shot("evaluation/evaluation.html", 24, 820),
-    # spot-rl diagnose next gap
-    "next-page": Shot("gap/next/next.html", 24, 800),
     # spot-rl sysid fake-walks --policy baseline --config few.yaml --out found
     "sysid-page": Shot("found/report.html", 24, 800),
     # python examples/has_it_changed.py changed

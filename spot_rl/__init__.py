@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from compare.compare import Comparison as Comparison
     from diagnosis.document import Verdict as Verdict
-    from diagnosis.next.prediction import Prediction as Prediction
     from spot_log.read.run import Run as Run
     from spot_model.errors import SpotRlError as SpotRlError
     from spot_model.io.model_file import RobotModel as RobotModel
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from spot_rl.environment import SpotEnv as SpotEnv
     from spot_rl.environment import make_env as make_env
     from spot_rl.experiments import next_experiment as next_experiment
-    from spot_rl.experiments import predict as predict
     from spot_rl.fake_spot import FakeSpot as FakeSpot
     from spot_rl.inputs import gaits as gaits
     from spot_rl.inputs import load_model as load_model
@@ -54,8 +52,6 @@ _WHERE = {
     "diagnose": ("spot_rl.analysis", "diagnosis"),
     "Verdict": ("diagnosis.document", "diagnosis"),
     "next_experiment": ("spot_rl.experiments", "diagnosis"),
-    "predict": ("spot_rl.experiments", "diagnosis"),
-    "Prediction": ("diagnosis.next.prediction", "diagnosis"),
     "identify": ("spot_rl.learning", "sysid"),
     "ResultData": ("trainer.sysid.result", "sysid"),
     "make_env": ("spot_rl.environment", "gym"),

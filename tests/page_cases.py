@@ -17,8 +17,8 @@ from diagnosis.improve.improvement import Improvement, TakenStep
 from diagnosis.improve.judgement import figures
 from diagnosis.improve.limits import Limit
 from diagnosis.improve.page import improvement_page
-from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.rounds import Answer, Round, Story
+from diagnosis.next.menu import Menu
+from diagnosis.next.page import menu_page
 from diagnosis.report.drift import drift_of
 from diagnosis.report.history import Dated
 from diagnosis.report.history_page import history_page
@@ -27,7 +27,7 @@ from spot_log.page.page import page_html
 from spot_model.io.model_file import RobotModel
 from tests.compare.tracks import a_track
 from tests.diagnosis.report_case import a_diagnosis, calibration, consequences, runs, verdict
-from tests.diagnosis.test_next_experiment import made_design, posterior
+from tests.diagnosis.test_next_experiment import a_recording
 from tests.withheld.scoring.made_up import fault, outcome, said
 from trainer.evaluate.holds import CONDITIONS
 from trainer.evaluate.page import evaluation_page
@@ -93,17 +93,6 @@ def _improvement() -> str:
     return improvement_page(result, verdict(()), [old, new])
 
 
-def _story() -> str:
-    first = Answer(Path("found"), posterior(torque_gain=0.5, none=0.5), "explained", "A weak motor or nothing.")
-    asked = Round(
-        name="squat", title="stand, and go down and up", values="depth 0.1 m, frequency 0.6 Hz", parts="torque gain",
-        expected_bits=0.5, robot_s=20.0, outcome="completed", folder="asked/round_1", log=f"asked/{LONG}.mcap",
-        found="asked/round_1/found", before=first.odds, after={"torque gain": 0.97, "all others together": 0.03},
-        status="explained", sentence="Torque gain at fl_kn.",
-    )  # fmt: skip
-    return story_page(Story(first, [asked], "one cause is left"))
-
-
 def _comparison() -> str:
     tracks = [a_track(), a_track("corrected model", offset_rad=0.005), a_track("nominal model", offset_rad=0.05)]
     for i, track in enumerate(tracks):
@@ -159,10 +148,14 @@ PAGES: Final[dict[str, Callable[[], str]]] = {
     "diagnosis": lambda: diagnosis_page(a_diagnosis()),
     "diagnosis with warnings": _unexplained,
     "history": _history,
-    "next experiment": lambda: ranking_page(
-        made_design({LONG: 0.5, "b": 0.4, "c": 0.3}, refused=("c",)), {LONG: f"spot-rl run --experiment {LONG}/{LONG}"}
+    "next recording": lambda: menu_page(
+        Menu(
+            a_recording(),
+            (a_recording(), a_recording(1.1), a_recording(refused=("1 of 50 simulated robots tip over",))),
+        ),
+        [f"spot-rl run --experiment {LONG}/{LONG}", f"spot-rl diagnose {LONG} --out OUT_2"],
     ),
-    "experiments": _story,
+    "no recording": lambda: menu_page(Menu(None, (a_recording(0.9),), "Nothing narrows a number by 20 %."), []),
     "improvement": _improvement,
     "evaluation": lambda: evaluation_page(evaluation(), "a_policy_of_mine.onnx"),
     "comparison": _comparison,

@@ -1,1 +1,1 @@
-"""The next experiment: what to run on the robot so that one cause is left."""
+"""What to record next: a short menu, each recording with how much surer it makes the numbers that are in doubt."""

@@ -1,143 +1,51 @@
-"""The page of the next experiment: what is still possible, what is proposed; and, after runs, the story."""
+"""The page of what to record next: what to run, what it costs, and which number gets how much surer."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Final
+from collections.abc import Sequence
 
-from diagnosis.next.design import Design, Proposal
-from diagnosis.next.rounds import OTHERS, SURE, Round, Story
-from diagnosis.report.output import NAMES
-from spot_log.page.look import Html, boxed, facts, framed, headed
+from diagnosis.next.doubts import WORTH
+from diagnosis.next.menu import Menu, Recording
+from diagnosis.report import words
+from spot_log.page.look import boxed, framed, headed, table
+from spot_log.page.rows import Bar, bars
 from spot_log.page.svg import esc, legend
 
-NAMED: Final = 0.12
-"""A part of a bar that is at least so wide says its number."""
-STYLE: Final = """
-.odds { display: flex; height: 26px; border-radius: 6px; overflow: hidden; background: var(--empty); }
-.odds div { color: #fff; font-size: 13px; line-height: 26px; text-indent: 6px; white-space: nowrap; overflow: hidden; }
-.stage { margin: 12px 0 3px; } h3 + table th { width: 90px; } th { max-width: 300px; }
-"""
-SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f", "#59a14f", "#edc948", "#2f4b7c")
-GREY: Final = "#bab0ab"
 
-
-def ranking_page(design: Design, commands: Mapping[str, str]) -> str:
-    """The page of a ranking, as text; ``commands`` by the experiment's name."""
-    offered = [p for p in design.proposals if not p.refused]
-    about = (
-        "Ranked by information about the cause per second of robot time. The information is simulated on robots that "
-        "agree with the logs. An experiment without a command tells too little."
-    )
-    body = [
-        f"<section><h1>What to run next</h1><p class='lead'>{esc(_lead(design))}</p></section>",
-        boxed(
-            "Possible causes",
-            "From the logs so far. One of these is taken to be right, so the shares add up to 100 %.",
-            _moves([("", design.odds)]),
-        ),
-        boxed("Experiments", about, "".join(_offered(p, design, commands.get(p.candidate.name, "")) for p in offered)),
+def menu_page(menu: Menu, commands: Sequence[str]) -> str:
+    """The page as text; ``commands`` run the best recording, and then diagnose again."""
+    best, body = menu.best, []
+    if best is None:
+        body.append(headed("Nothing worth running", "fair", "No recording is worth its time", [menu.nothing]))
+    else:
+        lines = [words.sentence(told) for told in best.told[:2]]
+        title = f"{best.candidate.title[:1].upper()}{best.candidate.title[1:]} ({best.candidate.name})"
+        body += [
+            headed("Run this next", "good", title, lines, best.cost),
+            boxed("Run it, and diagnose all logs again", "", f"<pre>{esc(chr(10).join(commands))}</pre>"),
+            boxed(
+                "How much surer", "Half-widths of 90 % intervals, from a simulated run beside the logs.", _drawn(best)
+            ),
+        ]
+    about = f"Worth running is what narrows one number's interval by {words.percent(WORTH)} or more."
+    rows = [
+        (f"{r.candidate.name}: {r.candidate.title}", f"{r.candidate.robot_s:.0f} s", *_row(r)) for r in menu.recordings
     ]
-    refused = [(p.candidate.title, "; ".join(p.refused) + ".") for p in design.proposals if p.refused]
-    body += [boxed("Refused", "Do not run these on a robot.", facts(refused))] if refused else []
-    return framed("Next experiment", body, STYLE)
+    head = ("recording", "robot time", "narrower by, on average", "most, or why not")
+    return framed("What to record next", [*body, boxed("All that was weighed", about, table(head, rows))])
 
 
-def _offered(proposal: Proposal, design: Design, command: str) -> str:
-    rows = {
-        "information": proposal.information,
-        "separates": proposal.decides(design.causes, design.weights),
-        "settings": proposal.values,
-        "loads": proposal.burden,
-        "needs": proposal.candidate.needs,
-        "run": Html(f"<code>{esc(command)}</code>" if command else ""),
-    }
-    title = proposal.candidate.title
-    return f"<h3>{esc(title[0].upper() + title[1:])}</h3>{facts((k, v) for k, v in rows.items() if v)}"
+def _drawn(r: Recording) -> str:
+    """For each number a bar of what is in doubt now, and of what is expected."""
+    largest, drawn = max(1.0, 1.0 - min(r.drops, default=0.0)), []
+    for d in r.doubts:
+        sides = ((d.now, "var(--nominal)"), (r.after[d.key], "var(--corrected)"))
+        group = [Bar(size / d.now / largest, colour, d.told(size)) for size, colour in sides]
+        drawn.append(f"<h3>{esc(d.title)}</h3>{bars([('', '', group)], d.title, left=0, right=90)}")
+    return legend([("var(--nominal)", "now"), ("var(--corrected)", "expected after it")]) + "".join(drawn)
 
 
-def story_page(story: Story) -> str:
-    """The page of a story, as text."""
-    cause, odds = next(iter(story.odds.items()))
-    is_sure = odds >= SURE
-    stages = [("First logs", story.first.odds)]
-    stages += [
-        (f"{number}. {r.title}, {r.robot_s:.0f} s{'' if r.found else ', not diagnosed yet'}", r.after)
-        for number, r in enumerate(story.rounds, start=1)
-    ]
-    ending = f"Ended: {story.ending}." if story.ending else "Not finished."
-    n = len(story.rounds)
-    meta = f"{n} experiment{'s' if n != 1 else ''}, {story.robot_s:.0f} s of robot time. {ending}"
-    badge, kind = ("One cause is left", "good") if is_sure else ("Several causes are possible", "fair")
-    parts = [
-        headed(badge, kind, f"{cause[0].upper()}{cause[1:]}: {_percent(odds)}", [story.sentence], meta),
-        boxed(
-            "Probabilities after each experiment",
-            "From all logs until then. One of these is taken to be right, so the shares of a bar add up to 100 %.",
-            _moves(stages),
-        ),
-    ]
-    return framed("Experiments", [*parts, *map(_round, range(1, len(story.rounds) + 1), story.rounds)], STYLE)
-
-
-def _round(number: int, asked: Round) -> str:
-    moved = [
-        f"{name} {_percent(asked.before.get(name, 0.0))} → {_percent(p)}"
-        for name, p in {**dict.fromkeys(asked.before, 0.0), **asked.after}.items()
-        if abs(p - asked.before.get(name, 0.0)) >= 0.01
-    ] or ["changed by less than 1 %"]
-    bits = f"{asked.came_bits:.2f} bits of information; {asked.expected_bits:.2f} were expected"
-    rows = {
-        "experiment": asked.title + (f" ({asked.values})" if asked.values else ""),
-        "separates": asked.parts,
-        "outcome": _lines(f"{asked.outcome}, {asked.robot_s:.0f} s of robot time", Path(asked.log).name),
-        "probabilities": _lines(*moved, bits) if asked.found else "not diagnosed yet",
-        "verdict": Html(esc(asked.sentence) + _report(asked)),
-    }
-    return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", facts(rows.items()))
-
-
-def _lines(*texts: str) -> Html:
-    return Html("<br>".join(esc(text) for text in texts if text))
-
-
-def _report(asked: Round) -> str:
-    """A link to the round's diagnosis, from the story beside the rounds' folders."""
-    if not asked.found:
-        return ""
-    report = (Path(asked.found) / NAMES["report"]).relative_to(Path(asked.folder).parent)
-    return f"<br><a href='{esc(report.as_posix())}'>diagnosis of all logs so far</a>"
-
-
-def _moves(stages: Sequence[tuple[str, Mapping[str, float]]]) -> str:
-    """A bar for each stage, divided among the causes."""
-    names = dict.fromkeys(name for _, odds in stages for name in odds)
-    colours = {name: GREY if name == OTHERS else SHADES[i % len(SHADES)] for i, name in enumerate(names)}
-    bars = []
-    for label, odds in stages:
-        parts = "".join(
-            f"<div data-t='{esc(name)}: {_percent(p)}' style='background:{colours[name]};width:{100.0 * p:.1f}%'>"
-            f"{_percent(p) if p >= NAMED else ''}</div>"
-            for name, p in odds.items()
-        )
-        bars.append(f"<p class='note stage'>{esc(label)}</p><div class='odds'>{parts}</div>")
-    return legend((colour, name) for name, colour in colours.items()) + "".join(bars)
-
-
-def _percent(p: float) -> str:
-    return f"{100.0 * p:.0f} %"
-
-
-def _lead(design: Design) -> str:
-    if len(design.causes) < 2:
-        return f"One cause is left: {next(iter(design.odds))}. No experiment is needed."
-    if not design.worthwhile:
-        return "No experiment that is safe in simulation would tell enough more."
-    best = design.worthwhile[0]
-    title = best.candidate.title
-    return (
-        f"{title[0].upper()}{title[1:]}. This is expected to give {best.told.bits:.2f} of the {best.told.of_bits:.2f} "
-        f"bits that decide between the causes, in {best.robot_s:.0f} s of robot time. One bit decides between two "
-        "equally likely causes."
-    )
+def _row(r: Recording) -> tuple[str, str]:
+    if r.refused or not r.doubts:
+        return "", f"refused: {'; '.join(r.refused)}" if r.refused else "nothing is in doubt"
+    return words.percent(r.gain), r.told[0]

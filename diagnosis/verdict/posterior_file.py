@@ -1,7 +1,6 @@
-"""The posterior as a file: sets of effects with weights, their numbers with covariances, and models drawn from it.
+"""The posterior as a file: sets of effects with weights, their numbers with covariances.
 
-``posterior.json`` holds what is needed to simulate what is still possible: which experiment parts it, what a robot will
-do on a command that was never run.
+``posterior.json`` holds what is still possible: what a next recording has to tell apart.
 """
 
 from __future__ import annotations
@@ -16,13 +15,10 @@ from pydantic import Field, model_validator
 from diagnosis.channels import Array
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
-from diagnosis.library import LibraryEffect, acts_last
-from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.robot_models import by_joint, with_errors
 from diagnosis.selection.scoring import posterior_covariance
 from diagnosis.verdict.belief import Belief
-from spot_model.errors import BadInputError
-from spot_model.io.model_file import RobotModel, model_from_data
+from spot_model.io.model_file import RobotModel
 from spot_model.io.settings import Settings
 from spot_model.robot.facts import JOINT_NAMES
 
@@ -65,24 +61,6 @@ class Posterior(Settings):
             if [len(row) for row in term.covariance] != [n] * n:
                 raise ValueError(f"the covariance of {term.effect} is not {n} × {n}, as it has {n} coefficients")
         return self
-
-    def draw(self, library: Mapping[str, LibraryEffect], rng: np.random.Generator) -> RobotModel:
-        """One robot that the logs allow: a set by its weight, its numbers by their covariance, within bounds."""
-        weights = np.array([p.weight for p in self.possibilities])
-        chosen = self.possibilities[int(rng.choice(len(weights), p=weights / weights.sum()))]
-        model = model_from_data(chosen.model, source="posterior")
-        unknown = sorted({term.effect for term in chosen.terms} - library.keys())
-        if unknown:
-            raise BadInputError(
-                f"the diagnosis names {', '.join(unknown)}, which the library of effects does not have; diagnose again"
-            )
-        library = with_repairs(library, model)
-        for term in sorted(chosen.terms, key=lambda term: acts_last(library[term.effect])):
-            effect = library[term.effect]
-            low, high = (np.array([getattr(c, side) for c in effect.coefficients]) for side in ("low", "high"))
-            own = np.clip(rng.multivariate_normal(term.mean, term.covariance, method="eigh"), low, high)
-            model = effect.add_to(model, effect.values(own, term.shape), term.joints)
-        return model
 
 
 def posterior_of(

@@ -25,7 +25,6 @@ from diagnosis.document import (
     Status,
     Verdict,
 )
-from diagnosis.next.prediction import Forecast, Prediction
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
 from spot_log.tools.gaits import GaitSpan
@@ -72,8 +71,6 @@ ARRAYS = (
     ("an entry of Calibration.numbers", CalibratedNumber),
     ("an entry of Verdict.remainder", GapLeft),
     ("Verdict.shrink", Shrink),
-    ("Prediction", Prediction),
-    ("an entry of Prediction.forecasts", Forecast),
     ("ResultData", ResultData),
     ("an entry of ResultData.parameters", ParameterVerdict),
     ("an entry of ResultData.measured", MeasuredData),

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.next.session import Session
 from diagnosis.read import apart_by_gains, find_policy, find_policy_file, read_all, read_logs
 from diagnosis.read.segments import cut
 from diagnosis.session import Inputs
@@ -82,9 +81,7 @@ def test_one_log_of_another_robot_and_policy_is_set_aside_in_what_follows_too(
     assert any(note.startswith("other.mcap: set aside: it has joints hip; robot spot has") for note in notes)
     Inputs(logs=tuple(map(str, [*logs, other])), nominal="ideal").save(tmp_path)
     monkeypatch.chdir(POLICIES.parent)
-    monkeypatch.setattr("diagnosis.next.session.found_in", lambda _: None)
-    session = Session.opened(tmp_path, [], None, None, 0)
-    assert session.inputs.policy == str(policy_file("walk"))
+    assert find_policy_file(None, runs) == policy_file("walk")
 
 
 def test_a_robot_that_got_no_command_says_nothing_beside_one_that_did(tmp_path: Path) -> None:

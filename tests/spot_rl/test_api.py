@@ -22,7 +22,6 @@ import spot_rl
 from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
 from spot_model.console.command_line import main
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
 
 from .conftest import REPOSITORY, WALK
 
@@ -262,17 +261,3 @@ def test_python_and_the_command_write_the_same_folder(walks: list[Run], in_proje
     assert {"inputs.json", "report.html", "possible_robots.yaml", "compare/compare.html"} <= set(ours)
     for name in ("inputs.json", "verdict.json", "posterior.json", "possible_robots.yaml"):
         assert ours[name].read_text() == theirs[name].read_text()
-    made = spot_rl.predict(tmp_path / "python", _sequence(tmp_path))
-    assert [f.name for f in made.forecasts][:3] == ["top_speed", "tracking_error", "knee_torque"]
-    assert all(f.low < f.value < f.high for f in made.forecasts)
-    with pytest.raises(SystemExit) as left:
-        main(["diagnose", "predict", str(tmp_path / "python"), "--sequence", _sequence(tmp_path)])
-    assert left.value.code in (0, None)
-
-
-def _sequence(folder: Path) -> str:
-    file = folder / "slow.yaml"
-    if not file.exists():
-        waypoint = Waypoint(time_s=0.0, v_x_m_s=0.5, v_y_m_s=0.0, yaw_rate_rad_s=0.0)
-        save_sequence(VelocitySequence(name="slow", duration_s=4.0, waypoints=(waypoint,)), file)
-    return str(file)
