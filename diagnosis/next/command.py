@@ -11,12 +11,7 @@ from spot_model.policy.built_in import policy_file
 
 
 def next_recording(
-    folder: Annotated[Path, typer.Argument(help="Folder of a diagnosis; with --logs, where the first one goes.")],
-    logs: Annotated[
-        list[Path] | None,
-        typer.Option("--logs", help="First logs, if there is no diagnosis yet; repeatable."),
-    ] = None,
-    nominal: Annotated[str | None, typer.Option("--nominal", help="With --logs: the simulator's model.")] = None,
+    folder: Annotated[Path, typer.Argument(help="Folder of a diagnosis.")],
     policy: Annotated[
         Path | None,
         typer.Option(
@@ -34,11 +29,9 @@ def next_recording(
 ) -> None:
     """Say what to record next: how much surer each recording of a short menu makes the numbers that are in doubt."""
     typer.echo("loading the library of effects and the simulator …", err=True)
-    from diagnosis.next.files import first_diagnosis, load_motion, propose
+    from diagnosis.next.files import load_motion, propose
 
     own = load_motion(experiment) if experiment is not None else None
-    if logs:
-        first_diagnosis(folder, logs, nominal, policy)
     lines, page = propose(folder, policy, own=own, out=out, seed=seed)
     for line in (*lines, f"page: {page}"):
         typer.echo(line)

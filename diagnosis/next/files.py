@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
 from typing import Final
@@ -17,11 +16,11 @@ from diagnosis.next.candidates import Motion
 from diagnosis.next.menu import Diagnosed, Menu, weighed
 from diagnosis.next.page import menu_page
 from diagnosis.read import apart_by_gains, find_policy_file, read_logs
-from diagnosis.report.output import NAMES, check_free
+from diagnosis.report.output import NAMES
 from diagnosis.selection.robot_models import merged
-from diagnosis.session import Inputs, Progress, load_inputs, run_session
+from diagnosis.session import Inputs, load_inputs
 from diagnosis.verdict.posterior_file import load_posterior
-from spot_model.console import progress
+from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import SCHEMA, joint_experiment_from_data, save_joint_experiment
 from spot_model.io.model_file import load_model
@@ -46,7 +45,7 @@ def propose(
         OutputExistsError: ``out`` holds a menu already.
     """
     inputs, found = opened(folder, policy)
-    with progress.Progress("weighing") as bar:
+    with Progress("weighing") as bar:
         menu = weighed(found, seed, lambda share: bar.update(round(100 * share), "simulating recordings"), own)
     names = ("next" if n == 1 else f"next-{n}" for n in count(1))
     place = out or next(folder / name for name in names if not (folder / name).exists())
@@ -54,16 +53,6 @@ def propose(
         commands = _written(menu, inputs, part, place)
         (part / "next.html").write_text(menu_page(menu, commands), encoding="utf-8")
     return [*_lines(menu), *commands], place / "next.html"
-
-
-def first_diagnosis(folder: Path, logs: Sequence[Path], nominal: str | None, policy: Path | None) -> None:
-    """Diagnose the first logs into a folder without a diagnosis."""
-    if nominal is None:
-        raise BadInputError("--logs needs the simulator's model; give --nominal MODEL")
-    check_free(folder)
-    inputs = Inputs(logs=tuple(map(str, logs)), nominal=nominal, policy=None if policy is None else str(policy))
-    with Progress() as bar:
-        run_session(inputs, folder, bar)
 
 
 def opened(folder: Path, policy: Path | None = None) -> tuple[Inputs, Diagnosed]:

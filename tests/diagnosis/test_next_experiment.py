@@ -424,13 +424,6 @@ def test_a_folder_without_a_diagnosis_is_named(tmp_path: Path) -> None:
     assert "inputs.json cannot be read" in str(CliRunner().invoke(diagnose, ["next", str(tmp_path)]).exception)
 
 
-def test_first_logs_need_a_model_and_a_folder_without_a_diagnosis(tmp_path: Path) -> None:
-    (tmp_path / "verdict.json").write_text("{}")
-    words = ["next", str(tmp_path), "--logs", str(tmp_path / "b.mcap")]
-    assert "give --nominal" in str(CliRunner().invoke(diagnose, words).exception)
-    assert "verdict.json exists" in str(CliRunner().invoke(diagnose, [*words, "--nominal", "ideal"]).exception)
-
-
 def test_a_diagnosis_of_another_release_or_robot_is_named(tmp_path: Path) -> None:
     Inputs(logs=(str(tmp_path / "a.mcap"),), nominal="ideal").save(tmp_path)
     with pytest.raises(BadInputError, match=r"holds no verdict.json"):
