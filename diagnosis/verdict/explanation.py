@@ -82,9 +82,13 @@ def evidence_of(
     """Logs on one grid, channels that are on and off, and the evidence.
 
     Raises:
-        BadInputError: The logs feed no channel at all.
+        BadInputError: Nothing of the logs can be used, or they feed no channel at all.
     """
     logs = stack([record(run) for run in runs])
+    if not logs.used.any():
+        cuts = dict.fromkeys(s.reason for own in logs.segmentations for s in own.segments if s.is_cut)
+        told = "record the robot while commands move it, on its feet"
+        raise BadInputError(f"nothing of these logs can be used: {'; '.join(cuts)}; {told}")
     views, off = build_views(logs, nominal, policy=policy, limits_rad=limits_rad)
     if not views:
         told = "; ".join(f"{c.name}: {c.reason}" for c in off)

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from diagnosis.read.segments import cut
+from diagnosis.verdict.explanation import evidence_of
 from spot_model.effects.drivetrain import TorqueGain
+from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import standing_sequence
 from trainer.signals.recording import record
 
+from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence
 
 
@@ -73,3 +76,11 @@ def test_lost_states_are_cut(recording):
     present[200:210] = False
     found = cut(dataclasses.replace(recording, present=present))
     assert [(s.first, s.last) for s in found.segments if s.kind == "lost"] == [(200, 209)]
+
+
+def test_logs_of_a_robot_that_lies_on_its_back_are_refused_with_the_reason():
+    run = planted_runs(Truth(), 1, sequence=walk_sequence(1.0))[0]
+    lies = np.tile([0.0, 1.0, 0.0, 0.0], (len(run.states.robot_stamp_ns), 1))
+    fallen = dataclasses.replace(run, states=dataclasses.replace(run.states, odom_from_body_wxyz=lies))
+    with pytest.raises(BadInputError, match=r"nothing of these logs can be used: .*the robot has fallen; record the"):
+        evidence_of([fallen], NOMINAL, None, {})
