@@ -1,7 +1,7 @@
 """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks, and what to run next.
 
-'spot-rl diagnose LOGS ...' explains the gap, and 'spot-rl diagnose explain --help' lists its options. The commands
-'spot-rl diagnose next' and 'predict' continue from its result.
+'spot-rl diagnose LOGS ...' explains the gap, and 'spot-rl diagnose explain --help' lists its options. The command
+'spot-rl diagnose next' continues from its result.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from diagnosis.next.command import next_recording
+from spot_model.console.command_line import Group
 from spot_model.console.command_registry import PolicyThatRan
 from spot_model.errors import BadInputError
 from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
@@ -20,7 +20,7 @@ from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress
 EXPLAIN = "explain"
 
 
-class LogsOrCommand(TyperGroup):
+class LogsOrCommand(Group):
     """What is no command's name begins the logs."""
 
     default_command = EXPLAIN

@@ -82,5 +82,5 @@ def test_logs_of_a_robot_that_lies_on_its_back_are_refused_with_the_reason():
     run = planted_runs(Truth(), 1, sequence=walk_sequence(1.0))[0]
     lies = np.tile([0.0, 1.0, 0.0, 0.0], (len(run.states.robot_stamp_ns), 1))
     fallen = dataclasses.replace(run, states=dataclasses.replace(run.states, odom_from_body_wxyz=lies))
-    with pytest.raises(BadInputError, match=r"nothing of these logs can be used: .*the robot has fallen; .*; record the"):
+    with pytest.raises(BadInputError, match=r"nothing of these logs can be used: .*the robot has fallen; .*"):
         evidence_of([fallen], NOMINAL, None, {})

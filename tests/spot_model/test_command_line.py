@@ -319,6 +319,12 @@ def test_a_negative_velocity_is_no_option(tmp_path: Path, capsys) -> None:
     assert "no service answers" in capsys.readouterr().err
 
 
+def test_logs_without_a_command_are_diagnosed(tmp_path: Path, capsys) -> None:
+    with pytest.raises(SystemExit):
+        command_line.main(["diagnose", str(tmp_path / "a.mcap"), "--nominal", "ideal", "--out", str(tmp_path / "out")])
+    assert "there is no log" in capsys.readouterr().err
+
+
 def test_a_drawing_library_that_cannot_be_loaded_is_named() -> None:
     told = subprocess.run(
         [sys.executable, "-m", "spot_model", "compare", "a", "b", "--out", "c"],
