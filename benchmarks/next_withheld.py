@@ -123,9 +123,6 @@ def _state(verdict: Verdict, case: Case, truth: Truth, place: Path) -> dict[str,
         truth=truth,
         verdict=read_verdict(place / "verdict.json"),
         moved=(None,),
-        seal="",
-        verdict_sha256="",
-        locked_in="none",
         seconds={},
     )
     return {"right": is_right(outcome), "numbers": numbers, "differences": [d.name for d in verdict.differences]}
