@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import typer
 
 from diagnosis import command
-from diagnosis.next.command import next_recording
 
 if TYPE_CHECKING:
     from diagnosis.verdict.diagnose import Diagnosis
@@ -18,13 +17,8 @@ FOLDER: Final = "compare"
 """In the diagnosis' folder."""
 
 
-diagnose = typer.Typer(cls=command.LogsOrCommand, no_args_is_help=True, help=command.__doc__)
-diagnose.command("next")(next_recording)
-
-
-@diagnose.command(command.EXPLAIN)
 @wraps(command.explain_logs)
-def explain_and_compare(**asked: Any) -> None:
+def diagnose(**asked: Any) -> None:
     """The diagnosis' own options and help; the comparison never fails a diagnosis that is written."""
     from spot_model.io.whole import check_new
 

@@ -1,41 +1,20 @@
-"""Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks, and what to run next.
-
-'spot-rl diagnose LOGS ...' explains the gap, and 'spot-rl diagnose explain --help' lists its options. The command
-'spot-rl diagnose next' continues from its result.
-"""
+"""``spot-rl diagnose LOGS``, without the comparison that the command adds."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from diagnosis.next.command import next_recording
-from spot_model.console.command_line import Group
 from spot_model.console.command_registry import PolicyThatRan
 from spot_model.errors import BadInputError
 from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
-EXPLAIN = "explain"
+diagnose = typer.Typer(no_args_is_help=True)
 
 
-class LogsOrCommand(Group):
-    """What is no command's name begins the logs."""
-
-    default_command = EXPLAIN
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """With the command in front that takes logs, where none is named."""
-        is_named = not args or args[0] in (*self.commands, "-h", "--help")
-        return super().parse_args(ctx, args if is_named else [EXPLAIN, *args])
-
-
-diagnose = typer.Typer(cls=LogsOrCommand, no_args_is_help=True, help=__doc__)
-diagnose.command("next")(next_recording)
-
-
-@diagnose.command(EXPLAIN)
+@diagnose.command()
 def explain_logs(
     logs: Annotated[list[Path], typer.Argument(help="Log files of one robot, or folders of them.")],
     nominal: Annotated[

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from spot_rl.analysis import simulate as simulate
     from spot_rl.environment import SpotEnv as SpotEnv
     from spot_rl.environment import make_env as make_env
-    from spot_rl.experiments import next_experiment as next_experiment
     from spot_rl.fake_spot import FakeSpot as FakeSpot
     from spot_rl.inputs import gaits as gaits
     from spot_rl.inputs import load_model as load_model
@@ -51,7 +50,6 @@ _WHERE = {
     "Comparison": ("compare.compare", "diagnosis"),
     "diagnose": ("spot_rl.analysis", "diagnosis"),
     "Verdict": ("diagnosis.document", "diagnosis"),
-    "next_experiment": ("spot_rl.experiments", "diagnosis"),
     "identify": ("spot_rl.learning", "sysid"),
     "ResultData": ("trainer.sysid.result", "sysid"),
     "make_env": ("spot_rl.environment", "gym"),

@@ -141,8 +141,7 @@ def diagnose(
         logs: Log files of one robot, or folders of them; best three command sequences, each several times.
         nominal: The simulator's model: a built-in name (``paper_identified``), a model file, or a model.
         out: Folder for what ``spot-rl diagnose`` writes: report.html, verdict.json, corrected_model.yaml, compare/ (a
-            log beside the models) and the rest; nothing in it is overwritten. :func:`next_experiment`
-            and ``spot-rl diagnose next`` continue from it.
+            log beside the models) and the rest; nothing in it is overwritten.
         policy: The policy that ran; by default the one with the logs' digest, built in or in ``policies/``, if any.
         without: Effects to exclude from the library.
         add_effects: Effects of your own: each a class, or ``module:Class``.

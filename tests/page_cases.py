@@ -17,8 +17,6 @@ from diagnosis.improve.improvement import Improvement, TakenStep
 from diagnosis.improve.judgement import figures
 from diagnosis.improve.limits import Limit
 from diagnosis.improve.page import improvement_page
-from diagnosis.next.menu import Menu
-from diagnosis.next.page import menu_page
 from diagnosis.report.drift import drift_of
 from diagnosis.report.history import Dated
 from diagnosis.report.history_page import history_page
@@ -27,7 +25,6 @@ from spot_log.page.page import page_html
 from spot_model.io.model_file import RobotModel
 from tests.compare.tracks import a_track
 from tests.diagnosis.report_case import a_diagnosis, calibration, consequences, runs, verdict
-from tests.diagnosis.test_next_experiment import a_recording
 from tests.withheld.scoring.made_up import fault, outcome, said
 from trainer.evaluate.holds import CONDITIONS
 from trainer.evaluate.page import evaluation_page
@@ -148,14 +145,6 @@ PAGES: Final[dict[str, Callable[[], str]]] = {
     "diagnosis": lambda: diagnosis_page(a_diagnosis()),
     "diagnosis with warnings": _unexplained,
     "history": _history,
-    "next recording": lambda: menu_page(
-        Menu(
-            a_recording(),
-            (a_recording(), a_recording(1.1), a_recording(refused=("1 of 50 simulated robots tip over",))),
-        ),
-        [f"spot-rl run --experiment {LONG}/{LONG}", f"spot-rl diagnose {LONG} --out OUT_2"],
-    ),
-    "no recording": lambda: menu_page(Menu(None, (a_recording(0.9),), "Nothing narrows a number by 20 %."), []),
     "improvement": _improvement,
     "evaluation": lambda: evaluation_page(evaluation(), "a_policy_of_mine.onnx"),
     "comparison": _comparison,

@@ -69,7 +69,7 @@ class Improvement:
         if self.outcome == "kept":
             return ["No improved.onnx was written."]
         if self.outcome == "unknown":
-            return ["Ask what to record next: spot-rl diagnose next, with the diagnosis' folder."]
+            return ["Record what the diagnosis' page advises, and improve again."]
         return ["No difference between robot and model is shown, and no limit that the model has wrong."]
 
     def to_data(self) -> dict[str, Any]:

@@ -109,7 +109,7 @@ def _prefix(command: str | None) -> str:
     return f"spot-rl {command.replace('.', ' ') if command else ''}".rstrip()
 
 
-class Group(TyperGroup):
+class _Group(TyperGroup):
     """A group whose help shows the commands under their headings, each with its whole line."""
 
     def get_params(self, ctx: Any) -> list[Any]:
@@ -138,7 +138,7 @@ def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Type
 
     Help and errors are plain text: to load what draws boxes around them would take longer than all the rest.
     """
-    shared: dict[str, Any] = {"cls": Group, "no_args_is_help": True, "rich_markup_mode": None}
+    shared: dict[str, Any] = {"cls": _Group, "no_args_is_help": True, "rich_markup_mode": None}
     app = typer.Typer(callback=_group_options, context_settings=SETTINGS, **shared)
     groups = {"": app}
     for name in sorted(commands, key=_rank):
@@ -153,8 +153,7 @@ def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Type
             continue
         loaded = load_command(entry)
         if isinstance(loaded, typer.Typer):
-            own = loaded.info.cls if isinstance(loaded.info.cls, type) else Group
-            groups[group].add_typer(loaded, name=leaf, cls=own, **place)
+            groups[group].add_typer(loaded, name=leaf, cls=_Group, **place)
         else:
             groups[group].command(leaf, **place)(cast("Callable[..., Any]", loaded))
     return app

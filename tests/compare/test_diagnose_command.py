@@ -31,7 +31,7 @@ def ask(a_diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
 
     def run(*, is_in_history: bool = False, **changes: Any) -> Path:
         monkeypatch.setattr(command, "explain_logs", lambda **_: (replace(a_diagnosis, **changes), tmp_path))
-        diagnose_command.explain_and_compare(out=None if is_in_history else tmp_path)
+        diagnose_command.diagnose(out=None if is_in_history else tmp_path)
         return tmp_path / diagnose_command.FOLDER
 
     return run
@@ -73,10 +73,8 @@ def test_a_comparison_that_is_there_stays(ask: Callable[..., Path], tmp_path: Pa
 
 
 def test_the_options_are_those_of_the_diagnosis() -> None:
-    ours, theirs = diagnose_command.explain_and_compare, command.explain_logs
+    ours, theirs = diagnose_command.diagnose, command.explain_logs
     assert (inspect.signature(ours), ours.__doc__) == (inspect.signature(theirs), theirs.__doc__)
-    names = [[c.name for c in app.registered_commands] for app in (diagnose_command.diagnose, command.diagnose)]
-    assert names[0] == names[1]
 
 
 def test_logs_that_are_not_there_are_told_before_anything_is_loaded(

@@ -74,11 +74,8 @@ def check_words(command: Any, words: list[str], *, is_whole: bool) -> None:
     children = getattr(command, "commands", {})
     if children:
         rest = words_left(command, words)
-        default = getattr(command, "default_command", None)
         if rest and rest[0] in children:
             check_words(children[rest[0]], rest[1:], is_whole=is_whole)
-        elif default is not None and (rest or not is_whole):
-            check_words(children[default], words, is_whole=is_whole)
         else:
             assert not rest, f"there is no sub-command {rest[0]!r}; there are {sorted(children)}"
     elif is_whole and "--help" not in words:

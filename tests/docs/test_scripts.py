@@ -34,7 +34,6 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/claims/loop.py": ("--seconds 2 --plain",),
     "benchmarks/claims/fakes.py": ("--seconds 1 --most 2",),
     "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),
-    "benchmarks/check_experiments.py": ("--policy walk --robots 2 --only squat",),
     "benchmarks/claims/identification.py": ("--generations 1 --seconds 6",),
     "benchmarks/claims/training.py": ("--envs 16",),
     "benchmarks/gait_on_robot.py": ("walk --speeds 0.5",),
@@ -45,13 +44,11 @@ WEEKLY: dict[str, tuple[str, ...]] = {
     ),
     "benchmarks/loop_parts.py": ("--seconds 2",),
     "benchmarks/judge_policy.py": ("walk --n 2 --seeds 2",),
-    "benchmarks/next_withheld.py": ("--seed 31 --robots 1 --out next",),
     "benchmarks/substitution.py": ("robots --seed 777301 --to 1 --out parts", "table parts"),
     "benchmarks/withheld_fake.py": ("--work found --policy walk --repeats 1",),
     "examples/close_the_loop.py": ("--robot torque_lag --out loop --improved walk --oracle walk",),
     "examples/has_it_changed.py": ("changed --weeks 3 --repeats 1",),
     "examples/hidden_friction.py": ("hidden_friction",),
-    "examples/record_more.py": ("more",),
 }
 
 SEEN = [file for folder in ("benchmarks", "examples") for file in sorted((REPOSITORY / folder).rglob("*.py"))]

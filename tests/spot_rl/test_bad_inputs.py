@@ -111,8 +111,6 @@ MODELS = "allowed: a built-in name, the path of a model file"
         (lambda s: s.diagnose(WALK, "ideal", "out", device="cuda:x"), "device 'cuda:x'"),
         (lambda s: s.diagnose(WALK, "ideal", "out", device=0), "device = 0; allowed: cpu, cuda or cuda:N"),
         (lambda s: s.diagnose(WALK, "ideal", "out", progress=1), "progress = 1; allowed: True or False"),
-        (lambda s: s.next_experiment("folder"), "diagnosis folder holds no inputs.json"),
-        (lambda s: s.next_experiment("nowhere"), "diagnosis nowhere does not exist"),
         (lambda s: s.identify("nowhere", "walk", "out"), "logs nowhere does not exist"),
         (lambda s: s.identify("folder", "walk", "out"), "folder folder has no .mcap file"),
         (lambda s: s.identify("junk.mcap", "walk", "out"), "junk.mcap"),
