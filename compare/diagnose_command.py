@@ -19,7 +19,8 @@ FOLDER: Final = "compare"
 
 @wraps(command.explain_logs)
 def diagnose(**asked: Any) -> None:
-    """The diagnosis' own options and help; the comparison never fails a diagnosis that is written."""
+    """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
+    # The comparison never fails a diagnosis that is written.
     from spot_model.io.whole import check_new
 
     if asked.get("out") is not None:
