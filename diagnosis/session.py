@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 from rich.console import Console
 
 from diagnosis.closed_loop.simulation import rollouts_under
@@ -24,9 +24,8 @@ from diagnosis.report.output import write_all
 from diagnosis.selection.robot_models import merged
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.console import progress
-from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model
-from spot_model.io.settings import Settings, explain
+from spot_model.io.settings import Settings
 from spot_model.io.whole import write_over
 from spot_model.policy.policy import load_policy
 from trainer.simulate.engine import IN_THIS_PROCESS, Place
@@ -176,20 +175,3 @@ def run_session(
     if robot is SPOT:
         inputs.save(out)
     return result, paths
-
-
-def load_inputs(folder: Path) -> Inputs:
-    """Read the inputs of the diagnosis in a folder.
-
-    Raises:
-        BadInputError: The folder holds none, or they are not valid.
-    """
-    path = folder / INPUTS
-    try:
-        return Inputs.model_validate_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInputError(
-            f"{path} cannot be read: {error.strerror}; diagnose the logs into this folder first"
-        ) from error
-    except ValidationError as error:
-        raise BadInputError(f"{path}:\n{explain(error)}") from error

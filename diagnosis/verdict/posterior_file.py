@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -99,12 +98,3 @@ def _wider(covariance: Array, end: int, own: Array) -> Array:
     """Covariance of the coefficients that end there, with what formulas are usually wrong by."""
     mine = slice(end - len(own), end)
     return np.asarray(covariance[mine, mine] + np.diag((PARAMETER_SPREAD * own) ** 2))
-
-
-def load_posterior(path: Path) -> Posterior:
-    """Read a ``posterior.json``.
-
-    Raises:
-        pydantic.ValidationError: It does not follow the schema.
-    """
-    return Posterior.model_validate_json(path.read_bytes())

@@ -11,12 +11,9 @@ from typing import Final
 
 from spot_model.effects.commands import CommandDelay
 from spot_model.effects.friction import Armature
-from spot_model.io.joint_experiment import JointExperiment
 from spot_model.io.model_file import RobotModel, paper_model
-from spot_model.policy.joint_script import JointMotion, joint_script
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
-from spot_model.robot.facts import Array
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth
 from withheld.realities.fault_kind import Ask, FaultKind, Flags, Parameters, flags_of
 from withheld.simulator.draws import add_ordinary_errors, add_surroundings, draw_scale, draw_settings, stream
@@ -88,35 +85,6 @@ class ComposedReality:
                 made += [(r, n, run) for (r, n), run in zip(some, simulated, strict=True)]
         for repeat, number, run in made:
             _write(run, policy, plan.sequences[number].name, plan, repeat, number, folder)
-
-    def perform(self, experiment: JointExperiment, seed: int, folder: Path) -> None:
-        """Simulate a joint experiment once, and write its log.
-
-        Raises:
-            BadInputError: The experiment leaves its bounds.
-            OSError: The folder cannot be written.
-        """
-        script, plan = joint_script(experiment), RecordingPlan(Path(), (), 1, seed)
-        asked = Offsets(experiment.name, script.motion)
-        (run,) = simulate(self.robot(), script, [RunRequest(asked, stream(seed, "run", 0, 0))], self.settings)
-        _write(run, script, asked.name, plan, 0, 0, folder)
-
-
-@dataclass(frozen=True)
-class Offsets:
-    """The motion of a joint experiment by name."""
-
-    name: str
-    motion: JointMotion
-
-    @property
-    def duration_s(self) -> float:
-        """From rest to rest."""
-        return self.motion.duration_s
-
-    def at(self, time_s: float) -> Array:
-        """Offsets of the set-points, shape (12,), rad."""
-        return self.motion.at(time_s)
 
 
 def _write(
