@@ -34,7 +34,7 @@ def _answer(v: Verdict) -> str:
     if is_unchanged(v):
         return f"no change is shown{_far(v, 'that model')}{own}"
     if not v.differences:
-        return f"calibration: {words.own_told(v)}{_closed(v)}"
+        return f"{'no cause found' if words.is_without_cause(v) else 'calibration'}: {words.own_told(v)}{_closed(v)}"
     names = "; ".join(words.found_in_full(d) for d in v.differences[:MOST_NAMED])
     names += (
         f"; {counted(len(v.differences) - MOST_NAMED, 'more difference')}" if len(v.differences) > MOST_NAMED else ""
@@ -65,7 +65,7 @@ def _no_gap(v: Verdict) -> str:
     if is_near(v):
         near = ", ".join(g.gap for g in words.all_gaps(v))
         model = f"the model of {v.since}" if v.since else "the nominal model"
-        return f"no gap: {model} differs from the robot in {near} by no more than {words.FLOOR}"
+        return f"no gap: {model} is as near to the robot as repeats and noise let it be, in {near}"
     return f"no difference is shown{_far(v, 'the nominal model')}"
 
 
@@ -127,6 +127,8 @@ def next_step(v: Verdict) -> str:
     has_loads = v.channels.get("set_point_to_load", "used") == "used"
     if is_good(v) and has_loads:
         return "take the numbers over into your simulator" if v.no_model else "train on the corrected model"
+    if words.is_without_cause(v):
+        return "record more" if has_loads else "record the joint loads"
     before = "these numbers are used" if v.no_model else "training on the corrected model"
     return f"record {'more' if has_loads else 'the joint loads'} before {before}"
 

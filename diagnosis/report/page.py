@@ -40,7 +40,7 @@ TERMS: Final = (
         "distance of two of its runs, or 2 % of the signal's spread; of predictions what noise and formulas leave",
     ),
     ("P", "probability that it is there; effects can act together, so that these do not add up to 1"),
-    ("not shown", "the 90 % interval of the change includes 0"),
+    ("may be chance", "the 90 % interval of the change includes 0"),
     ("stands out", "more probably than not farther from the nominal number than robots usually are"),
 )
 
@@ -82,7 +82,12 @@ def _head(result: Diagnosis) -> str:
     parts, n_first = answer.split("; "), max(1, min(len(v.differences), MOST_NAMED))
     lead = [*parts[n_first:], *([] if v.differences else [words.otherwise(v)])]
     lines = [" ".join(map(words.sentence, lead)), words.sentence(f"next: {step}")]
-    return headed(BADGES[v.status], colour, "; ".join(parts[:n_first]), filter(None, lines), meta)
+    badge = BADGES[v.status]
+    if v.status == "calibration" and words.is_without_cause(v):
+        badge = "No cause found"
+    elif any(len(d.group) > 1 for d in v.differences):
+        badge = badge.replace("found", "narrowed down")
+    return headed(badge, colour, "; ".join(parts[:n_first]), filter(None, lines), meta)
 
 
 def _where(result: Diagnosis) -> str:

@@ -1,6 +1,6 @@
 """The verdict in sentences. Each is made from figures of the verdict, and says no more than they do.
 
-A change whose interval holds 0 is *not shown*; a share that is null is not told; a gap closes only if it is smaller
+A change whose interval holds 0 *may be chance*; a share that is null is not told; a gap closes only if it is smaller
 afterwards. ``tests/diagnosis/test_words.py`` reads the sentences back and compares them with the figures.
 """
 
@@ -113,13 +113,13 @@ def gap_told(g: GapChange) -> str:
         within = ""
         if g.low is not None and g.high is not None and percent(g.low) != percent(1.0):
             ends = f"at least {percent(g.low)}" if g.high >= 1.0 else f"{percent(g.low)} to {percent(g.high)}"
-            within = f" (90 %: {ends})"
+            within = f" (90 % interval: {ends})"
         return f"{percent(g.share or 0.0)} of the {g.gap} gap closes{within}"
     if grows(g):
         return f"the {g.gap} gap grows"
     if g.before <= g.floor:
         return f"the {g.gap} gap was no larger than {FLOOR}"
-    return f"a change of the {g.gap} gap is not shown"
+    return f"the change of the {g.gap} gap may be chance"
 
 
 def change_told(c: QuantityChange) -> str:
@@ -130,10 +130,10 @@ def change_told(c: QuantityChange) -> str:
     if c.quantity == "fall_share":
         if percent(before) == percent(after):
             return f"falls in {percent(after)} of runs, as without"
-        shown = "" if is_shown(c.low, c.high) else ", a change that is not shown"
+        shown = "" if is_shown(c.low, c.high) else ", which may be chance"
         return f"falls in {percent(after)} of runs instead of {percent(before)}{shown}"
     if before == after or not is_shown(c.low, c.high) or float(f"{abs(after - before):.3g}") == 0.0:
-        return f"a change of the {title} is not shown"
+        return f"the change of the {title} may be chance"
     size = number(abs(after - before), c.unit)
     if c.quantity in ("top_speed", "mean_speed"):
         return f"{'slower' if after < before else 'faster'} by {size} ({title})"
@@ -186,6 +186,8 @@ def found_in_full(d: Difference) -> str:
 
     farthest = [size_told(*own) for own in sorted(d.parameters.items(), key=distance)[-1:]]
     sizes = [number(p.value, p.unit, p.low, p.high)] if known and p else farthest
+    if len(d.group) > 1:
+        sizes = [f"{size} if it is {plain(d.name)}" for size in sizes]
     return ", ".join([": ".join([found(d), *sizes]), f"P {d.probability:.2f}"])
 
 
@@ -255,6 +257,11 @@ def kinds_told(v: Verdict) -> list[str]:
         told = _numbers_told(shown) if shown else plain(effect)
         out.append(f"{told}, which closes {percent(g.share or 0.0)} of the {g.gap} gap")
     return out
+
+
+def is_without_cause(v: Verdict) -> bool:
+    """Whether neither a difference nor a number of the robot's own stands out."""
+    return not v.differences and not closing_kinds(v) and not any(n.stands_out for n in v.calibration.numbers)
 
 
 def own_told(v: Verdict) -> str:
