@@ -1,6 +1,6 @@
 """The posterior as a file: sets of effects with weights, their numbers with covariances.
 
-``posterior.json`` holds what is still possible: what a next recording has to tell apart.
+``posterior.json`` holds what is still possible after the logs.
 """
 
 from __future__ import annotations
