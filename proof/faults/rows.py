@@ -62,7 +62,7 @@ class Row:
     is_host_time: bool = False
     """Its reaction is timed by the host's clock, so it also depends on the host's other work."""
     is_alone: bool = False
-    """Has a robot of its own, because it leaves one that a person must see to first."""
+    """Has a robot of its own: it leaves one that a person must see to first, or its end hangs on the gait's phase."""
 
 
 @dataclass(frozen=True)
