@@ -10,12 +10,15 @@ import contextlib
 import re
 import struct
 import zlib
+from array import array
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
 from io import BytesIO
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import lz4.frame as lz4  # type: ignore[import-untyped]
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -23,6 +26,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from spot_log.format.codec import ALL_TOPICS
+from spot_log.format.tables import Ints
+from spot_log.read.columns import Bytes, numbers_at, on_all_cores
 from spot_log.write.mcap_file import MAGIC
 
 RECORD_HEAD: Final = struct.Struct("<BQ")
@@ -64,15 +69,22 @@ class Budget:
 class Chunk(NamedTuple):
     """The uncompressed content of a chunk, and the offset of the record after it."""
 
-    content: bytes
+    content: bytes | memoryview
     end: int
 
 
-def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
-    """Read the chunk at ``offset`` by its own head, whatever the record's head says; else tell what is wrong.
+class ChunkHead(NamedTuple):
+    """What a chunk says of itself, and where its compressed content stands."""
 
-    Every attempt is charged to ``budget``, also a failed one.
-    """
+    size: int
+    crc: int
+    compression: str
+    start: int
+    end: int
+
+
+def chunk_head(data: bytes, offset: int) -> ChunkHead | str:
+    """Read the head of the chunk at ``offset``, whatever the record's head says; else tell what is wrong."""
     at = offset + RECORD_HEAD.size
     try:
         _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, at)
@@ -81,22 +93,69 @@ def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
         (length,) = _U64.unpack_from(data, at)
     except PARSE_ERRORS:
         return "its head is cut"
-    start, end = at + 8, at + 8 + length
     if compression not in COMPRESSIONS or len(compression) != name_length:
         return f"its compression {compression[:16]!r} is not one of zstd, lz4 and none"
-    if end > len(data):
+    if at + 8 + length > len(data):
         return "it is cut"
     if size > (most := max(MAX_CHUNK_BYTES, MAX_EXPANSION * length)):
         return f"its size of {size} bytes is more than {most}"
+    return ChunkHead(size, crc, compression, at + 8, at + 8 + length)
+
+
+def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
+    """Read the chunk at ``offset``; else tell what is wrong.
+
+    Every attempt is charged to ``budget``, also a failed one.
+    """
+    head = chunk_head(data, offset)
+    if isinstance(head, str):
+        return head
     try:
-        content = _decompress(compression, data[start:end], size, budget)
+        content = _decompress(head.compression, data[head.start : head.end], head.size, budget)
     except (*PARSE_ERRORS, RuntimeError) as error:
         return f"it cannot be decompressed ({error})"
-    if len(content) != size:
-        return f"it holds {len(content)} bytes and says {size}"
-    if crc and zlib.crc32(content) != crc:
+    if len(content) != head.size:
+        return f"it holds {len(content)} bytes and says {head.size}"
+    if head.crc and zlib.crc32(content) != head.crc:
         return "its check sum does not hold"
-    return Chunk(content, end)
+    return Chunk(content, head.end)
+
+
+def _chunks_ahead(data: bytes, budget: Budget) -> tuple[Bytes, dict[int, tuple[Chunk, int]]]:
+    """Decompress the good chunks up to the first damage on all cores, one behind the other into one buffer.
+
+    Returns:
+        The buffer; and by offset of its record each chunk, and where its content begins in the buffer.
+    """
+    heads: list[tuple[int, ChunkHead, int]] = []
+    offset, total = len(MAGIC), 0
+    while offset + RECORD_HEAD.size <= len(data):
+        opcode, length = RECORD_HEAD.unpack_from(data, offset)
+        if opcode == Opcode.CHUNK:
+            head = chunk_head(data, offset)
+            if isinstance(head, str) or total + head.size >= budget.left:
+                break
+            if head.compression == "zstd":
+                heads.append((offset, head, total))
+                total += head.size
+        offset += RECORD_HEAD.size + length
+    # Numbers are read eight bytes at a time, so the buffer goes on behind the last one.
+    buffer = np.zeros(total + 16, dtype=np.uint8)
+    view, source = memoryview(buffer), memoryview(data)
+
+    def read(place: tuple[int, ChunkHead, int]) -> bool:
+        _, head, begin = place
+        frame, content = source[head.start : head.end], view[begin : begin + head.size]
+        try:
+            is_stated = zstandard.get_frame_parameters(frame).content_size == head.size
+            n = zstandard.ZstdDecompressor().stream_reader(frame).readinto(content) if is_stated else -1
+        except PARSE_ERRORS:
+            return False
+        return bool(n == head.size and (not head.crc or zlib.crc32(content) == head.crc))
+
+    good = on_all_cores(read, heads)
+    found = zip(heads, good, strict=True)
+    return buffer, {o: (Chunk(view[at : at + h.size], h.end), at) for (o, h, at), is_good in found if is_good}
 
 
 def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> bytes:
@@ -135,6 +194,7 @@ MESSAGE_BYTES: Final = 256
 """What a message costs in memory beside its content."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_MESSAGE_START: Final = struct.Struct("<BQHIQQ")
 _FOOTER: Final = struct.Struct("<BQQQI")
 
 
@@ -149,15 +209,27 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
+class Rows(NamedTuple):
+    """Messages of one topic in a buffer, in the order of the file."""
+
+    buffer: Bytes
+    starts: Ints
+    lengths: Ints
+    sequence: Ints
+    schema_names: set[str]
+
+    def data(self) -> list[bytes]:
+        """The content of each."""
+        content = memoryview(self.buffer)
+        return [bytes(content[s : s + n]) for s, n in zip(self.starts.tolist(), self.lengths.tolist(), strict=True)]
+
+
 @dataclass
 class Scan:
     """What a file holds."""
 
-    messages: list[RawMessage] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
-    channels: dict[tuple[str, str], tuple[Channel, Schema | None]] = field(default_factory=dict)
-    """Of its messages, by topic and name of the schema."""
     damage: list[str] = field(default_factory=list)
     """One sentence for each place that could not be read, in the order of the file."""
     lost: Counter[str] = field(default_factory=Counter)
@@ -166,6 +238,52 @@ class Scan:
     """The file ends before the data section does."""
     is_mcap: bool = True
     """The file begins as an MCAP file does, or at least one chunk of it could be read."""
+    buffer: Bytes = field(default_factory=lambda: np.zeros(0, np.uint8))
+    """Content of the chunks, and of messages outside of them; 16 bytes more."""
+    places: array[int] = field(default_factory=lambda: array("q"))
+    """Where each message's record begins in the buffer."""
+    kinds: array[int] = field(default_factory=lambda: array("q"))
+    """Which of the declared channels each message is of."""
+    declared: list[tuple[Channel, Schema | None]] = field(default_factory=list)
+
+    @cached_property
+    def messages(self) -> list[RawMessage]:
+        """All messages, in the order of the file."""
+        content, found = memoryview(self.buffer), []
+        names = [(channel.topic, "" if schema is None else schema.name) for channel, schema in self.declared]
+        for place, kind in zip(self.places, self.kinds, strict=True):
+            _, length, _, *numbers = _MESSAGE_START.unpack_from(content, place)
+            body = bytes(content[place + _MESSAGE_START.size : place + RECORD_HEAD.size + length])
+            found.append(RawMessage(*names[kind], *numbers, body))
+        return found
+
+    @property
+    def channels(self) -> dict[tuple[str, str], tuple[Channel, Schema | None]]:
+        """Of its messages, by topic and name of the schema."""
+        pairs = [self.declared[kind] for kind in dict.fromkeys(self.kinds)][::-1]
+        return {(channel.topic, "" if schema is None else schema.name): (channel, schema) for channel, schema in pairs}
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Messages by topic."""
+        counts: Counter[str] = Counter()
+        for (channel, _), count in zip(self.declared, np.bincount(np.array(self.kinds)).tolist(), strict=False):
+            counts[channel.topic] += count
+        return +counts
+
+    def of(self, topic: str, schema_name: str | None = None) -> Rows:
+        """The messages of one topic, and of one schema if it is given."""
+        names = [(channel.topic, "" if schema is None else schema.name) for channel, schema in self.declared]
+        chosen = [i for i, (name, of) in enumerate(names) if name == topic and schema_name in (None, of)]
+        is_chosen = np.isin(np.array(self.kinds, dtype=np.int64), chosen)
+        places = np.array(self.places, dtype=np.int64)[is_chosen]
+        return Rows(
+            self.buffer,
+            places + _MESSAGE_START.size,
+            numbers_at(self.buffer, places + 1, "<u8").astype(np.int64) - _MESSAGE_HEAD.size,
+            numbers_at(self.buffer, places + RECORD_HEAD.size + 2, "<u4").astype(np.int64),
+            {names[i][1] for i in chosen if i in self.kinds},
+        )
 
     def by_topic(self) -> dict[str, list[RawMessage]]:
         """The messages of each topic, in the order of the file."""
@@ -185,6 +303,10 @@ class _Scanner:
         self._data = data
         self._scan = Scan()
         self._budget = Budget(len(data))
+        self._scan.buffer, self._ahead = _chunks_ahead(data, self._budget)
+        self._size = len(self._scan.buffer)
+        self._others: list[bytes] = []
+        """Contents that are not in the buffer; it goes on with them."""
         self._lost_chunk = self._in_index = False
         self._begin(0)
 
@@ -193,6 +315,8 @@ class _Scanner:
         self._start = offset
         self._channels = {t.channel_id: Channel(t.channel_id, t.name, "", {}, t.channel_id) for t in ALL_TOPICS}
         self._schemas = {t.channel_id: Schema(t.channel_id, b"", "", t.schema_name) for t in ALL_TOPICS}
+        self._kind_of: dict[int, int] = {}
+        """Place of a channel among those declared, by its number."""
 
     def run(self) -> Scan:
         data, scan = self._data, self._scan
@@ -219,7 +343,9 @@ class _Scanner:
         elif not is_ended and not scan.is_cut:
             scan.is_cut = True
             scan.damage.append(f"the file ends at byte {len(data)} without an end of data")
-        scan.is_mcap = is_magic or bool(scan.messages)
+        scan.is_mcap = is_magic or bool(scan.places)
+        if self._others:
+            scan.buffer = np.frombuffer(b"".join([scan.buffer.data, *self._others, bytes(16)]), np.uint8)
         return scan
 
     def _read_summary(self) -> None:
@@ -231,8 +357,8 @@ class _Scanner:
         is_whole = opcode == Opcode.FOOTER and length == _FOOTER.size - RECORD_HEAD.size and 0 < start <= footer
         if is_whole and crc in (0, zlib.crc32(self._data[start : footer + _FOOTER.size - 4])):
             with contextlib.suppress(*PARSE_ERRORS):
-                self._content(self._data[start:footer])
-            self._scan.messages.clear()
+                self._content(self._data[start:footer], 0)
+            del self._scan.places[:], self._scan.kinds[:]
             self._scan.lost.clear()
 
     def _skip_damage(self, offset: int) -> int:
@@ -290,7 +416,7 @@ class _Scanner:
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
             if self._in_index and self._is_index(start, end):
                 return False
-            self._content(self._data[start - RECORD_HEAD.size : end])
+            self._other_content(self._data[start - RECORD_HEAD.size : end])
         else:
             # Not a chunk or an index whose kind is damaged, and not chance: another record follows.
             is_chunk = isinstance(read_chunk(self._data, start - RECORD_HEAD.size, self._budget), Chunk)
@@ -305,7 +431,7 @@ class _Scanner:
         return bool(size + 6 == end - start and size % 16 == 0 and place < MAX_CHUNK_BYTES)
 
     def _chunk_record(self, offset: int) -> tuple[int, bool] | None:
-        chunk = read_chunk(self._data, offset, self._budget)
+        chunk = self._read_ahead(offset) or read_chunk(self._data, offset, self._budget)
         if isinstance(chunk, Chunk):
             return self._take_chunk(offset, chunk), False
         # The chunk is bad; if its length is good, its index follows and tells what was in it.
@@ -317,43 +443,67 @@ class _Scanner:
         self._lost_chunk = self._in_index = True
         return end, False
 
+    def _read_ahead(self, offset: int) -> Chunk | None:
+        """The chunk at ``offset``, if it was read ahead and is still allowed."""
+        chunk, _ = self._ahead.get(offset, (None, 0))
+        return chunk if chunk and self._budget.take(len(chunk.content) + chunk.end - offset) else None
+
     def _take_chunk(self, offset: int, chunk: Chunk) -> int:
         self._lost_chunk, self._in_index = False, True
-        before = len(self._scan.messages)
+        before = len(self._scan.places)
         try:
-            self._content(chunk.content)
+            if isinstance(chunk.content, bytes):
+                self._other_content(chunk.content)
+            else:
+                self._content(chunk.content, self._ahead[offset][1])
         except PARSE_ERRORS as error:
             self._scan.damage.append(f"chunk at byte {offset}: {error}")
-        self._budget.take(MESSAGE_BYTES * (len(self._scan.messages) - before))
+        self._budget.take(MESSAGE_BYTES * (len(self._scan.places) - before))
         return chunk.end
 
-    def _content(self, content: bytes) -> None:
-        offset, end = 0, len(content)
-        append, keep = self._scan.messages.append, self._scan.channels.setdefault
-        head_size, message_head_size = RECORD_HEAD.size, _MESSAGE_HEAD.size
+    def _other_content(self, content: bytes) -> None:
+        """Take records that are not in the buffer."""
+        self._others.append(content)
+        self._size += len(content)
+        self._content(content, self._size - len(content))
+
+    def _content(self, content: bytes | memoryview, begin: int) -> None:
+        """Take the records of a content that begins there in the buffer."""
+        offset, end, kinds = 0, len(content), self._kind_of
+        keep, keep_kind, unpack, head_size = self._scan.places.append, self._scan.kinds.append, RECORD_HEAD.unpack_from, RECORD_HEAD.size
         while offset + head_size <= end:
-            opcode, length = RECORD_HEAD.unpack_from(content, offset)
-            start = offset + head_size
+            opcode, length = unpack(content, offset)
+            place, start = offset, offset + head_size
             offset = start + length
             if offset > end:
                 raise ValueError(f"a record of {length} bytes is longer than what is left of its chunk")
             if opcode == Opcode.MESSAGE:
-                number, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, start)
-                channel = self._channels.get(number)
-                if channel is None:
+                if length < _MESSAGE_HEAD.size:
+                    raise ValueError(f"a message of {length} bytes is shorter than its head")
+                number = content[start] | content[start + 1] << 8
+                kind = kinds.get(number)
+                if kind is None and (kind := self._new_kind(number)) is None:
                     self._scan.lost[f"channel {number}"] += 1
                     continue
-                schema = self._schemas.get(channel.schema_id)
-                name = "" if schema is None else schema.name
-                keep((channel.topic, name), (channel, schema))
-                body = content[start + message_head_size : offset]
-                append(RawMessage(channel.topic, name, sequence, log_ns, publish_ns, body))
+                keep(begin + place)
+                keep_kind(kind)
             elif opcode == Opcode.CHANNEL:
                 channel = Channel.read(_stream(content, start, offset))
-                self._channels[channel.id] = channel
+                if self._channels.get(channel.id) != channel:
+                    self._channels[channel.id] = channel
+                    kinds.pop(channel.id, None)
             elif opcode == Opcode.SCHEMA:
                 schema = Schema.read(_stream(content, start, offset))
                 self._schemas[schema.id] = schema
+                kinds.clear()
+
+    def _new_kind(self, number: int) -> int | None:
+        """Number of the channel among those declared; None where it is not declared."""
+        channel = self._channels.get(number)
+        if channel is not None:
+            self._kind_of[number] = len(self._scan.declared)
+            self._scan.declared.append((channel, self._schemas.get(channel.schema_id)))
+        return self._kind_of.get(number)
 
     def _message_index(self, start: int, length: int) -> None:
         (channel,), (size,) = _U16.unpack_from(self._data, start), _U32.unpack_from(self._data, start + 2)
@@ -371,7 +521,7 @@ class _Scanner:
         self._scan.attachments.append(Attachment.read(_stream(self._data, start, end)))
 
 
-def _stream(data: bytes, start: int, end: int) -> ReadDataStream:
+def _stream(data: bytes | memoryview, start: int, end: int) -> ReadDataStream:
     """A record's body for ``mcap``'s own records to read."""
     return ReadDataStream(BytesIO(data[start:end]))
 
