@@ -9,6 +9,7 @@ them. HDF5 holds the same arrays twice: appended a second at a time, as a logger
 from __future__ import annotations
 
 import argparse
+import os
 import platform
 import statistics
 import tempfile
@@ -30,8 +31,6 @@ from spot_log.write.run_writer import RunWriter
 
 PER_S = {"state": 333, "imu": 1000, "command": 50, "tick": 50}
 KINDS: dict[str, type[Table]] = {"state": StateTable, "imu": ImuTable, "command": CommandTable, "tick": TickTable}
-COUNTED = {"sequence", "state_index"}
-"""Columns that are no fields of a message."""
 Arrays = dict[str, np.ndarray[Any, Any]]
 
 
@@ -48,7 +47,9 @@ def write_log(source: Path, log: Path, minutes: float, *, is_command_a_state: bo
         for name, message in messages:
             for stamp in [field.name for field, value in message.ListFields() if field.name.endswith("_stamp_ns")]:
                 setattr(message, stamp, getattr(message, stamp) + span_ns)
-            for topic, one in [(name, message), (COMMAND.name, command)][: 1 + (is_command_a_state and name == STATE.name)]:
+            for topic, one in [(name, message), (COMMAND.name, command)][
+                : 1 + (is_command_a_state and name == STATE.name)
+            ]:
                 writer.add(one, sequence[topic])
                 sequence[topic] += 1
             if writer.is_chunk_full or sequence[STATE.name] % 166 == 0:
@@ -77,8 +78,13 @@ def by_mcap(log: Path) -> Arrays:
         for _, channel, _, message in reader.iter_decoded_messages(topics=[STATE.name, COMMAND.name, TICK.name]):
             rows[channel.topic[1:]].append(message)
     rows["imu"] = [packet for state in rows["state"] for packet in state.imu]
-    names = {name: [column for column in kind.columns() if column not in COUNTED] for name, kind in KINDS.items()}
-    return {f"{n}/{c}": np.array([list(v) if np.iterable(v) and not isinstance(v, str) else v for v in (getattr(row, c) for row in rows[n])]) for n in rows for c in names[n]}
+    arrays: Arrays = {}
+    for name, kind in KINDS.items():
+        for column in set(kind.columns()) - {"sequence", "state_index"}:  # no fields of a message
+            values = [getattr(row, column) for row in rows[name]]
+            width = 0 if np.isscalar(values[0]) else max(len(value) for value in values)
+            arrays[f"{name}/{column}"] = np.array([list(v) or [np.nan] * width for v in values] if width else values)
+    return arrays
 
 
 def store(arrays: Arrays, file: Path, *, is_appended: bool) -> None:
@@ -89,20 +95,23 @@ def store(arrays: Arrays, file: Path, *, is_appended: bool) -> None:
             if not is_appended:
                 out[name] = values
                 continue
-            data, step = out.create_dataset(name, (0, *values.shape[1:]), values.dtype, maxshape=(None, *values.shape[1:])), PER_S[name.split("/")[0]]
+            data, step = (
+                out.create_dataset(name, (0, *values.shape[1:]), values.dtype, maxshape=(None, *values.shape[1:])),
+                PER_S[name.split("/")[0]],
+            )
             for at in range(0, len(values), step):
                 data.resize(min(at + step, len(values)), axis=0)
                 data[at : at + step] = values[at : at + step]
 
 
-def seconds_of(call: Callable[[], Any], rounds: int) -> float:
-    """Median time of a call, s; the first one, which fills the system's cache, does not count."""
+def seconds_of(call: Callable[[Path], Any], file: Path, rounds: int) -> tuple[float, float]:
+    """Median time and processor time of a call, s; the first one, which fills the system's cache, does not count."""
     times = []
     for _ in range(rounds + 1):
-        began = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - began)
-    return statistics.median(times[1:])
+        began = time.perf_counter(), time.process_time()
+        call(file)
+        times.append((time.perf_counter() - began[0], time.process_time() - began[1]))
+    return statistics.median(t for t, _ in times[1:]), statistics.median(t for _, t in times[1:])
 
 
 def main() -> None:
@@ -119,17 +128,19 @@ def main() -> None:
         arrays = by_read_run(log)
         for file in (appended, whole):
             store(arrays, file, is_appended=file == appended)
-        ways = {
-            "read_run, opened alone": (log, read_run),
-            "read_run, all arrays": (log, by_read_run),
-            "HDF5, appended": (appended, by_hdf5),
-            "HDF5, in one piece": (whole, by_hdf5),
-            "mcap reader, protobuf": (log, by_mcap),
-        }
-        print(f"{platform.node()}, {platform.processor() or platform.machine()}: {sum(a.nbytes for a in arrays.values()) / 1e6:.0f} MB of arrays")
-        for name, (file, read) in ways.items():
-            took_s = seconds_of(lambda read=read, file=file: read(file), 1 if read is by_mcap else chosen.rounds)
-            print(f"{name:24} {took_s:8.3f} s {file.stat().st_size / 1e6:8.1f} MB")
+        print(
+            f"{platform.node()}, {os.cpu_count()} cores: {sum(a.nbytes for a in arrays.values()) / 1e6:.0f} MB of arrays"
+        )
+        print(f"{'':24} {'time':>8}   {'processor':>9}   {'file':>8}")
+        for name, file, read in (
+            ("read_run, opened alone", log, read_run),
+            ("read_run, all arrays", log, by_read_run),
+            ("HDF5, appended", appended, by_hdf5),
+            ("HDF5, in one piece", whole, by_hdf5),
+            ("mcap reader, protobuf", log, by_mcap),
+        ):
+            wall_s, cpu_s = seconds_of(read, file, 1 if read is by_mcap else chosen.rounds)
+            print(f"{name:24} {wall_s:8.3f} s {cpu_s:9.3f} s {file.stat().st_size / 1e6:8.1f} MB")
 
 
 if __name__ == "__main__":

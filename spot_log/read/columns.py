@@ -17,7 +17,6 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from spot_log.errors import LogReadError
@@ -177,17 +176,14 @@ def _int(data: bytes, at: int, end: int) -> tuple[int, int]:
 
 def _rows_like(buffer: Bytes, starts: Ints, first: bytes, mask: bytearray) -> NDArray[np.bool_]:
     """Which of the messages that begin at ``starts`` are, where the mask has ones, like the first."""
-    model, wanted = np.frombuffer(first, np.uint8), np.frombuffer(mask, np.uint8)
-    edges = np.flatnonzero(np.diff(wanted > 0, prepend=False, append=False)).reshape(-1, 2)
-
-    def is_like(edge: Ints) -> NDArray[np.bool_]:
-        begin, end = edge
-        found = sliding_window_view(buffer, end - begin)[starts + begin]
-        found ^= model[begin:end]
-        found &= wanted[begin:end]
-        return np.asarray(~found.any(axis=1))
-
-    return np.asarray(np.logical_and.reduce(on_all_cores(is_like, edges)))
+    padded, at = (first + bytes(8), bytes(mask) + bytes(8)), 0
+    differing = np.zeros(len(starts), dtype=np.uint64)
+    while rest := bytes(mask[at:]).lstrip(b"\0"):
+        at = len(mask) - len(rest)
+        model, wanted = (np.frombuffer(some, "<u8", 1, at) for some in padded)
+        differing |= (numbers_at(buffer, starts + at, "<u8") ^ model) & wanted
+        at += 8
+    return np.asarray(differing == 0)
 
 
 @dataclass(frozen=True)
@@ -219,7 +215,7 @@ class Wire:
             while len(left):
                 first, mask = buffer[starts[left[0]] :][:length].tobytes(), bytearray(length)
                 layout = layout_of(first, kind, 0, length, mask)
-                like = _rows_like(buffer, starts[left], first, mask) if any(mask) else np.ones(len(left), np.bool_)
+                like = _rows_like(buffer, starts[left], first, mask)
                 if len(layouts) == MAX_LAYOUTS or not like[0]:
                     raise UnusualError
                 which[left[like]] = len(layouts)
@@ -257,30 +253,33 @@ class Wire:
         if kind == FieldDescriptor.TYPE_STRING:
             return np.array([layout.texts.get(name, "") for layout in self.layouts])[self.which]
         spans = np.array([layout.spans.get(name, (0, 0)) for layout in self.layouts])
-        begins, sizes = self.starts + spans[self.which, 0], (spans[:, 1] - spans[:, 0])[self.which]
+        begins, sizes = self.starts + spans[:, 0].take(self.which), spans[:, 1] - spans[:, 0]
         if kind in _INT_BYTES:
             return self._ints(begins, sizes).astype(declared.dtype, copy=False)
         width, dtype = width_of(declared, widths), _ARRAYS[kind]
-        size = (width or 1) * dtype.itemsize if width != 0 else 0
-        is_here = sizes > 0
-        if not np.isin(sizes, (0, size)).all() or (dtype.kind == "u" and not is_here.all()):
+        size = (1 if width is None else width) * dtype.itemsize
+        missing = np.flatnonzero(sizes == 0)
+        if ((sizes != size) & (sizes != 0)).any() or (dtype.kind == "u" and len(missing)):
             raise UnusualError
-        if is_here.all() and size:
-            values = sliding_window_view(self.buffer, size)[begins].view(dtype)
+        if not len(missing):
+            values = numbers_at(self.buffer, begins, f"V{size}").view(dtype).reshape(len(begins), -1)
         else:
-            values = np.full((len(begins), width or 1), 0 if width is None else declared.missing, dtype)
-            if is_here.any():
-                values[is_here] = sliding_window_view(self.buffer, size)[begins[is_here]].view(dtype)
+            nothing = 0 if width is None else declared.missing
+            values = np.full((len(begins), size // dtype.itemsize), nothing, dtype)
+            here = np.flatnonzero(~np.isin(self.which, missing))
+            if len(here):
+                values[here] = numbers_at(self.buffer, begins[here], f"V{size}").view(dtype).reshape(len(here), -1)
         return (values[:, 0] if width is None else values).astype(declared.dtype, copy=False)
 
     def _ints(self, begins: Ints, sizes: Ints) -> Ints:
-        """Numbers of base 128: groups of seven bits are moved together, by pairs, fours and eights."""
+        """Numbers of base 128, by the size in each layout: groups of seven bits move together by pairs, fours, eights."""
         u8 = np.uint64
-        low = numbers_at(self.buffer, begins, "<u8") & ((u8(1) << (u8(8) * np.minimum(sizes, 7).astype(u8))) - u8(1) | -(sizes > 7).astype(u8))
+        words = np.array([(1 << 8 * min(size, 8)) - 1 for size in sizes.tolist()], dtype=u8)
+        low = numbers_at(self.buffer, begins, "<u8") & words.take(self.which)
         low = (low & u8(0x007F007F007F007F)) | (low & u8(0x7F007F007F007F00)) >> u8(1)
         low = (low & u8(0x00003FFF00003FFF)) | (low & u8(0x3FFF00003FFF0000)) >> u8(2)
         low = (low & u8(0x000000000FFFFFFF)) | (low & u8(0x0FFFFFFF00000000)) >> u8(4)
-        for nth in (8, 9):
-            high = np.where(sizes > nth, self.buffer[begins + nth], 0).astype(u8) & u8(0x7F)
-            low |= high << u8(7 * nth)
+        for nth in range(8, sizes.max()):
+            bits = np.where(sizes > nth, u8(0x7F), u8(0)).take(self.which)
+            low |= (self.buffer[begins + nth] & bits) << u8(7 * nth)
         return low.view(np.int64)

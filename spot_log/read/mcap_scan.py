@@ -13,7 +13,7 @@ import zlib
 from array import array
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from io import BytesIO
 from typing import Any, Final, NamedTuple
 
@@ -140,7 +140,8 @@ def _chunks_ahead(data: bytes, budget: Budget) -> tuple[Bytes, dict[int, tuple[C
                 total += head.size
         offset += RECORD_HEAD.size + length
     # Numbers are read eight bytes at a time, so the buffer goes on behind the last one.
-    buffer = np.zeros(total + 16, dtype=np.uint8)
+    buffer = np.empty(total + 16, dtype=np.uint8)
+    buffer[total:] = 0
     view, source = memoryview(buffer), memoryview(data)
 
     def read(place: tuple[int, ChunkHead, int]) -> bool:
@@ -470,7 +471,12 @@ class _Scanner:
     def _content(self, content: bytes | memoryview, begin: int) -> None:
         """Take the records of a content that begins there in the buffer."""
         offset, end, kinds = 0, len(content), self._kind_of
-        keep, keep_kind, unpack, head_size = self._scan.places.append, self._scan.kinds.append, RECORD_HEAD.unpack_from, RECORD_HEAD.size
+        keep, keep_kind, unpack, head_size = (
+            self._scan.places.append,
+            self._scan.kinds.append,
+            RECORD_HEAD.unpack_from,
+            RECORD_HEAD.size,
+        )
         while offset + head_size <= end:
             opcode, length = unpack(content, offset)
             place, start = offset, offset + head_size
@@ -488,7 +494,7 @@ class _Scanner:
                 keep(begin + place)
                 keep_kind(kind)
             elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(_stream(content, start, offset))
+                channel = _channel(bytes(content[start:offset]))
                 if self._channels.get(channel.id) != channel:
                     self._channels[channel.id] = channel
                     kinds.pop(channel.id, None)
@@ -519,6 +525,12 @@ class _Scanner:
             self._scan.damage.append(f"attachment at byte {start}: its check sum does not hold")
             return
         self._scan.attachments.append(Attachment.read(_stream(self._data, start, end)))
+
+
+@lru_cache(256)
+def _channel(body: bytes) -> Channel:
+    """A channel; each chunk of our own repeats those of its messages."""
+    return Channel.read(_stream(body, 0, len(body)))
 
 
 def _stream(data: bytes | memoryview, start: int, end: int) -> ReadDataStream:
