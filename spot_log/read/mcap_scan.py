@@ -15,7 +15,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from io import BytesIO
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import lz4.frame as lz4  # type: ignore[import-untyped]
 import numpy as np
@@ -69,22 +69,15 @@ class Budget:
 class Chunk(NamedTuple):
     """The uncompressed content of a chunk, and the offset of the record after it."""
 
-    content: bytes | memoryview
+    content: bytes
     end: int
 
 
-class ChunkHead(NamedTuple):
-    """What a chunk says of itself, and where its compressed content stands."""
+def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
+    """Read the chunk at ``offset`` by its own head, whatever the record's head says; else tell what is wrong.
 
-    size: int
-    crc: int
-    compression: str
-    start: int
-    end: int
-
-
-def chunk_head(data: bytes, offset: int) -> ChunkHead | str:
-    """Read the head of the chunk at ``offset``, whatever the record's head says; else tell what is wrong."""
+    Every attempt is charged to ``budget``, also a failed one.
+    """
     at = offset + RECORD_HEAD.size
     try:
         _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, at)
@@ -93,70 +86,22 @@ def chunk_head(data: bytes, offset: int) -> ChunkHead | str:
         (length,) = _U64.unpack_from(data, at)
     except PARSE_ERRORS:
         return "its head is cut"
+    start, end = at + 8, at + 8 + length
     if compression not in COMPRESSIONS or len(compression) != name_length:
         return f"its compression {compression[:16]!r} is not one of zstd, lz4 and none"
-    if at + 8 + length > len(data):
+    if end > len(data):
         return "it is cut"
     if size > (most := max(MAX_CHUNK_BYTES, MAX_EXPANSION * length)):
         return f"its size of {size} bytes is more than {most}"
-    return ChunkHead(size, crc, compression, at + 8, at + 8 + length)
-
-
-def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
-    """Read the chunk at ``offset``; else tell what is wrong.
-
-    Every attempt is charged to ``budget``, also a failed one.
-    """
-    head = chunk_head(data, offset)
-    if isinstance(head, str):
-        return head
     try:
-        content = _decompress(head.compression, data[head.start : head.end], head.size, budget)
+        content = _decompress(compression, data[start:end], size, budget)
     except (*PARSE_ERRORS, RuntimeError) as error:
         return f"it cannot be decompressed ({error})"
-    if len(content) != head.size:
-        return f"it holds {len(content)} bytes and says {head.size}"
-    if head.crc and zlib.crc32(content) != head.crc:
+    if len(content) != size:
+        return f"it holds {len(content)} bytes and says {size}"
+    if crc and zlib.crc32(content) != crc:
         return "its check sum does not hold"
-    return Chunk(content, head.end)
-
-
-def _chunks_ahead(data: bytes, budget: Budget) -> tuple[Bytes, dict[int, tuple[Chunk, int]]]:
-    """Decompress the good chunks up to the first damage on all cores, one behind the other into one buffer.
-
-    Returns:
-        The buffer; and by offset of its record each chunk, and where its content begins in the buffer.
-    """
-    heads: list[tuple[int, ChunkHead, int]] = []
-    offset, total = len(MAGIC), 0
-    while offset + RECORD_HEAD.size <= len(data):
-        opcode, length = RECORD_HEAD.unpack_from(data, offset)
-        if opcode == Opcode.CHUNK:
-            head = chunk_head(data, offset)
-            if isinstance(head, str) or total + head.size >= budget.left:
-                break
-            if head.compression == "zstd":
-                heads.append((offset, head, total))
-                total += head.size
-        offset += RECORD_HEAD.size + length
-    # Numbers are read eight bytes at a time, so the buffer goes on behind the last one.
-    buffer = np.empty(total + 16, dtype=np.uint8)
-    buffer[total:] = 0
-    view, source = memoryview(buffer), memoryview(data)
-
-    def read(place: tuple[int, ChunkHead, int]) -> bool:
-        _, head, begin = place
-        frame, content = source[head.start : head.end], view[begin : begin + head.size]
-        try:
-            is_stated = zstandard.get_frame_parameters(frame).content_size == head.size
-            n = zstandard.ZstdDecompressor().stream_reader(frame).readinto(content) if is_stated else -1
-        except PARSE_ERRORS:
-            return False
-        return bool(n == head.size and (not head.crc or zlib.crc32(content) == head.crc))
-
-    good = on_all_cores(read, heads)
-    found = zip(heads, good, strict=True)
-    return buffer, {o: (Chunk(view[at : at + h.size], h.end), at) for (o, h, at), is_good in found if is_good}
+    return Chunk(content, end)
 
 
 def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> bytes:
@@ -178,6 +123,20 @@ def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> byt
     return bytes(lz4.LZ4FrameDecompressor().decompress(data, max_length=size))
 
 
+def read_ahead(data: bytes) -> dict[int, Chunk]:
+    """The good chunks before the first damage to the chain of records, by offset; all cores read them."""
+    offsets, offset, budget = [], len(MAGIC), Budget(len(data))
+    while offset + RECORD_HEAD.size + CHUNK_HEAD.size <= len(data):
+        opcode, length = RECORD_HEAD.unpack_from(data, offset)
+        if opcode == Opcode.CHUNK:
+            if not budget.take(CHUNK_HEAD.unpack_from(data, offset + RECORD_HEAD.size)[2]):
+                break
+            offsets.append(offset)
+        offset += RECORD_HEAD.size + length
+    found = on_all_cores(lambda at: read_chunk(data, at, Budget(len(data))), offsets)
+    return {at: chunk for at, chunk in zip(offsets, found, strict=True) if isinstance(chunk, Chunk)}
+
+
 def find_chunk(data: bytes, offset: int, budget: Budget) -> tuple[int, Chunk] | None:
     """Find the next whole chunk that starts at or after ``offset``, by the mark in its head; None if there is none."""
     # One pass for all marks: a search for each would go through the whole file again for one that is not there.
@@ -195,7 +154,7 @@ MESSAGE_BYTES: Final = 256
 """What a message costs in memory beside its content."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
-_MESSAGE_START: Final = struct.Struct("<BQHIQQ")
+_MESSAGE: Final = struct.Struct("<BQHIQQ")
 _FOOTER: Final = struct.Struct("<BQQQI")
 
 
@@ -211,7 +170,7 @@ class RawMessage(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Messages of one topic in a buffer, in the order of the file."""
+    """Messages of one topic, in the order of the file."""
 
     buffer: Bytes
     starts: Ints
@@ -221,8 +180,7 @@ class Rows(NamedTuple):
 
     def data(self) -> list[bytes]:
         """The content of each."""
-        content = memoryview(self.buffer)
-        return [bytes(content[s : s + n]) for s, n in zip(self.starts.tolist(), self.lengths.tolist(), strict=True)]
+        return [self.buffer[i : i + n].tobytes() for i, n in zip(self.starts, self.lengths, strict=True)]
 
 
 @dataclass
@@ -231,6 +189,13 @@ class Scan:
 
     attachments: list[Attachment] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
+    contents: list[bytes] = field(default_factory=list)
+    """Of the chunks, and of messages outside of them."""
+    places: array[int] = field(default_factory=lambda: array("q"))
+    """Where each message's record begins in all contents together."""
+    kinds: array[int] = field(default_factory=lambda: array("q"))
+    """Which of the declared channels each message is of."""
+    declared: list[tuple[Channel, Schema | None]] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
     """One sentence for each place that could not be read, in the order of the file."""
     lost: Counter[str] = field(default_factory=Counter)
@@ -239,59 +204,49 @@ class Scan:
     """The file ends before the data section does."""
     is_mcap: bool = True
     """The file begins as an MCAP file does, or at least one chunk of it could be read."""
-    buffer: Bytes = field(default_factory=lambda: np.zeros(0, np.uint8))
-    """Content of the chunks, and of messages outside of them; 16 bytes more."""
-    places: array[int] = field(default_factory=lambda: array("q"))
-    """Where each message's record begins in the buffer."""
-    kinds: array[int] = field(default_factory=lambda: array("q"))
-    """Which of the declared channels each message is of."""
-    declared: list[tuple[Channel, Schema | None]] = field(default_factory=list)
+
+    @cached_property
+    def buffer(self) -> Bytes:
+        """All contents, and 16 bytes more."""
+        return np.frombuffer(b"".join([*self.contents, bytes(16)]), np.uint8)
+
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """Topic and name of the schema of each declared channel."""
+        return [(channel.topic, "" if schema is None else schema.name) for channel, schema in self.declared]
+
+    @property
+    def channels(self) -> dict[tuple[str, str], tuple[Channel, Schema | None]]:
+        """Of its messages, by topic and name of the schema; what was declared first counts."""
+        names = self.names
+        return {names[kind]: self.declared[kind] for kind in sorted(set(self.kinds), reverse=True)}
 
     @cached_property
     def messages(self) -> list[RawMessage]:
         """All messages, in the order of the file."""
-        content, found = memoryview(self.buffer), []
-        names = [(channel.topic, "" if schema is None else schema.name) for channel, schema in self.declared]
+        names, found = self.names, []
         for place, kind in zip(self.places, self.kinds, strict=True):
-            _, length, _, *numbers = _MESSAGE_START.unpack_from(content, place)
-            body = bytes(content[place + _MESSAGE_START.size : place + RECORD_HEAD.size + length])
+            _, length, _, *numbers = _MESSAGE.unpack_from(self.buffer, place)
+            body = self.buffer[place + _MESSAGE.size : place + RECORD_HEAD.size + length].tobytes()
             found.append(RawMessage(*names[kind], *numbers, body))
         return found
 
     @property
-    def channels(self) -> dict[tuple[str, str], tuple[Channel, Schema | None]]:
-        """Of its messages, by topic and name of the schema."""
-        pairs = [self.declared[kind] for kind in dict.fromkeys(self.kinds)][::-1]
-        return {(channel.topic, "" if schema is None else schema.name): (channel, schema) for channel, schema in pairs}
-
-    @property
     def counts(self) -> Counter[str]:
         """Messages by topic."""
-        counts: Counter[str] = Counter()
-        for (channel, _), count in zip(self.declared, np.bincount(np.array(self.kinds)).tolist(), strict=False):
-            counts[channel.topic] += count
-        return +counts
+        names = self.names
+        return sum((Counter({names[k][0]: n}) for k, n in Counter(self.kinds).items()), Counter())
 
     def of(self, topic: str, schema_name: str | None = None) -> Rows:
         """The messages of one topic, and of one schema if it is given."""
-        names = [(channel.topic, "" if schema is None else schema.name) for channel, schema in self.declared]
-        chosen = [i for i, (name, of) in enumerate(names) if name == topic and schema_name in (None, of)]
-        is_chosen = np.isin(np.array(self.kinds, dtype=np.int64), chosen)
+        chosen = {k: of for k, (name, of) in enumerate(self.names) if name == topic and schema_name in (None, of)}
+        kinds = np.array(self.kinds, dtype=np.int64)
+        is_chosen = np.isin(kinds, list(chosen))
         places = np.array(self.places, dtype=np.int64)[is_chosen]
-        return Rows(
-            self.buffer,
-            places + _MESSAGE_START.size,
-            numbers_at(self.buffer, places + 1, "<u8").astype(np.int64) - _MESSAGE_HEAD.size,
-            numbers_at(self.buffer, places + RECORD_HEAD.size + 2, "<u4").astype(np.int64),
-            {names[i][1] for i in chosen if i in self.kinds},
-        )
-
-    def by_topic(self) -> dict[str, list[RawMessage]]:
-        """The messages of each topic, in the order of the file."""
-        topics: dict[str, list[RawMessage]] = {}
-        for message in self.messages:
-            topics.setdefault(message.topic, []).append(message)
-        return topics
+        lengths = numbers_at(self.buffer, places + 1, "<u8").astype(np.int64) - _MESSAGE_HEAD.size
+        sequence = numbers_at(self.buffer, places + RECORD_HEAD.size + 2, "<u4").astype(np.int64)
+        names = {chosen[kind] for kind in np.unique(kinds[is_chosen]).tolist()}
+        return Rows(self.buffer, places + _MESSAGE.size, lengths, sequence, names)
 
 
 def scan_mcap(data: bytes) -> Scan:
@@ -304,10 +259,7 @@ class _Scanner:
         self._data = data
         self._scan = Scan()
         self._budget = Budget(len(data))
-        self._scan.buffer, self._ahead = _chunks_ahead(data, self._budget)
-        self._size = len(self._scan.buffer)
-        self._others: list[bytes] = []
-        """Contents that are not in the buffer; it goes on with them."""
+        self._ahead, self._size = read_ahead(data), 0
         self._lost_chunk = self._in_index = False
         self._begin(0)
 
@@ -316,7 +268,7 @@ class _Scanner:
         self._start = offset
         self._channels = {t.channel_id: Channel(t.channel_id, t.name, "", {}, t.channel_id) for t in ALL_TOPICS}
         self._schemas = {t.channel_id: Schema(t.channel_id, b"", "", t.schema_name) for t in ALL_TOPICS}
-        self._kind_of: dict[int, int] = {}
+        self._kinds: dict[int, int] = {}
         """Place of a channel among those declared, by its number."""
 
     def run(self) -> Scan:
@@ -345,8 +297,6 @@ class _Scanner:
             scan.is_cut = True
             scan.damage.append(f"the file ends at byte {len(data)} without an end of data")
         scan.is_mcap = is_magic or bool(scan.places)
-        if self._others:
-            scan.buffer = np.frombuffer(b"".join([scan.buffer.data, *self._others, bytes(16)]), np.uint8)
         return scan
 
     def _read_summary(self) -> None:
@@ -358,7 +308,7 @@ class _Scanner:
         is_whole = opcode == Opcode.FOOTER and length == _FOOTER.size - RECORD_HEAD.size and 0 < start <= footer
         if is_whole and crc in (0, zlib.crc32(self._data[start : footer + _FOOTER.size - 4])):
             with contextlib.suppress(*PARSE_ERRORS):
-                self._content(self._data[start:footer], 0)
+                self._content(self._data[start:footer])
             del self._scan.places[:], self._scan.kinds[:]
             self._scan.lost.clear()
 
@@ -417,7 +367,7 @@ class _Scanner:
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
             if self._in_index and self._is_index(start, end):
                 return False
-            self._other_content(self._data[start - RECORD_HEAD.size : end])
+            self._content(self._data[start - RECORD_HEAD.size : end])
         else:
             # Not a chunk or an index whose kind is damaged, and not chance: another record follows.
             is_chunk = isinstance(read_chunk(self._data, start - RECORD_HEAD.size, self._budget), Chunk)
@@ -432,7 +382,9 @@ class _Scanner:
         return bool(size + 6 == end - start and size % 16 == 0 and place < MAX_CHUNK_BYTES)
 
     def _chunk_record(self, offset: int) -> tuple[int, bool] | None:
-        chunk = self._read_ahead(offset) or read_chunk(self._data, offset, self._budget)
+        chunk: Chunk | str | None = self._ahead.pop(offset, None)
+        if chunk is None or not self._budget.take(len(chunk.content) + chunk.end - offset):
+            chunk = read_chunk(self._data, offset, self._budget)
         if isinstance(chunk, Chunk):
             return self._take_chunk(offset, chunk), False
         # The chunk is bad; if its length is good, its index follows and tells what was in it.
@@ -444,72 +396,55 @@ class _Scanner:
         self._lost_chunk = self._in_index = True
         return end, False
 
-    def _read_ahead(self, offset: int) -> Chunk | None:
-        """The chunk at ``offset``, if it was read ahead and is still allowed."""
-        chunk, _ = self._ahead.get(offset, (None, 0))
-        return chunk if chunk and self._budget.take(len(chunk.content) + chunk.end - offset) else None
-
     def _take_chunk(self, offset: int, chunk: Chunk) -> int:
         self._lost_chunk, self._in_index = False, True
         before = len(self._scan.places)
         try:
-            if isinstance(chunk.content, bytes):
-                self._other_content(chunk.content)
-            else:
-                self._content(chunk.content, self._ahead[offset][1])
+            self._content(chunk.content)
         except PARSE_ERRORS as error:
             self._scan.damage.append(f"chunk at byte {offset}: {error}")
         self._budget.take(MESSAGE_BYTES * (len(self._scan.places) - before))
         return chunk.end
 
-    def _other_content(self, content: bytes) -> None:
-        """Take records that are not in the buffer."""
-        self._others.append(content)
-        self._size += len(content)
-        self._content(content, self._size - len(content))
-
-    def _content(self, content: bytes | memoryview, begin: int) -> None:
-        """Take the records of a content that begins there in the buffer."""
-        offset, end, kinds = 0, len(content), self._kind_of
-        keep, keep_kind, unpack, head_size = (
-            self._scan.places.append,
-            self._scan.kinds.append,
-            RECORD_HEAD.unpack_from,
-            RECORD_HEAD.size,
-        )
+    def _content(self, content: bytes) -> None:
+        begin, offset, end = self._size, 0, len(content)
+        self._scan.contents.append(content)
+        self._size += end
+        keep, keep_kind, kinds = self._scan.places.append, self._scan.kinds.append, self._kinds
+        unpack, head_size = RECORD_HEAD.unpack_from, RECORD_HEAD.size
         while offset + head_size <= end:
             opcode, length = unpack(content, offset)
-            place, start = offset, offset + head_size
-            offset = start + length
-            if offset > end:
+            start = offset + head_size
+            if start + length > end:
                 raise ValueError(f"a record of {length} bytes is longer than what is left of its chunk")
             if opcode == Opcode.MESSAGE:
                 if length < _MESSAGE_HEAD.size:
                     raise ValueError(f"a message of {length} bytes is shorter than its head")
-                number = content[start] | content[start + 1] << 8
-                kind = kinds.get(number)
-                if kind is None and (kind := self._new_kind(number)) is None:
-                    self._scan.lost[f"channel {number}"] += 1
-                    continue
-                keep(begin + place)
-                keep_kind(kind)
+                kind = kinds.get(content[start] | content[start + 1] << 8)
+                if kind is None:
+                    kind = self._new_kind(content[start] | content[start + 1] << 8)
+                if kind >= 0:
+                    keep(begin + offset)
+                    keep_kind(kind)
             elif opcode == Opcode.CHANNEL:
-                channel = _channel(bytes(content[start:offset]))
+                channel = _channel(content[start : start + length])
                 if self._channels.get(channel.id) != channel:
                     self._channels[channel.id] = channel
                     kinds.pop(channel.id, None)
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(_stream(content, start, offset))
+                schema = Schema.read(_stream(content, start, start + length))
                 self._schemas[schema.id] = schema
                 kinds.clear()
+            offset = start + length
 
-    def _new_kind(self, number: int) -> int | None:
-        """Number of the channel among those declared; None where it is not declared."""
+    def _new_kind(self, number: int) -> int:
+        """Place of a channel among those declared; -1 where it is not, and the message is lost."""
         channel = self._channels.get(number)
-        if channel is not None:
-            self._kind_of[number] = len(self._scan.declared)
-            self._scan.declared.append((channel, self._schemas.get(channel.schema_id)))
-        return self._kind_of.get(number)
+        if channel is None:
+            self._scan.lost[f"channel {number}"] += 1
+            return -1
+        self._scan.declared.append((channel, self._schemas.get(channel.schema_id)))
+        return self._kinds.setdefault(number, len(self._scan.declared) - 1)
 
     def _message_index(self, start: int, length: int) -> None:
         (channel,), (size,) = _U16.unpack_from(self._data, start), _U32.unpack_from(self._data, start + 2)
@@ -533,7 +468,7 @@ def _channel(body: bytes) -> Channel:
     return Channel.read(_stream(body, 0, len(body)))
 
 
-def _stream(data: bytes | memoryview, start: int, end: int) -> ReadDataStream:
+def _stream(data: bytes, start: int, end: int) -> ReadDataStream:
     """A record's body for ``mcap``'s own records to read."""
     return ReadDataStream(BytesIO(data[start:end]))
 

@@ -170,7 +170,7 @@ def test_a_cut_file_without_chunks_keeps_all_that_mcap_reads(synthetic_log: Path
 def test_a_changed_byte_outside_the_chunks_is_found_by_the_check_sum(synthetic_log: Path, tmp_path: Path) -> None:
     other = write(tmp_path / "other.mcap", synthetic_log, use_chunking=False, enable_data_crcs=True)
     data = bytearray(other.read_bytes())
-    at = data.index(scan_mcap(bytes(data)).by_topic()["/state"][5].data) + 40
+    at = data.index(scan_mcap(bytes(data)).of("/state").data()[5]) + 40
     data[at] ^= 1
     other.write_bytes(data)
     assert "check sum of the" in read_run(other).damage[0]
@@ -179,11 +179,11 @@ def test_a_changed_byte_outside_the_chunks_is_found_by_the_check_sum(synthetic_l
 def changed(log: Path, out: Path, **header) -> Path:
     """A second run: the same messages under another header."""
     scan = scan_mcap(log.read_bytes())
-    new = log_pb2.Header.FromString(scan.by_topic()["/header"][0].data)
+    new = log_pb2.Header.FromString(scan.of("/header").data()[0])
     for name, value in header.items():
         setattr(new, name, value)
     writer = RunWriter(out, codec.header_from_proto(new))
-    for message in scan.by_topic()["/state"]:
+    for message in (m for m in scan.messages if m.topic == "/state"):
         writer.add(log_pb2.State.FromString(message.data), message.sequence)
     writer.close({}, "completed")
     return out
