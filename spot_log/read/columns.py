@@ -155,7 +155,9 @@ def layout_of(data: bytes, kind: Any, at: int, end: int, mask: bytearray) -> Lay
         elif wire != _BYTES or (declared.type in _ARRAYS and (stop - at) % _ARRAYS[declared.type].itemsize == 0):
             layout.spans[name] = at, stop
             if declared.type == FieldDescriptor.TYPE_BOOL:
-                mask[at:stop] = b"\xfe" * (stop - at)  # 0 or 1, or it would not be one byte each
+                mask[at:stop] = b"\xfe" * (stop - at)
+                if max(data[at:stop], default=0) > 1:  # a flag may have more than one byte
+                    raise UnusualError
         else:
             raise UnusualError
         at = stop

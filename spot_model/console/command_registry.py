@@ -16,7 +16,6 @@ from __future__ import annotations
 import importlib.util
 import re
 import sys
-from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated
@@ -127,17 +126,12 @@ def _words(entry: EntryPoint) -> str:
     return f"'spot-rl {entry.name.replace('.', ' ')}'"
 
 
-@cache
-def _origin(top: str) -> str | None:
-    spec = importlib.util.find_spec(top)
-    return None if spec is None else spec.origin
-
-
 def source_of(module: str) -> Path | None:
     """Return the source file of ``module``, found from its top package so that not even its parents are imported."""
     top, *rest = module.split(".")
-    if (origin := _origin(top)) is None:
+    spec = importlib.util.find_spec(top)
+    if spec is None or spec.origin is None:
         return None
-    path = Path(origin).parent.joinpath(*rest) if rest else Path(origin)
+    path = Path(spec.origin).parent.joinpath(*rest) if rest else Path(spec.origin)
     candidates = (path.with_suffix(".py"), path / "__init__.py")
     return next((candidate for candidate in candidates if candidate.is_file()), None)
