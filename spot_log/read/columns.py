@@ -274,7 +274,7 @@ class Wire:
         return (values[:, 0] if width is None else values).astype(declared.dtype, copy=False)
 
     def _ints(self, begins: Ints, sizes: Ints) -> Ints:
-        """Numbers of base 128, by the size in each layout: groups of seven bits move together by pairs, fours, eights."""
+        """Numbers of base 128, by their size in each layout: groups of seven bits move together, two, four, eight."""
         u8 = np.uint64
         words = np.array([(1 << 8 * min(size, 8)) - 1 for size in sizes.tolist()], dtype=u8)
         low = numbers_at(self.buffer, begins, "<u8") & words.take(self.which)

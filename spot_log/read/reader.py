@@ -135,7 +135,7 @@ def _parsed(path: Path, scan: Scan, topic: Topic) -> Parsed:
     for data, number in zip(rows.data(), rows.sequence, strict=True):
         try:
             parsed.append(topic.message_type.FromString(data))
-        except DecodeError as error:
+        except DecodeError as error:  # noqa: PERF203 - the message names the record
             raise LogReadError(f"{path}: {topic.name} record {number} cannot be decoded: {error}") from error
     return Parsed(parsed)
 
