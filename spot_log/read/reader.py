@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from google.protobuf.message import DecodeError
+from mcap.reader import SeekingReader
 
 from spot_log.errors import LogReadError, ManyRunsError, MissingHeaderError, NotAnMcapError, SchemaVersionError
 from spot_log.format import codec
@@ -16,8 +17,10 @@ from spot_log.format.codec import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, ST
 from spot_log.format.records import SCHEMA_NAME, RunHeader
 from spot_log.format.tables import Table
 from spot_log.read.columns import Parsed, UnusualError, Wire
+from spot_log.read.chunks import PARSE_ERRORS
 from spot_log.read.mcap_scan import Scan, scan_mcap
 from spot_log.read.run import CommandTable, ImuTable, Ints, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.write.mcap_file import MAGIC
 from spot_log.write.run_writer import HEADER_ATTACHMENT
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
@@ -47,6 +50,42 @@ def read_run(path: str | Path) -> Run:
         raise NotAnMcapError(path, len(data))
     header = header_of(path, scan)
     return run_of(path, header, scan)
+
+
+class _Opened(Run):
+    """A run of which only the header was read; all else is read when something of it is first asked for."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in Run.__dataclass_fields__ or "path" not in vars(self):
+            raise AttributeError(f"a run has no {name!r}")
+        vars(self).update(vars(read_run(self.path)))
+        return vars(self)[name]
+
+
+def open_run(path: str | Path) -> Run:
+    """Open a log: read its header now, and all else when something of it is first asked for.
+
+    A log that was not closed, or does not have exactly one header, is read at once.
+
+    Raises:
+        LogReadError: As :func:`read_run` does; what is wrong behind the header is raised when it is read.
+        OSError: The file cannot be read.
+    """
+    path, scan = Path(path), Scan()
+    with contextlib.suppress(*PARSE_ERRORS, OSError, StopIteration), path.open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+        if summary and summary.statistics:
+            numbers = [channel.id for channel in summary.channels.values() if channel.topic == HEADER.name]
+            counts = [summary.statistics.channel_message_counts.get(number, 0) for number in numbers]
+            copies = [index for index in summary.attachment_indexes if index.name == HEADER_ATTACHMENT]
+            if sum(counts) == len(copies) == 1:
+                file.seek(copies[0].offset)
+                scan = scan_mcap(MAGIC + file.read(copies[0].length))
+    if len(header_copies(scan)) != 1:
+        return read_run(path)
+    run = object.__new__(_Opened)
+    vars(run).update(path=path, header=header_of(path, scan))
+    return run
 
 
 def read_log_file(path: Path) -> bytes:
