@@ -14,7 +14,7 @@ from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from spot_log import read_run
+from spot_log import open_run, read_run
 from spot_log.errors import LogReadError
 from spot_log.format import codec
 from spot_log.read.mcap_scan import scan_mcap
@@ -198,8 +198,9 @@ def test_two_runs_in_one_file_are_refused_by_name(how: str, synthetic_log: Path,
     else:
         both.write_bytes(synthetic_log.read_bytes() + second.read_bytes())
     told = r"holds 2 runs.*run walk-2 of another; give the logs that it was made from"
-    with pytest.raises(LogReadError, match=told):
-        read_run(both)
+    for read in (read_run, open_run):
+        with pytest.raises(LogReadError, match=told):
+            read(both)
     with pytest.raises(LogReadError, match=told):
         recover_log(both, tmp_path / "out.mcap")
     for command in (["log", "info", str(both)], ["log", "export", str(both), "--out", str(tmp_path / "t")]):
