@@ -16,8 +16,8 @@ from spot_log.format import codec
 from spot_log.format.codec import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.format.records import SCHEMA_NAME, RunHeader
 from spot_log.format.tables import Table
-from spot_log.read.columns import Parsed, UnusualError, Wire
 from spot_log.read.chunks import PARSE_ERRORS
+from spot_log.read.columns import Parsed, UnusualError, Wire
 from spot_log.read.mcap_scan import Scan, scan_mcap
 from spot_log.read.run import CommandTable, ImuTable, Ints, Run, RunFooter, SlowTable, StateTable, TickTable
 from spot_log.write.mcap_file import MAGIC
