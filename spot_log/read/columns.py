@@ -114,8 +114,7 @@ class Layout:
 def layout_of(data: bytes, kind: Any, at: int, end: int, mask: bytearray) -> Layout:
     """The layout of the message in ``data[at:end]``, whose descriptor is ``kind``.
 
-    Args:
-        mask: As long as ``data``; becomes 1 where a bit has to be the same in a message of the same layout.
+    ``mask``, as long as ``data``, becomes 1 where a bit has to be the same in a message of the same layout.
 
     Raises:
         UnusualError: A field is unknown, of a kind that is not for tables, or comes twice.
@@ -176,7 +175,7 @@ def _int(data: bytes, at: int, end: int) -> tuple[int, int]:
     raise UnusualError
 
 
-def _rows_like(buffer: Bytes, starts: Ints, first: bytes, mask: bytearray) -> NDArray[np.bool_]:
+def _rows_like(buffer: Bytes, first: bytes, mask: bytearray, starts: Ints) -> NDArray[np.bool_]:
     """Which of the messages that begin at ``starts`` are, where the mask has ones, like the first."""
     padded, at = (first + bytes(8), bytes(mask) + bytes(8)), 0
     differing = np.zeros(len(starts), dtype=np.uint64)
@@ -217,7 +216,9 @@ class Wire:
             while len(left):
                 first, mask = buffer[starts[left[0]] :][:length].tobytes(), bytearray(length)
                 layout = layout_of(first, kind, 0, length, mask)
-                like = _rows_like(buffer, starts[left], first, mask)
+                # So few at a time that what is looked at stays in the cache.
+                blocks = np.array_split(starts[left], len(left) // 4096 + 1)
+                like = np.concatenate(on_all_cores(partial(_rows_like, buffer, first, mask), blocks))
                 if len(layouts) == MAX_LAYOUTS or not like[0]:
                     raise UnusualError
                 which[left[like]] = len(layouts)

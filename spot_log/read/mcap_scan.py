@@ -41,6 +41,8 @@ MESSAGE_BYTES: Final = 256
 """What a message costs in memory beside its content."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_NUMBERED: Final = struct.Struct("<BQH")
+"""The head of a record that begins with the number of its channel."""
 _MESSAGE: Final = struct.Struct("<BQHIQQ")
 _FOOTER: Final = struct.Struct("<BQQQI")
 
@@ -299,19 +301,26 @@ class _Scanner:
         begin, offset, end = self._size, 0, len(content)
         self._scan.contents.append(content)
         self._size += end
-        keep, keep_kind, kinds = self._scan.places.append, self._scan.kinds.append, self._kinds
-        unpack, head_size = RECORD_HEAD.unpack_from, RECORD_HEAD.size
+        # This loop takes most of what one core alone has to do, so it looks nothing up.
+        keep, keep_kind, kinds, is_message = (
+            self._scan.places.append,
+            self._scan.kinds.append,
+            self._kinds,
+            int(Opcode.MESSAGE),
+        )
+        unpack, head_size, message_size = _NUMBERED.unpack_from, RECORD_HEAD.size, _MESSAGE_HEAD.size
         while offset + head_size <= end:
-            opcode, length = unpack(content, offset)
+            # What is shorter has no number, and is no message.
+            opcode, length, number = unpack(content if offset + 11 <= end else content + b"\0\0", offset)
             start = offset + head_size
             if start + length > end:
                 raise ValueError(f"a record of {length} bytes is longer than what is left of its chunk")
-            if opcode == Opcode.MESSAGE:
-                if length < _MESSAGE_HEAD.size:
+            if opcode == is_message:
+                if length < message_size:
                     raise ValueError(f"a message of {length} bytes is shorter than its head")
-                kind = kinds.get(content[start] | content[start + 1] << 8)
+                kind = kinds.get(number)
                 if kind is None:
-                    kind = self._new_kind(content[start] | content[start + 1] << 8)
+                    kind = self._new_kind(number)
                 if kind >= 0:
                     keep(begin + offset)
                     keep_kind(kind)
