@@ -46,7 +46,7 @@ def write_log(folder: Path, log: Path, minutes: float) -> None:
     stamps = [message.robot_stamp_ns for name, message in messages if name == STATE.name]
     span_ns, sequence = stamps[-1] - stamps[0] + 3_000_000, dict.fromkeys(types, 0)
     writer = RunWriter(log, HEADER.message_type.FromString(scan.of(HEADER.name).data()[0]))
-    for _ in range(round(minutes * 60e9 / span_ns)):
+    for _ in range(max(1, round(minutes * 60e9 / span_ns))):
         for name, message in messages:
             for field in [field.name for field, _ in message.ListFields() if field.name.endswith("_stamp_ns")]:
                 setattr(message, field, getattr(message, field) + span_ns)
