@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from spot_log.errors import LogError, LogReadError
 
 if TYPE_CHECKING:
-    from spot_log.read.reader import read_run
+    from spot_log.read.reader import open_run, read_run
     from spot_log.read.recover import recover_leftovers, recover_log
     from spot_log.read.run import Run
 
-__all__ = ["LogError", "LogReadError", "Run", "read_run", "recover_leftovers", "recover_log"]
+__all__ = ["LogError", "LogReadError", "Run", "open_run", "read_run", "recover_leftovers", "recover_log"]
 
 
 def __getattr__(name: str) -> Any:

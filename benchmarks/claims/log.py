@@ -1,12 +1,11 @@
-"""Claim: the log costs the loop less a message, and opens faster, than JSON lines, HDF5 or plain MCAP.
+"""Claim: the log costs the loop less a message than JSON lines, HDF5 or plain MCAP; and its size.
 
-Every writer gets the states of one fake robot that stands up and sits down. First at the pace of a robot, 333 a
-second: what a message costs the thread that hands it over. Then as fast as it goes: the file's size, and the time from
-the file to arrays of joints, body and stamps. Ours holds the whole message with its IMU packets, and copies for viewers
-at 50 Hz; plain MCAP (the mcap package's writer and reader, zstd) the whole message; JSON lines and HDF5 (rows
-appended to resizable data sets, a second at a time) the fields that are read back.
+Every writer gets the states of one fake robot that stands up and sits down at the pace of a robot, 333 a second. Ours
+holds the whole message with its IMU packets, and copies for viewers at 50 Hz; plain MCAP (the mcap package's writer,
+zstd) the whole message; JSON lines and HDF5 (rows appended to resizable data sets, a second at a time) joints, body and
+stamps. How soon a log is read: `benchmarks/log_reading.py`.
 
-    python benchmarks/claims/log.py [--seconds 6] [--minutes 10]
+    python benchmarks/claims/log.py [--seconds 6]
 """
 
 from __future__ import annotations
@@ -19,23 +18,19 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import h5py
 import numpy as np
 from bosdyn.api.robot_state_pb2 import RobotStateStreamResponse
-from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import Scenario
 from spot_log.format.records import RunHeader, WireState
-from spot_log.format.vendor_state import robot_state_from_wire, state_record_from_wire
-from spot_log.read.reader import read_run
+from spot_log.format.vendor_state import robot_state_from_wire
 from spot_log.write.logger_process import LoggerProcess
-from spot_log.write.run_writer import RunWriter
-from spot_model.robot import facts
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Measured, RobotState
 
@@ -69,24 +64,6 @@ class Ours:
         self._sink.close("completed")
         if self._sink.dropped["state"]:
             raise SystemExit(f"our log dropped {self._sink.dropped['state']} states")
-
-
-class OursInProcess:
-    """What the log's process does, without the hand-over."""
-
-    def __init__(self, path: Path) -> None:
-        self._writer, self._n = RunWriter(path, RunHeader("bench", time.time_ns())), 0
-
-    def put(self, wire: bytes, state: RobotState) -> None:
-        """Keep one state."""
-        self._writer.add(state_record_from_wire(wire, state.host_stamp_ns), self._n)
-        self._n += 1
-        if self._writer.is_chunk_full:
-            self._writer.flush()
-
-    def close(self) -> None:
-        """Finish the file."""
-        self._writer.close({}, "completed")
 
 
 class JsonLines:
@@ -159,41 +136,12 @@ class PlainMcap:
         self._file.close()
 
 
-def read_ours(path: Path) -> list[Any]:
-    """By `read_run`."""
-    states = read_run(path).states
-    return [getattr(states, name) for name in FIELDS]
-
-
-def read_json(path: Path) -> list[Any]:
-    """Line by line."""
-    with path.open() as file:
-        rows = [json.loads(line) for line in file]
-    return [np.array([row[name] for row in rows]) for name in FIELDS]
-
-
-def read_hdf5(path: Path) -> list[Any]:
-    """Whole data sets."""
-    with h5py.File(path) as file:
-        return [file[name][:] for name in FIELDS]
-
-
-def read_mcap(path: Path) -> list[Any]:
-    """By the mcap package's reader."""
-    with path.open("rb") as file:
-        rows = [
-            robot_state_from_wire(message.data, message.log_time) for _, _, message in make_reader(file).iter_messages()
-        ]
-    return [np.array([getattr(row, name) for row in rows]) for name in FIELDS]
-
-
-PEERS: dict[str, tuple[Callable[[Path], Peer], Callable[[Path], Peer], Callable[[Path], list[Any]]]] = {
-    "ours": (Ours, OursInProcess, read_ours),
-    "json_lines": (JsonLines, JsonLines, read_json),
-    "hdf5": (Hdf5, Hdf5, read_hdf5),
-    "plain_mcap": (PlainMcap, PlainMcap, read_mcap),
+PEERS: dict[str, Callable[[Path], Peer]] = {
+    "ours": Ours,
+    "json_lines": JsonLines,
+    "hdf5": Hdf5,
+    "plain_mcap": PlainMcap,
 }
-"""Writer at a robot's pace, writer as fast as it goes, reader."""
 
 
 def recorded() -> list[bytes]:
@@ -225,25 +173,15 @@ def main() -> None:
     """Measure every writer, print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=6.0, help="at a robot's pace")
-    parser.add_argument("--minutes", type=float, default=1.0, help="length of the log that is read")
     chosen = parser.parse_args()
     wires = recorded()
-    states = [robot_state_from_wire(wire, time.time_ns()) for wire in wires]
-    n, told = round(chosen.minutes * 60 * PER_S), {}
-    for name, (paced, fast, read) in PEERS.items():
+    told = {}
+    for name, made in PEERS.items():
         with tempfile.TemporaryDirectory() as folder:
-            with closing(paced(Path(folder) / "paced.mcap")) as writer:
+            path = Path(folder) / "log.mcap"
+            with closing(made(path)) as writer:
                 figures = cost_us(writer.put, wires, chosen.seconds)
-            path = Path(folder) / "fast.mcap"
-            with closing(fast(path)) as writer:
-                for i in range(n):
-                    writer.put(wires[i % len(wires)], states[i % len(wires)])
-            figures["mb_a_minute"] = path.stat().st_size / 1e6 / chosen.minutes
-            begin_s = time.perf_counter()
-            arrays = read(path)
-            figures["read_s_per_10_min"] = (time.perf_counter() - begin_s) * 10 / chosen.minutes
-            if len(arrays[0]) != n or arrays[2].shape != (n, facts.N_JOINTS):
-                raise SystemExit(f"{name} gave back {arrays[2].shape} for {n} states")
+            figures["mb_a_minute"] = path.stat().st_size / 1e6 / chosen.seconds * 60
             told[name] = {key: round(value, 2) for key, value in figures.items()}
     print(json.dumps(told))
 

@@ -7,134 +7,43 @@ by the pattern of its head, and goes on there.
 from __future__ import annotations
 
 import contextlib
-import re
 import struct
 import zlib
+from array import array
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from io import BytesIO
 from typing import Final, NamedTuple
 
-import lz4.frame as lz4  # type: ignore[import-untyped]
-import zstandard
+import numpy as np
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from spot_log.format.codec import ALL_TOPICS
+from spot_log.format.tables import Ints
+from spot_log.read.chunks import (
+    MAX_CHUNK_BYTES,
+    PARSE_ERRORS,
+    RECORD_HEAD,
+    Budget,
+    Chunk,
+    find_chunk,
+    read_ahead,
+    read_chunk,
+)
+from spot_log.read.columns import Bytes, numbers_at
 from spot_log.write.mcap_file import MAGIC
 
-RECORD_HEAD: Final = struct.Struct("<BQ")
-CHUNK_HEAD: Final = struct.Struct("<QQQII")
-COMPRESSIONS: Final = ("zstd", "lz4", "")
-MAX_CHUNK_BYTES: Final = 1 << 26
-"""What any chunk may hold; a larger one must have the bytes for it: a few could ask for all of a computer's memory."""
-
-PARSE_ERRORS: Final = (struct.error, ValueError, OverflowError, zstandard.ZstdError, MemoryError, McapError)
-_U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
-# Opcode and length, two times, size, check sum: then comes the compression's name, which marks a chunk.
-_MARK_OFFSET: Final = RECORD_HEAD.size + 28
-_MARK: Final = re.compile(b"|".join(re.escape(_U32.pack(len(name)) + name.encode()) for name in COMPRESSIONS if name))
-
-
-FREE_BYTES: Final = 16 << 20
-MAX_EXPANSION: Final = 64
-"""Our own logs hold four to eight times their size."""
-
-
-class Budget:
-    """How much one file may expand to: a few kB must neither fill a computer's memory nor keep it busy for minutes."""
-
-    def __init__(self, file_bytes: int) -> None:
-        """Allow :data:`FREE_BYTES`, and :data:`MAX_EXPANSION` times the file's size."""
-        self.limit = self.left = FREE_BYTES + MAX_EXPANSION * file_bytes
-
-    def take(self, size: int) -> bool:
-        """Whether this many more bytes are allowed; after a refusal, none are."""
-        self.left = self.left - size if size <= self.left else 0
-        return self.left > 0
-
-    @property
-    def is_spent(self) -> bool:
-        """Whether nothing more is allowed."""
-        return self.left <= 0
-
-
-class Chunk(NamedTuple):
-    """The uncompressed content of a chunk, and the offset of the record after it."""
-
-    content: bytes
-    end: int
-
-
-def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
-    """Read the chunk at ``offset`` by its own head, whatever the record's head says; else tell what is wrong.
-
-    Every attempt is charged to ``budget``, also a failed one.
-    """
-    at = offset + RECORD_HEAD.size
-    try:
-        _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, at)
-        compression = data[at + CHUNK_HEAD.size : at + CHUNK_HEAD.size + min(name_length, 8)].decode()
-        at += CHUNK_HEAD.size + name_length
-        (length,) = _U64.unpack_from(data, at)
-    except PARSE_ERRORS:
-        return "its head is cut"
-    start, end = at + 8, at + 8 + length
-    if compression not in COMPRESSIONS or len(compression) != name_length:
-        return f"its compression {compression[:16]!r} is not one of zstd, lz4 and none"
-    if end > len(data):
-        return "it is cut"
-    if size > (most := max(MAX_CHUNK_BYTES, MAX_EXPANSION * length)):
-        return f"its size of {size} bytes is more than {most}"
-    try:
-        content = _decompress(compression, data[start:end], size, budget)
-    except (*PARSE_ERRORS, RuntimeError) as error:
-        return f"it cannot be decompressed ({error})"
-    if len(content) != size:
-        return f"it holds {len(content)} bytes and says {size}"
-    if crc and zlib.crc32(content) != crc:
-        return "its check sum does not hold"
-    return Chunk(content, end)
-
-
-def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> bytes:
-    """Decompress at most ``size`` bytes. What is known to be wrong before costs nothing; all else is paid for."""
-    if compression == "" or not data:  # an empty chunk may hold an empty frame, or none
-        return data
-    if compression == "zstd":
-        declared = zstandard.get_frame_parameters(data).content_size
-        is_known = declared != zstandard.CONTENTSIZE_UNKNOWN
-    else:
-        declared = int(lz4.get_frame_info(data)["content_size"])
-        is_known = declared > 0
-    if is_known and declared != size:
-        raise ValueError(f"frame of {declared} bytes in a chunk of {size}")
-    if not budget.take(size + len(data)):
-        raise ValueError(f"the file would expand to more than {budget.limit} bytes")
-    if compression == "zstd":
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    return bytes(lz4.LZ4FrameDecompressor().decompress(data, max_length=size))
-
-
-def find_chunk(data: bytes, offset: int, budget: Budget) -> tuple[int, Chunk] | None:
-    """Find the next whole chunk that starts at or after ``offset``, by the mark in its head; None if there is none."""
-    # One pass for all marks: a search for each would go through the whole file again for one that is not there.
-    for mark in _MARK.finditer(data, offset + _MARK_OFFSET):
-        start = mark.start() - _MARK_OFFSET
-        chunk = read_chunk(data, start, budget)
-        if isinstance(chunk, Chunk):
-            return start, chunk
-        if budget.is_spent:
-            return None
-    return None
-
-
+_U16, _U32 = struct.Struct("<H"), struct.Struct("<I")
 MESSAGE_BYTES: Final = 256
 """What a message costs in memory beside its content."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_NUMBERED: Final = struct.Struct("<BQH")
+"""The head of a record that begins with the number of its channel."""
+_MESSAGE: Final = struct.Struct("<BQHIQQ")
 _FOOTER: Final = struct.Struct("<BQQQI")
 
 
@@ -149,15 +58,33 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
+class Rows(NamedTuple):
+    """Messages of one topic, in the order of the file."""
+
+    buffer: Bytes
+    starts: Ints
+    lengths: Ints
+    sequence: Ints
+    schema_names: set[str]
+
+    def data(self) -> list[bytes]:
+        """The content of each."""
+        return [self.buffer[i : i + n].tobytes() for i, n in zip(self.starts, self.lengths, strict=True)]
+
+
 @dataclass
 class Scan:
     """What a file holds."""
 
-    messages: list[RawMessage] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
-    channels: dict[tuple[str, str], tuple[Channel, Schema | None]] = field(default_factory=dict)
-    """Of its messages, by topic and name of the schema."""
+    contents: list[bytes] = field(default_factory=list)
+    """Of the chunks, and of messages outside of them."""
+    places: array[int] = field(default_factory=lambda: array("q"))
+    """Where each message's record begins in all contents together."""
+    kinds: array[int] = field(default_factory=lambda: array("q"))
+    """Which of the declared channels each message is of."""
+    declared: list[tuple[Channel, Schema | None]] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
     """One sentence for each place that could not be read, in the order of the file."""
     lost: Counter[str] = field(default_factory=Counter)
@@ -167,12 +94,50 @@ class Scan:
     is_mcap: bool = True
     """The file begins as an MCAP file does, or at least one chunk of it could be read."""
 
-    def by_topic(self) -> dict[str, list[RawMessage]]:
-        """The messages of each topic, in the order of the file."""
-        topics: dict[str, list[RawMessage]] = {}
-        for message in self.messages:
-            topics.setdefault(message.topic, []).append(message)
-        return topics
+    @cached_property
+    def buffer(self) -> Bytes:
+        """All contents, and 16 bytes more."""
+        joined = b"".join([*self.contents, bytes(16)])
+        self.contents.clear()
+        return np.frombuffer(joined, np.uint8)
+
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """Topic and name of the schema of each declared channel."""
+        return [(channel.topic, "" if schema is None else schema.name) for channel, schema in self.declared]
+
+    @property
+    def channels(self) -> dict[tuple[str, str], tuple[Channel, Schema | None]]:
+        """Of its messages, by topic and name of the schema; what was declared first counts."""
+        names = self.names
+        return {names[kind]: self.declared[kind] for kind in sorted(set(self.kinds), reverse=True)}
+
+    @cached_property
+    def messages(self) -> list[RawMessage]:
+        """All messages, in the order of the file."""
+        names, found, content = self.names, [], self.buffer.data
+        for place, kind in zip(self.places, self.kinds, strict=True):
+            _, length, _, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(content, place)
+            body = bytes(content[place + _MESSAGE.size : place + RECORD_HEAD.size + length])
+            found.append(RawMessage(*names[kind], sequence, log_ns, publish_ns, body))
+        return found
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Messages by topic."""
+        names = self.names
+        return sum((Counter({names[k][0]: n}) for k, n in Counter(self.kinds).items()), Counter())
+
+    def of(self, topic: str, schema_name: str | None = None) -> Rows:
+        """The messages of one topic, and of one schema if it is given."""
+        chosen = {k: of for k, (name, of) in enumerate(self.names) if name == topic and schema_name in (None, of)}
+        kinds = np.array(self.kinds, dtype=np.int64)
+        is_chosen = np.isin(kinds, list(chosen))
+        places = np.array(self.places, dtype=np.int64)[is_chosen]
+        lengths = numbers_at(self.buffer, places + 1, "<u8").astype(np.int64) - _MESSAGE_HEAD.size
+        sequence = numbers_at(self.buffer, places + RECORD_HEAD.size + 2, "<u4").astype(np.int64)
+        names = {chosen[kind] for kind in np.unique(kinds[is_chosen]).tolist()}
+        return Rows(self.buffer, places + _MESSAGE.size, lengths, sequence, names)
 
 
 def scan_mcap(data: bytes) -> Scan:
@@ -185,6 +150,7 @@ class _Scanner:
         self._data = data
         self._scan = Scan()
         self._budget = Budget(len(data))
+        self._ahead, self._size = read_ahead(data), 0
         self._lost_chunk = self._in_index = False
         self._begin(0)
 
@@ -193,6 +159,8 @@ class _Scanner:
         self._start = offset
         self._channels = {t.channel_id: Channel(t.channel_id, t.name, "", {}, t.channel_id) for t in ALL_TOPICS}
         self._schemas = {t.channel_id: Schema(t.channel_id, b"", "", t.schema_name) for t in ALL_TOPICS}
+        self._kinds: dict[int, int] = {}
+        """Place of a channel among those declared, by its number."""
 
     def run(self) -> Scan:
         data, scan = self._data, self._scan
@@ -219,7 +187,7 @@ class _Scanner:
         elif not is_ended and not scan.is_cut:
             scan.is_cut = True
             scan.damage.append(f"the file ends at byte {len(data)} without an end of data")
-        scan.is_mcap = is_magic or bool(scan.messages)
+        scan.is_mcap = is_magic or bool(scan.places)
         return scan
 
     def _read_summary(self) -> None:
@@ -232,7 +200,7 @@ class _Scanner:
         if is_whole and crc in (0, zlib.crc32(self._data[start : footer + _FOOTER.size - 4])):
             with contextlib.suppress(*PARSE_ERRORS):
                 self._content(self._data[start:footer])
-            self._scan.messages.clear()
+            del self._scan.places[:], self._scan.kinds[:]
             self._scan.lost.clear()
 
     def _skip_damage(self, offset: int) -> int:
@@ -305,7 +273,9 @@ class _Scanner:
         return bool(size + 6 == end - start and size % 16 == 0 and place < MAX_CHUNK_BYTES)
 
     def _chunk_record(self, offset: int) -> tuple[int, bool] | None:
-        chunk = read_chunk(self._data, offset, self._budget)
+        ahead = self._ahead.pop(offset, None)
+        is_allowed = ahead and self._budget.take(len(ahead.content) + ahead.end - offset)
+        chunk = ahead if ahead and is_allowed else read_chunk(self._data, offset, self._budget)
         if isinstance(chunk, Chunk):
             return self._take_chunk(offset, chunk), False
         # The chunk is bad; if its length is good, its index follows and tells what was in it.
@@ -319,41 +289,60 @@ class _Scanner:
 
     def _take_chunk(self, offset: int, chunk: Chunk) -> int:
         self._lost_chunk, self._in_index = False, True
-        before = len(self._scan.messages)
+        before = len(self._scan.places)
         try:
             self._content(chunk.content)
         except PARSE_ERRORS as error:
             self._scan.damage.append(f"chunk at byte {offset}: {error}")
-        self._budget.take(MESSAGE_BYTES * (len(self._scan.messages) - before))
+        self._budget.take(MESSAGE_BYTES * (len(self._scan.places) - before))
         return chunk.end
 
     def _content(self, content: bytes) -> None:
-        offset, end = 0, len(content)
-        append, keep = self._scan.messages.append, self._scan.channels.setdefault
-        head_size, message_head_size = RECORD_HEAD.size, _MESSAGE_HEAD.size
+        begin, offset, end = self._size, 0, len(content)
+        self._scan.contents.append(content)
+        self._size += end
+        # This loop takes most of what one core alone has to do, so it looks nothing up.
+        keep, keep_kind, kinds, is_message = (
+            self._scan.places.append,
+            self._scan.kinds.append,
+            self._kinds,
+            int(Opcode.MESSAGE),
+        )
+        unpack, head_size, message_size = _NUMBERED.unpack_from, RECORD_HEAD.size, _MESSAGE_HEAD.size
         while offset + head_size <= end:
-            opcode, length = RECORD_HEAD.unpack_from(content, offset)
+            # What is shorter has no number, and is no message.
+            opcode, length, number = unpack(content if offset + 11 <= end else content + b"\0\0", offset)
             start = offset + head_size
-            offset = start + length
-            if offset > end:
+            if start + length > end:
                 raise ValueError(f"a record of {length} bytes is longer than what is left of its chunk")
-            if opcode == Opcode.MESSAGE:
-                number, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, start)
-                channel = self._channels.get(number)
-                if channel is None:
-                    self._scan.lost[f"channel {number}"] += 1
-                    continue
-                schema = self._schemas.get(channel.schema_id)
-                name = "" if schema is None else schema.name
-                keep((channel.topic, name), (channel, schema))
-                body = content[start + message_head_size : offset]
-                append(RawMessage(channel.topic, name, sequence, log_ns, publish_ns, body))
+            if opcode == is_message:
+                if length < message_size:
+                    raise ValueError(f"a message of {length} bytes is shorter than its head")
+                kind = kinds.get(number)
+                if kind is None:
+                    kind = self._new_kind(number)
+                if kind >= 0:
+                    keep(begin + offset)
+                    keep_kind(kind)
             elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(_stream(content, start, offset))
-                self._channels[channel.id] = channel
+                channel = _channel(content[start : start + length])
+                if self._channels.get(channel.id) != channel:
+                    self._channels[channel.id] = channel
+                    kinds.pop(channel.id, None)
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(_stream(content, start, offset))
+                schema = Schema.read(_stream(content, start, start + length))
                 self._schemas[schema.id] = schema
+                kinds.clear()
+            offset = start + length
+
+    def _new_kind(self, number: int) -> int:
+        """Place of a channel among those declared; -1 where it is not, and the message is lost."""
+        channel = self._channels.get(number)
+        if channel is None:
+            self._scan.lost[f"channel {number}"] += 1
+            return -1
+        self._scan.declared.append((channel, self._schemas.get(channel.schema_id)))
+        return self._kinds.setdefault(number, len(self._scan.declared) - 1)
 
     def _message_index(self, start: int, length: int) -> None:
         (channel,), (size,) = _U16.unpack_from(self._data, start), _U32.unpack_from(self._data, start + 2)
@@ -369,6 +358,13 @@ class _Scanner:
             self._scan.damage.append(f"attachment at byte {start}: its check sum does not hold")
             return
         self._scan.attachments.append(Attachment.read(_stream(self._data, start, end)))
+
+
+@lru_cache(256)
+def _channel(body: bytes) -> Channel:
+    """A channel; each chunk of our own repeats those of its messages."""
+    channel: Channel = Channel.read(_stream(body, 0, len(body)))
+    return channel
 
 
 def _stream(data: bytes, start: int, end: int) -> ReadDataStream:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from google.protobuf.message import DecodeError, Message
+from google.protobuf.message import DecodeError
+from mcap.reader import SeekingReader
 
 from spot_log.errors import LogReadError, ManyRunsError, MissingHeaderError, NotAnMcapError, SchemaVersionError
 from spot_log.format import codec
 from spot_log.format.codec import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.format.records import SCHEMA_NAME, RunHeader
-from spot_log.read.columns import UnusualError, gather, widest, wire_columns
-from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
-from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.format.tables import Table
+from spot_log.read.chunks import PARSE_ERRORS
+from spot_log.read.columns import Parsed, UnusualError, Wire
+from spot_log.read.mcap_scan import Scan, scan_mcap
+from spot_log.read.run import CommandTable, ImuTable, Ints, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.write.mcap_file import MAGIC
 from spot_log.write.run_writer import HEADER_ATTACHMENT
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
@@ -27,7 +31,7 @@ RECOVERED: Final = "recovered: "
 MAX_IMU_PACKETS: Final = 256
 """In one state; a robot sends about five."""
 
-M = TypeVar("M", bound=Message)
+TableT = TypeVar("TableT", bound=Table)
 
 
 def read_run(path: str | Path) -> Run:
@@ -46,6 +50,42 @@ def read_run(path: str | Path) -> Run:
         raise NotAnMcapError(path, len(data))
     header = header_of(path, scan)
     return run_of(path, header, scan)
+
+
+class _Opened(Run):
+    """A run of which only the header was read; all else is read when something of it is first asked for."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in Run.__dataclass_fields__ or "path" not in vars(self):
+            raise AttributeError(f"a run has no {name!r}")
+        vars(self).update(vars(read_run(self.path)))
+        return vars(self)[name]
+
+
+def open_run(path: str | Path) -> Run:
+    """Open a log: read its header now, and all else when something of it is first asked for.
+
+    A log that was not closed, or does not have exactly one header, is read at once.
+
+    Raises:
+        LogReadError: As :func:`read_run` does; what is wrong behind the header is raised when it is read.
+        OSError: The file cannot be read.
+    """
+    path, scan = Path(path), Scan()
+    with contextlib.suppress(*PARSE_ERRORS, OSError, StopIteration), path.open("rb") as file:
+        summary = SeekingReader(file).get_summary()
+        if summary and summary.statistics:
+            numbers = [channel.id for channel in summary.channels.values() if channel.topic == HEADER.name]
+            counts = [summary.statistics.channel_message_counts.get(number, 0) for number in numbers]
+            copies = [index for index in summary.attachment_indexes if index.name == HEADER_ATTACHMENT]
+            if sum(counts) == len(copies) == 1:
+                file.seek(copies[0].offset)
+                scan = scan_mcap(MAGIC + file.read(copies[0].length))
+    if len(header_copies(scan)) != 1:
+        return read_run(path)
+    run = object.__new__(_Opened)
+    vars(run).update(path=path, header=header_of(path, scan))
+    return run
 
 
 def read_log_file(path: Path) -> bytes:
@@ -71,9 +111,8 @@ def header_of(path: Path, scan: Scan) -> RunHeader:
         SchemaVersionError: The records are not those of this program.
         ManyRunsError: There are two that differ.
     """
-    topics = scan.by_topic()
-    found = [message.data for message in topics.get(HEADER.name, []) if message.schema_name == HEADER.schema_name]
-    found.extend(header_copies(scan))
+    topics = scan.counts
+    found = [*scan.of(HEADER.name, HEADER.schema_name).data(), *header_copies(scan)]
     if not found:
         raise MissingHeaderError(path, sorted(topics))
     try:
@@ -99,23 +138,17 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
     Raises:
         LogReadError: A record does not have the shape that the header promises.
     """
-    topics = scan.by_topic()
     joints = header.joint_names or JOINT_NAMES
-    feet = header.foot_names or LEG_NAMES
-    commands, _ = _parse(path, topics, COMMAND, log_pb2.Command)
-    ticks, _ = _parse(path, topics, TICK, log_pb2.Tick)
-    slow_states, _ = _parse(path, topics, SLOW_STATE, log_pb2.SlowState)
-    events, _ = _parse(path, topics, EVENT, log_pb2.Event)
-    footers, _ = _parse(path, topics, FOOTER, log_pb2.Footer)
-    widths = {"joints": len(joints), "feet": len(feet), "#": widest(ticks, "observation") or N_OBSERVATION}
+    widths = {"joints": len(joints), "feet": len(header.foot_names or LEG_NAMES)}
+    footers = _parsed(path, scan, FOOTER).messages
     return Run(
         path=path,
         header=header,
-        states=_state_table(path, topics, widths),
-        commands=gather(CommandTable, commands, widths),
-        ticks=gather(TickTable, ticks, {**widths, "joints": widest(ticks, "action") or len(joints)}),
-        slow_states=_slow_table(slow_states, joints),
-        events=tuple(codec.event_from_proto(message) for message in events),
+        states=_table(path, scan, STATE, lambda source: _state_table(source, widths, scan.of(STATE.name).sequence)),
+        commands=_table(path, scan, COMMAND, lambda source: source.table(CommandTable, widths)),
+        ticks=_table(path, scan, TICK, lambda source: _tick_table(source, len(joints))),
+        slow_states=_slow_table(_parsed(path, scan, SLOW_STATE), joints),
+        events=tuple(codec.event_from_proto(message) for message in _parsed(path, scan, EVENT).messages),
         footer=_footer(footers[-1]) if footers else None,
         damage=_damage_text(scan, footers[-1] if footers else None),
     )
@@ -126,63 +159,55 @@ def _damage_text(scan: Scan, footer: log_pb2.Footer | None) -> tuple[str, ...]:
     if footer is None:
         lost.append("the log has no footer: it was not closed, and its last half second may be missing")
         return (*scan.damage, *lost)
-    counts = Counter(message.topic[1:] for message in scan.messages)
     for topic, written in sorted(footer.messages.items()):
-        if counts[topic] != written and not scan.damage:
-            lost.append(f"{written} of {topic} were written, {counts[topic]} are here")
+        if (here := scan.counts["/" + topic]) != written and not scan.damage:
+            lost.append(f"{written} of {topic} were written, {here} are here")
     if footer.outcome.startswith(RECOVERED):
         lost.append(f"this log was {footer.outcome}")
     return (*scan.damage, *lost)
 
 
-def _parse(path: Path, topics: dict[str, list[RawMessage]], topic: Topic, kind: type[M]) -> tuple[list[M], list[int]]:
-    parsed: list[M] = []
-    sequence: list[int] = []
-    for raw in topics.get(topic.name, ()):
-        if raw.schema_name != topic.schema_name:
-            raise SchemaVersionError(path, raw.schema_name or "none", topic.schema_name)
-        message = kind()
+def _parsed(path: Path, scan: Scan, topic: Topic) -> Parsed:
+    rows, parsed = scan.of(topic.name), []
+    for other in sorted(rows.schema_names - {topic.schema_name}):
+        raise SchemaVersionError(path, other or "none", topic.schema_name)
+    for data, number in zip(rows.data(), rows.sequence, strict=True):
         try:
-            message.ParseFromString(raw.data)
-        except DecodeError as error:
-            raise LogReadError(f"{path}: {topic.name} record {raw.sequence} cannot be decoded: {error}") from error
-        parsed.append(message)
-        sequence.append(raw.sequence)
-    return parsed, sequence
+            parsed.append(topic.message_type.FromString(data))
+        except DecodeError as error:  # noqa: PERF203 - the message names the record
+            raise LogReadError(f"{path}: {topic.name} record {number} cannot be decoded: {error}") from error
+    return Parsed(parsed)
 
 
-def _state_table(path: Path, topics: dict[str, list[RawMessage]], widths: dict[str, int]) -> StateTable:
-    raws = topics.get(STATE.name, [])
-    if raws and all(raw.schema_name == STATE.schema_name for raw in raws):
-        with contextlib.suppress(UnusualError):
-            columns, imu, counts = wire_columns(
-                [raw.data for raw in raws], log_pb2.State.DESCRIPTOR, StateTable, widths, "imu", ImuTable
-            )
-            columns["sequence"] = np.array([raw.sequence for raw in raws], dtype=np.int64)
-            if counts.max() <= MAX_IMU_PACKETS:
-                imu["state_index"] = np.repeat(np.arange(len(raws)), counts)
-                return StateTable(imu=ImuTable(**imu) if counts.any() else ImuTable.of(0, {}), **columns)
-    states, sequence = _parse(path, topics, STATE, log_pb2.State)
-    return gather(StateTable, states, widths, sequence=np.array(sequence, dtype=np.int64), imu=_imu_table(states))
+def _table(path: Path, scan: Scan, topic: Topic, made_of: Callable[[Wire | Parsed], TableT]) -> TableT:
+    """A topic's table, from its wire bytes if they are as usual."""
+    rows = scan.of(topic.name)
+    with contextlib.suppress(UnusualError):
+        if rows.schema_names == {topic.schema_name}:
+            return made_of(Wire.of(rows.buffer, rows.starts, rows.lengths, topic.message_type.DESCRIPTOR))
+    return made_of(_parsed(path, scan, topic))
 
 
-def _imu_table(rows: list[log_pb2.State]) -> ImuTable:
-    packets: list[Any] = []
-    index: list[int] = []
-    for i, row in enumerate(rows):
-        if len(row.imu) > MAX_IMU_PACKETS:
-            raise LogReadError(f"state {i} holds {len(row.imu)} IMU packets; allowed: at most {MAX_IMU_PACKETS}")
-        packets.extend(row.imu)
-        index.extend([i] * len(row.imu))
-    return gather(ImuTable, packets, {}, state_index=np.array(index, dtype=np.int64))
+def _state_table(source: Wire | Parsed, widths: dict[str, int], sequence: Ints) -> StateTable:
+    packets, counts = source.part("imu")
+    if (too_many := counts > MAX_IMU_PACKETS).any():
+        i = int(np.argmax(too_many))
+        raise LogReadError(f"state {i} holds {counts[i]} IMU packets; allowed: at most {MAX_IMU_PACKETS}")
+    imu = packets.table(ImuTable, {}, state_index=np.repeat(np.arange(len(counts)), counts))
+    return source.table(StateTable, widths, sequence=sequence, imu=imu)
 
 
-def _slow_table(rows: list[log_pb2.SlowState], joints: tuple[str, ...]) -> SlowTable:
+def _tick_table(source: Wire | Parsed, n_joints: int) -> TickTable:
+    widths = {"#": source.widest("observation") or N_OBSERVATION, "joints": source.widest("action") or n_joints}
+    return source.table(TickTable, widths)
+
+
+def _slow_table(parsed: Parsed, joints: tuple[str, ...]) -> SlowTable:
+    rows = parsed.messages
     temperatures = [[row.motor_temperature_c.get(name, np.nan) for name in joints] for row in rows]
     lists = ("battery_temperature_c", "system_faults", "behavior_faults", "service_faults")
-    return gather(
+    return parsed.table(
         SlowTable,
-        rows,
         {},
         motor_temperature_c=np.array(temperatures, dtype=np.float64).reshape(len(rows), len(joints)),
         **{name: tuple(tuple(getattr(row, name)) for row in rows) for name in lists},

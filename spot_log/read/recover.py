@@ -161,7 +161,7 @@ def _messages_to_keep(source: Path, scan: Scan) -> list[RawMessage]:
     if not any(message.topic == HEADER.name for message in messages):
         copy = next(iter(header_copies(scan)), None)
         if copy is None:
-            raise MissingHeaderError(source, sorted(scan.by_topic()))
+            raise MissingHeaderError(source, sorted(scan.counts))
         started_ns = max(0, log_pb2.Header.FromString(copy).started_host_stamp_ns)
         messages.insert(0, RawMessage(HEADER.name, HEADER.schema_name, 0, started_ns, started_ns, copy))
     if not any(message.topic == FOOTER.name for message in messages):

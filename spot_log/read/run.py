@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ class Run:
     """Modes, stops, warnings and labels."""
     footer: RunFooter | None
     """Counts, and how the run ended; None if the log was not closed."""
-    damage: tuple[str, ...] = ()
+    damage: tuple[str, ...] = field(default_factory=tuple)
     """What could not be read, a sentence each; empty for a whole log."""
 
     def __repr__(self) -> str:

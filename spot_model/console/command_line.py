@@ -59,7 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         commands = find_commands()
         chosen = next((name for name in (".".join(named), chosen) if name in commands), chosen)
         entry = commands.get(chosen) if chosen else None
-        app = build_app(commands, chosen)
+        # Where a command comes first, nothing of the others is shown.
+        app = build_app({entry.name: entry} if entry and words[:1] == named[:1] else commands, chosen)
         typer.main.get_command(app).main(args=words, prog_name="spot-rl")
     except (KeyboardInterrupt, SystemExit) as end:
         if isinstance(end, SystemExit) and not _was_interrupted(end):

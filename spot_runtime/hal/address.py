@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ipaddress
 import socket
-import ssl
 from dataclasses import dataclass
 from typing import Final
 
@@ -104,6 +103,8 @@ def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, tim
         if lacks := shortage(str(error)):
             return HalError(f"{address} cannot be reached: {lacks}")
         return NoRobotError(f"no robot at {address}: {error.strerror}; check address, port and that the robot is on")
+    import ssl  # as slow to load as all else that a command's help needs
+
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     try:
         with connection:

@@ -31,6 +31,7 @@ SMALL: dict[str, tuple[str, ...]] = {
 WEEKLY: dict[str, tuple[str, ...]] = {
     "benchmarks/start_up.py": ("2",),
     "benchmarks/conformance_errors.py": ("body_velocity_negated",),
+    "benchmarks/log_reading.py": ("--minutes 1 --rounds 1",),
     "benchmarks/claims/loop.py": ("--seconds 2 --plain",),
     "benchmarks/claims/fakes.py": ("--seconds 1 --most 2",),
     "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),

@@ -11,7 +11,8 @@ from mcap.opcode import Opcode
 
 from spot_log import read_run
 from spot_log.errors import LogReadError
-from spot_log.read.mcap_scan import FREE_BYTES, MAX_EXPANSION, Budget, scan_mcap
+from spot_log.read.chunks import FREE_BYTES, MAX_EXPANSION, Budget
+from spot_log.read.mcap_scan import scan_mcap
 from spot_log.write.mcap_file import MAGIC
 
 

@@ -14,7 +14,7 @@ from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from spot_log import read_run
+from spot_log import open_run, read_run
 from spot_log.errors import LogReadError
 from spot_log.format import codec
 from spot_log.read.mcap_scan import scan_mcap
@@ -170,7 +170,7 @@ def test_a_cut_file_without_chunks_keeps_all_that_mcap_reads(synthetic_log: Path
 def test_a_changed_byte_outside_the_chunks_is_found_by_the_check_sum(synthetic_log: Path, tmp_path: Path) -> None:
     other = write(tmp_path / "other.mcap", synthetic_log, use_chunking=False, enable_data_crcs=True)
     data = bytearray(other.read_bytes())
-    at = data.index(scan_mcap(bytes(data)).by_topic()["/state"][5].data) + 40
+    at = data.index(scan_mcap(bytes(data)).of("/state").data()[5]) + 40
     data[at] ^= 1
     other.write_bytes(data)
     assert "check sum of the" in read_run(other).damage[0]
@@ -179,11 +179,11 @@ def test_a_changed_byte_outside_the_chunks_is_found_by_the_check_sum(synthetic_l
 def changed(log: Path, out: Path, **header) -> Path:
     """A second run: the same messages under another header."""
     scan = scan_mcap(log.read_bytes())
-    new = log_pb2.Header.FromString(scan.by_topic()["/header"][0].data)
+    new = log_pb2.Header.FromString(scan.of("/header").data()[0])
     for name, value in header.items():
         setattr(new, name, value)
     writer = RunWriter(out, codec.header_from_proto(new))
-    for message in scan.by_topic()["/state"]:
+    for message in (m for m in scan.messages if m.topic == "/state"):
         writer.add(log_pb2.State.FromString(message.data), message.sequence)
     writer.close({}, "completed")
     return out
@@ -198,8 +198,9 @@ def test_two_runs_in_one_file_are_refused_by_name(how: str, synthetic_log: Path,
     else:
         both.write_bytes(synthetic_log.read_bytes() + second.read_bytes())
     told = r"holds 2 runs.*run walk-2 of another; give the logs that it was made from"
-    with pytest.raises(LogReadError, match=told):
-        read_run(both)
+    for read in (read_run, open_run):
+        with pytest.raises(LogReadError, match=told):
+            read(both)
     with pytest.raises(LogReadError, match=told):
         recover_log(both, tmp_path / "out.mcap")
     for command in (["log", "info", str(both)], ["log", "export", str(both), "--out", str(tmp_path / "t")]):

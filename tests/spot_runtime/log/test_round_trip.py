@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from spot_log import read_run
+from spot_log import open_run, read_run
 from spot_log.errors import DiskSpaceError, LogExistsError
 from spot_log.format import codec
 from spot_log.format.records import WireState
@@ -207,3 +207,32 @@ def test_publish_times_never_go_back_when_the_clocks_difference_becomes_better_k
             assert message.publish_time >= newest.get(channel.topic, 0), channel.topic
             newest[channel.topic] = message.publish_time
     assert "/state" in newest
+
+
+def test_a_log_is_opened_by_its_header_and_read_when_it_is_asked_for(synthetic_log: Path, tmp_path: Path) -> None:
+    opened, whole = open_run(synthetic_log), read_run(synthetic_log)
+    assert opened.header == whole.header
+    assert set(vars(opened)) == {"path", "header"}
+    np.testing.assert_array_equal(opened.ticks.observation, whole.ticks.observation)
+    assert repr(opened) == repr(whole)
+    assert opened.damage == ()
+    with pytest.raises(AttributeError, match="no 'state'"):
+        _ = opened.state
+    data = synthetic_log.read_bytes()
+    at = data.index(b"spot-rl header") + 60  # in the copy of the header
+    for name, content in {"cut": data[: len(data) // 2], "changed": data[:at] + b"\xff" + data[at + 1 :]}.items():
+        (tmp_path / name).write_bytes(content)
+        told = open_run(tmp_path / name)
+        assert told.header == whole.header
+        assert told.damage, name
+        assert len(vars(told)) > 2, name
+
+
+def test_what_is_wrong_behind_the_header_is_told_when_it_is_read(synthetic_log: Path, tmp_path: Path) -> None:
+    data = bytearray(synthetic_log.read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "changed").write_bytes(data)
+    opened = open_run(tmp_path / "changed")
+    assert "states" not in vars(opened)
+    assert opened.damage == read_run(tmp_path / "changed").damage != ()
+    assert len(opened.states) == len(read_run(tmp_path / "changed").states)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spot_log.format.tables import ImuTable, StateTable
-from spot_log.read.columns import UnusualError, gather, wire_columns
+from spot_log.format.tables import ImuTable, StateTable, Table
+from spot_log.read.columns import Parsed, UnusualError, Wire
 from spot_protos import log_pb2
 
 WIDTHS = {"joints": 12, "feet": 4}
@@ -45,25 +45,36 @@ def state(seed: int, *, n_imu: int = 2, **given: Any) -> log_pb2.State:
     return log_pb2.State(**{**values, **given})
 
 
-def read(raws: list[bytes]) -> tuple[dict[str, Any], dict[str, Any], Any]:
-    return wire_columns(raws, log_pb2.State.DESCRIPTOR, StateTable, WIDTHS, "imu", ImuTable)
+def read(raws: list[bytes]) -> tuple[StateTable, ImuTable, list[int]]:
+    lengths = np.array([len(raw) for raw in raws])
+    buffer = np.frombuffer(b"".join([*raws, bytes(16)]), np.uint8)
+    wire = Wire.of(buffer, np.cumsum(lengths) - lengths, lengths, log_pb2.State.DESCRIPTOR)
+    packets, counts = wire.part("imu")
+    imu = packets.table(ImuTable, {}, state_index=np.zeros(counts.sum(), dtype=np.int64))
+    return wire.table(StateTable, WIDTHS, sequence=np.zeros(len(raws), dtype=np.int64)), imu, counts.tolist()
+
+
+def assert_equal(found: Table, want: Table) -> None:
+    for name in want.columns():
+        assert getattr(found, name).dtype == getattr(want, name).dtype
+        np.testing.assert_array_equal(getattr(found, name), getattr(want, name), err_msg=name)
+
+
+def parsed(rows: list[log_pb2.State]) -> tuple[StateTable, ImuTable, list[int]]:
+    packets, counts = Parsed(rows).part("imu")
+    imu = packets.table(ImuTable, {}, state_index=np.zeros(counts.sum(), dtype=np.int64))
+    table = Parsed(rows).table(StateTable, WIDTHS, sequence=np.zeros(len(rows), dtype=np.int64))
+    return table, imu, counts.tolist()
 
 
 @given(st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 3), st.booleans()), min_size=1, max_size=12))
 @settings(deadline=None, max_examples=60)
 def test_columns_are_those_of_protobuf(drawn: list[tuple[int, int, bool]]) -> None:
     rows = [state(seed, n_imu=n, **({"last_command_key": 0} if is_first else {})) for seed, n, is_first in drawn]
-    columns, imu, counts = read([row.SerializeToString() for row in rows])
-    want = gather(StateTable, rows, WIDTHS, sequence=np.zeros(len(rows), dtype=np.int64))
-    for name in set(StateTable.columns()) - {"sequence"}:
-        assert columns[name].dtype == getattr(want, name).dtype
-        np.testing.assert_array_equal(columns[name], getattr(want, name), err_msg=name)
-    packets = [packet for row in rows for packet in row.imu]
-    assert counts.tolist() == [len(row.imu) for row in rows]
-    if packets:
-        wanted = gather(ImuTable, packets, {}, state_index=np.zeros(len(packets), dtype=np.int64))
-        for name in set(ImuTable.columns()) - {"state_index"}:
-            np.testing.assert_array_equal(imu[name], getattr(wanted, name), err_msg=name)
+    found, want = read([row.SerializeToString() for row in rows]), parsed(rows)
+    assert_equal(found[0], want[0])
+    assert_equal(found[1], want[1])
+    assert found[2] == want[2]
 
 
 @given(st.integers(0, 50), st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 255)), min_size=1, max_size=4))
@@ -73,16 +84,13 @@ def test_damaged_bytes_that_are_read_are_read_as_protobuf_does(seed: int, change
     for place, byte in changes:
         data[place % len(data)] = byte
     try:
-        columns, imu, counts = read([bytes(data)])
+        found = read([bytes(data)])
     except UnusualError:
         return
-    row = log_pb2.State.FromString(bytes(data))
-    for name in set(StateTable.columns()) - {"sequence"}:
-        np.testing.assert_array_equal(columns[name][0], np.array(getattr(row, name)), err_msg=name)
-    assert counts.tolist() == [len(row.imu)]
-    for i, packet in enumerate(row.imu):
-        assert imu["robot_stamp_ns"][i] == packet.robot_stamp_ns
-        np.testing.assert_array_equal(imu["odom_from_link_wxyz"][i], packet.odom_from_link_wxyz)
+    want = parsed([log_pb2.State.FromString(bytes(data))])
+    assert_equal(found[0], want[0])
+    assert_equal(found[1], want[1])
+    assert found[2] == want[2]
 
 
 @pytest.mark.parametrize(
@@ -110,7 +118,7 @@ def test_a_contact_that_is_neither_0_nor_1_is_not_taken_for_the_layout_of_others
     place = usual.index(bytes([10 << 3 | 2, 4, 1, 1, 1, 1]))
     odd = usual[: place + 2] + b"\x81\x00\x01\x01" + usual[place + 6 :]  # three numbers in four bytes
     assert list(log_pb2.State.FromString(odd).foot_contact) == [True] * 3
-    columns, _, _ = read([usual, usual])
-    assert columns["foot_contact"].all()
+    table, _, _ = read([usual, usual])
+    assert table.foot_contact.all()
     with pytest.raises(UnusualError):
         read([usual, odd])
