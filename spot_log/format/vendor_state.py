@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -26,11 +26,6 @@ _ARRAYS: Final = (
     "linear_vel_of_body_in_odom_m_s",
     "angular_vel_of_body_in_odom_rad_s",
 )
-_IMU_ARRAYS: Final = (
-    "acceleration_of_imu_in_link_m_s2",
-    "angular_vel_of_link_in_link_rad_s",
-    "odom_from_link_wxyz",
-)
 
 
 class StateMessageError(BadInputError):
@@ -47,7 +42,10 @@ class _ImuPackets(Sequence[ImuPacket]):
         return len(self._packets)
 
     def __getitem__(self, place: Any) -> Any:
-        return ImuPacket(**_with_arrays(_packet_values(self._packets[place]), _IMU_ARRAYS))
+        return _imu_packet(self._packets[place])
+
+    def __iter__(self) -> Iterator[ImuPacket]:
+        return map(_imu_packet, self._packets)
 
 
 def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]) -> RobotState:
@@ -137,6 +135,12 @@ def _packet_values(packet: robot_state_pb2.ImuState.Packet) -> dict[str, Any]:
         "angular_vel_of_link_in_link_rad_s": _vector(packet.angular_velocity_rt_odom_in_link_frame),
         "odom_from_link_wxyz": _quaternion_wxyz(packet.odom_rot_link),
     }
+
+
+def _imu_packet(packet: robot_state_pb2.ImuState.Packet) -> ImuPacket:
+    stamp_ns, force, turn_rate, rotation = _packet_values(packet).values()
+    numbers = np.array((*force, *turn_rate, *rotation))  # one array takes less time than three
+    return ImuPacket(stamp_ns, numbers[:3], numbers[3:6], numbers[6:])
 
 
 def _with_arrays(values: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
