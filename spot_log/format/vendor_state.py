@@ -76,7 +76,9 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
             raise _wrong_length(name, n)
     if n_contacts not in (0, N_LEGS):
         raise StateMessageError(f"state message has {n_contacts} contact states; Spot sends {N_LEGS}, or none")
-    values = _with_arrays(_values(message), _ARRAYS)
+    values = _values(message)
+    for name in _ARRAYS:
+        values[name] = np.array(values[name], dtype=np.float64)
     values["foot_contact"] = np.array(values["foot_contact"] or [False] * N_LEGS, dtype=np.bool_)
     received_ns = host_stamp_ns if isinstance(host_stamp_ns, int) else host_stamp_ns(values["robot_stamp_ns"])
     return RobotState(host_stamp_ns=received_ns, imu=_ImuPackets(message.inertial_state.packets), **values)
@@ -141,13 +143,6 @@ def _imu_packet(packet: robot_state_pb2.ImuState.Packet) -> ImuPacket:
     stamp_ns, force, turn_rate, rotation = _packet_values(packet).values()
     numbers = np.array((*force, *turn_rate, *rotation))  # one array takes less time than three
     return ImuPacket(stamp_ns, numbers[:3], numbers[3:6], numbers[6:])
-
-
-def _with_arrays(values: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """The values, those of ``names`` as arrays."""
-    for name in names:
-        values[name] = np.array(values[name], dtype=np.float64)
-    return values
 
 
 def _stamp_ns(timestamp: Timestamp) -> int:
