@@ -16,9 +16,10 @@ from spot_model.policy.observation import COLUMNS, OBSERVATION
 from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.task_config import RandomisationConfig
-from trainer.config.train_config import TrainConfig, load_config
+from trainer.config.train_config import PpoConfig, TrainConfig, load_config
 from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
 from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, policy_of, read_layers, run_torch
+from trainer.ppo.runner import rsl_config
 from trainer.ppo.train import make_runner, resume, train
 from trainer.task.draws import Draws, training_effects
 from trainer.task.task import check_device
@@ -208,10 +209,30 @@ def test_training_with_drawn_and_sensing_effects_runs(tiny: TrainConfig, tmp_pat
     assert train(config, tmp_path / "r", device="cpu").is_file()
 
 
+@pytest.mark.parametrize(
+    ("asked", "device", "able", "expected"),
+    [
+        (None, "cpu", {"avx512_bf16": True}, True),
+        (None, "cpu", {"amx_bf16": True}, True),
+        (None, "cpu", {"avx512_f": True}, False),
+        (None, "cuda:0", {"avx512_bf16": True}, False),
+        (True, "cpu", {}, True),
+        (False, "cpu", {"avx512_bf16": True}, False),
+    ],
+)
+def test_networks_learn_in_16_bits_where_the_processor_has_them_built_in(
+    monkeypatch: pytest.MonkeyPatch, asked: bool | None, device: str, able: dict[str, bool], expected: bool
+) -> None:
+    monkeypatch.setattr("torch.cpu.get_capabilities", lambda: able)
+    config = rsl_config(PpoConfig(mixed_precision=asked), device)
+    assert config["algorithm"]["use_mixed_precision"] is expected
+
+
 def test_the_benchmark_reports_every_share(tiny: TrainConfig) -> None:
     result = bench_train(tiny, "cpu", iterations=1)
     assert result["n_envs"] == 8
     assert result["policy_steps_per_s"] > 0
+    assert result["core_us"] > result["collect_core_us"] > 0.0
     total = result["physics_share"] + result["task_share"] + result["learning_share"]
     assert total == pytest.approx(1.0, abs=0.01)
 
