@@ -16,10 +16,9 @@ from spot_model.policy.observation import COLUMNS, OBSERVATION
 from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.task_config import RandomisationConfig
-from trainer.config.train_config import PpoConfig, TrainConfig, load_config
+from trainer.config.train_config import TrainConfig, load_config
 from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
 from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, policy_of, read_layers, run_torch
-from trainer.ppo.runner import rsl_config
 from trainer.ppo.train import make_runner, resume, train
 from trainer.task.draws import Draws, training_effects
 from trainer.task.task import check_device
@@ -207,25 +206,6 @@ def test_training_with_drawn_and_sensing_effects_runs(tiny: TrainConfig, tmp_pat
         update={"task": task, "iterations": 1, "ppo": tiny.ppo.model_copy(update={"mirror_loss": 0.1})}
     )
     assert train(config, tmp_path / "r", device="cpu").is_file()
-
-
-@pytest.mark.parametrize(
-    ("asked", "device", "able", "expected"),
-    [
-        (None, "cpu", {"avx512_bf16": True}, True),
-        (None, "cpu", {"amx_bf16": True}, True),
-        (None, "cpu", {"avx512_f": True}, False),
-        (None, "cuda:0", {"avx512_bf16": True}, False),
-        (True, "cpu", {}, True),
-        (False, "cpu", {"avx512_bf16": True}, False),
-    ],
-)
-def test_networks_learn_in_16_bits_where_the_processor_has_them_built_in(
-    monkeypatch: pytest.MonkeyPatch, asked: bool | None, device: str, able: dict[str, bool], expected: bool
-) -> None:
-    monkeypatch.setattr("torch.cpu.get_capabilities", lambda: able)
-    config = rsl_config(PpoConfig(mixed_precision=asked), device)
-    assert config["algorithm"]["use_mixed_precision"] is expected
 
 
 def test_the_benchmark_reports_every_share(tiny: TrainConfig) -> None:

@@ -27,7 +27,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
 
     def __init__(self, env: TaskVecEnv, config: TrainConfig, folder: Path, device: str) -> None:
         with contextlib.redirect_stdout(io.StringIO()):
-            super().__init__(env, rsl_config(config.ppo, device), log_dir=None, device=device)
+            super().__init__(env, rsl_config(config.ppo), log_dir=None, device=device)
         self.config = config
         self.folder = folder
         self.logger = TrainingLog(folder, config, is_writer=self.gpu_global_rank == 0)
@@ -197,14 +197,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         torch.distributed.init_process_group(backend="gloo", rank=self.gpu_global_rank, world_size=self.gpu_world_size)
 
 
-def learns_in_16_bits(ppo: PpoConfig, device: str) -> bool:
-    """What the config says of mixed precision; where it says nothing, whether this is a processor that has it built in."""
-    able = torch.cpu.get_capabilities() if device == "cpu" else {}
-    has_it = bool(able.get("avx512_bf16") or able.get("amx_bf16"))
-    return has_it if ppo.mixed_precision is None else ppo.mixed_precision
-
-
-def rsl_config(ppo: PpoConfig, device: str) -> dict[str, Any]:
+def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
     """rsl-rl's config dictionary; a fresh one each time, because rsl-rl writes into it."""
     network: dict[str, Any] = {"class_name": "MLPModel", "hidden_dims": list(ppo.hidden), "activation": "elu"}
     network["obs_normalization"] = ppo.normalise_observations
@@ -228,7 +221,7 @@ def rsl_config(ppo: PpoConfig, device: str) -> dict[str, Any]:
             "max_grad_norm": ppo.max_grad_norm,
             "schedule": ppo.schedule,
             "desired_kl": ppo.desired_kl,
-            "use_mixed_precision": learns_in_16_bits(ppo, device),
+            "use_mixed_precision": ppo.mixed_precision,
             "symmetry_cfg": None,
         },
     }
