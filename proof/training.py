@@ -69,8 +69,8 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``host`` (processors),
         ``n_envs`` of each,
         ``network``, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``, ``collect_core_us`` (CPU time of a
-        robot's step while collecting, µs, which other work on the computer hardly changes), ``core_us`` (the same with
-        learning), ``physics_steps_per_s``, the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
+        robot's step while collecting, µs, which other work hardly changes), ``core_us`` (the same with learning),
+        ``physics_steps_per_s``, the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
     """
     import torch
 
