@@ -69,8 +69,8 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``host`` (processors),
         ``n_envs`` of each,
         ``network``, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``, ``collect_core_us`` (CPU time of a
-        robot's step while collecting, µs, which other work on the computer hardly changes), ``physics_steps_per_s``,
-        the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
+        robot's step while collecting, µs, which other work hardly changes), ``core_us`` (the same with learning),
+        ``physics_steps_per_s``, the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
     """
     import torch
 
@@ -85,9 +85,7 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         times = [_iterate(runner, device) for _ in range(iterations)]
         physics_s = _physics_s(runner, device)
     steps = config.ppo.steps_per_iteration
-    collect_s = sum(t[0] for t in times) / iterations
-    learn_s = sum(t[1] for t in times) / iterations
-    core_s = sum(t[2] for t in times) / iterations
+    collect_s, learn_s, collect_core_s, core_s = (sum(column) / iterations for column in zip(*times, strict=True))
     total_s = collect_s + learn_s
     substeps = config.task.physics_rate_hz / facts.POLICY_RATE_HZ
     return {
@@ -98,7 +96,8 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         "network": list(config.ppo.hidden),
         "policy_steps_per_s": round(runner.gpu_world_size * config.n_envs * steps / total_s),
         "collect_steps_per_s": round(runner.gpu_world_size * config.n_envs * steps / collect_s),
-        "collect_core_us": round(1e6 * core_s / (config.n_envs * steps), 1),
+        "collect_core_us": round(1e6 * collect_core_s / (config.n_envs * steps), 1),
+        "core_us": round(1e6 * core_s / (config.n_envs * steps), 1),
         "physics_steps_per_s": round(runner.gpu_world_size * config.n_envs * substeps / physics_s),
         "physics_share": round(physics_s * steps / total_s, 4),
         "task_share": round((collect_s - physics_s * steps) / total_s, 4),
@@ -107,14 +106,14 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
     }
 
 
-def _iterate(runner: PpoRunner, device: str) -> tuple[float, float, float]:
-    """One iteration; seconds of collecting and of learning, and CPU time of collecting."""
+def _iterate(runner: PpoRunner, device: str) -> tuple[float, float, float, float]:
+    """One iteration; seconds of collecting and of learning, then CPU time of collecting and of both."""
     start, core_start = _now(device), time.process_time()
     runner.collect()
     runner.check_finite()
     collected, core_s = _now(device), time.process_time() - core_start
     runner.alg.update()
-    return collected - start, _now(device) - collected, core_s
+    return collected - start, _now(device) - collected, core_s, time.process_time() - core_start
 
 
 def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:

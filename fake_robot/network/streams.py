@@ -37,12 +37,9 @@ class Channel(Generic[MessageT]):
         """Mean of an exponential delay on top: a fault."""
         self.extra_drop_probability = 0.0
         """Of each message, on its own: a fault."""
-        self.sent = 0
-        self.dropped = 0
 
     def send(self, message: MessageT, now_ns: int) -> None:
         """A message leaves now."""
-        self.sent += 1
         if not self._delays_ns:
             self._draw()
         delay_ns, is_lost = self._delays_ns.pop(), self._losses.pop()
@@ -51,7 +48,6 @@ class Channel(Generic[MessageT]):
         if self.extra_drop_probability > 0.0:
             is_lost = is_lost or self._rng.random() < self.extra_drop_probability
         if is_lost:
-            self.dropped += 1
             return
         self._latest_ns = max(self._latest_ns, now_ns + delay_ns + self.extra_delay_ns)
         self._under_way.append((self._latest_ns, now_ns, message))
@@ -67,10 +63,6 @@ class Channel(Generic[MessageT]):
         while self._under_way and self._under_way[0][0] <= now_ns:
             arrived.append(self._under_way.popleft())
         return arrived
-
-    def clear(self) -> None:
-        """Forget what is under way: the connection is gone."""
-        self._under_way.clear()
 
     def _draw(self) -> None:
         # In blocks: one draw costs as much as five hundred.

@@ -44,10 +44,7 @@ class StateTap:
 
     def take(self) -> list[bytes]:
         """The messages since the last call."""
-        messages = []
-        while (message := self._subscription.get(0.0)) is not None:
-            messages.append(message)
-        return messages
+        return list(iter(lambda: self._subscription.get(0.0), None))
 
     def close(self) -> None:
         """Collect no more."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -26,11 +26,6 @@ _ARRAYS: Final = (
     "linear_vel_of_body_in_odom_m_s",
     "angular_vel_of_body_in_odom_rad_s",
 )
-_IMU_ARRAYS: Final = (
-    "acceleration_of_imu_in_link_m_s2",
-    "angular_vel_of_link_in_link_rad_s",
-    "odom_from_link_wxyz",
-)
 
 
 class StateMessageError(BadInputError):
@@ -47,7 +42,10 @@ class _ImuPackets(Sequence[ImuPacket]):
         return len(self._packets)
 
     def __getitem__(self, place: Any) -> Any:
-        return ImuPacket(**_with_arrays(_packet_values(self._packets[place]), _IMU_ARRAYS))
+        return _imu_packet(self._packets[place])
+
+    def __iter__(self) -> Iterator[ImuPacket]:
+        return map(_imu_packet, self._packets)
 
 
 def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]) -> RobotState:
@@ -78,7 +76,9 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
             raise _wrong_length(name, n)
     if n_contacts not in (0, N_LEGS):
         raise StateMessageError(f"state message has {n_contacts} contact states; Spot sends {N_LEGS}, or none")
-    values = _with_arrays(_values(message), _ARRAYS)
+    values = _values(message)
+    for name in _ARRAYS:
+        values[name] = np.array(values[name], dtype=np.float64)
     values["foot_contact"] = np.array(values["foot_contact"] or [False] * N_LEGS, dtype=np.bool_)
     received_ns = host_stamp_ns if isinstance(host_stamp_ns, int) else host_stamp_ns(values["robot_stamp_ns"])
     return RobotState(host_stamp_ns=received_ns, imu=_ImuPackets(message.inertial_state.packets), **values)
@@ -139,11 +139,10 @@ def _packet_values(packet: robot_state_pb2.ImuState.Packet) -> dict[str, Any]:
     }
 
 
-def _with_arrays(values: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """The values, those of ``names`` as arrays."""
-    for name in names:
-        values[name] = np.array(values[name], dtype=np.float64)
-    return values
+def _imu_packet(packet: robot_state_pb2.ImuState.Packet) -> ImuPacket:
+    stamp_ns, force, turn_rate, rotation = _packet_values(packet).values()
+    numbers = np.array((*force, *turn_rate, *rotation))  # one array takes less time than three
+    return ImuPacket(stamp_ns, numbers[:3], numbers[3:6], numbers[6:])
 
 
 def _stamp_ns(timestamp: Timestamp) -> int:

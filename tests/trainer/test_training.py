@@ -212,6 +212,7 @@ def test_the_benchmark_reports_every_share(tiny: TrainConfig) -> None:
     result = bench_train(tiny, "cpu", iterations=1)
     assert result["n_envs"] == 8
     assert result["policy_steps_per_s"] > 0
+    assert result["core_us"] > result["collect_core_us"] > 0.0
     total = result["physics_share"] + result["task_share"] + result["learning_share"]
     assert total == pytest.approx(1.0, abs=0.01)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import io
 import os
 import time
@@ -203,7 +202,7 @@ def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
     network: dict[str, Any] = {"class_name": "MLPModel", "hidden_dims": list(ppo.hidden), "activation": "elu"}
     network["obs_normalization"] = ppo.normalise_observations
     gaussian = {"class_name": DeviceGaussian, "init_std": ppo.initial_std, "std_type": "scalar"}
-    config = {
+    return {
         "num_steps_per_env": ppo.steps_per_iteration,
         "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
         "actor": {**network, "distribution_cfg": gaussian},
@@ -226,4 +225,3 @@ def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
             "symmetry_cfg": None,
         },
     }
-    return copy.deepcopy(config)
