@@ -135,6 +135,8 @@ class Effect(ABC):
 
     name: ClassVar[str]
     hook: ClassVar[Hook]
+    by_joint: ClassVar[bool] = False
+    """Whether what it does at a joint depends on that joint and its own numbers alone."""
 
     joints: tuple[str, ...] = ("all",)
 
@@ -199,6 +201,7 @@ class TorqueEffect(Effect):
     """An effect that changes the motor torque at every physics step."""
 
     hook: ClassVar[Hook] = Hook.TORQUE
+    by_joint: ClassVar[bool] = True
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """Memory before the first step, for arrays like ``torque_nm``, shape (n, 12)."""
@@ -286,6 +289,7 @@ class SensorEffect(Effect):
     """An effect on the joints' sensors."""
 
     hook: ClassVar[Hook] = Hook.SENSOR
+    by_joint: ClassVar[bool] = True
 
     def start(self, reading: JointReading) -> Memory:
         """Memory before the first reading."""
