@@ -71,7 +71,14 @@ def simulate(
     mjcf = MjcfOptions(
         timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
     )
-    options = PlantOptions(mjcf=mjcf, device=device, n_threads=available_threads(), on_divergence="flag")
+    options = PlantOptions(
+        mjcf=mjcf,
+        device=device,
+        n_threads=available_threads(),
+        on_divergence="flag",
+        # Nobody sees an estimate between two states.
+        estimate_steps=SUBSTEPS if device == "cpu" else 1,
+    )
     plant = Plant(own, len(scripts), options)
     last_action = put_at(plant, [script.start for script in scripts])
     loop = RecordedLoop(

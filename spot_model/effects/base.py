@@ -164,7 +164,7 @@ class Effect(ABC):
         """Whether every parameter has its null value."""
         return all(bool(np.all(np.asarray(getattr(self, p.name)) == p.null)) for p in self.parameters())
 
-    @property
+    @functools.cached_property
     def mask(self) -> NDArray[np.bool_]:
         """Joints on which the effect acts, shape (12,)."""
         return select_joints(self.joints)
@@ -363,6 +363,11 @@ class OutsideEffect(Effect):
     """An effect of the surroundings, on gravity and the feet at every physics step."""
 
     hook: ClassVar[Hook] = Hook.OUTSIDE
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether what it does depends neither on the time nor on the robot, so that once is enough."""
+        return False
 
     @abstractmethod
     def surround(self, outside: Outside) -> None:

@@ -21,13 +21,14 @@ from diagnosis.closed_loop.simulation import (
 )
 from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
-from spot_model.effects.base import Effect
+from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import PayloadMass
 from spot_model.effects.commands import CommandDelay, CommandJitter
-from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.drivetrain import TorqueGain, TorqueOffset
 from spot_model.effects.estimator import VelocityEstimate
-from spot_model.effects.friction import Armature, CoulombFriction
+from spot_model.effects.friction import Armature, CoulombFriction, StribeckFriction
 from spot_model.effects.joint_sensors import SensorNoise as NoisyCells
+from spot_model.effects.power import BusSag
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions
