@@ -28,7 +28,7 @@ from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell, availa
 from trainer.simulate.recorded_loop import Course, RecordedLoop
 
 SUBSTEPS: Final = 2
-"""Physics steps between two states."""
+"""Physics steps between two states; one is enough to rank models, as a training's are longer still."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ def simulate(
     """Run all scripts, which have one tick period, in one batch.
 
     ``rng`` draws the sensors' noise and the delays; ``tell`` is called with the share that is done. With
-    ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links: enough to compare gaits.
+    ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links, and physics steps are as long
+    as a state's period: enough to rank models by their gaits.
     ``device`` is where the physics runs: "cpu" or a GPU.
 
     Raises:
@@ -67,7 +68,8 @@ def simulate(
     channel = [e for e in model.effects if isinstance(e, CommandEffect)]
     software = [e for e in model.effects if isinstance(e, SoftwareEffect)]
     own = [e for e in model.effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
-    step_s = facts.STATE_PERIOD_NS * 1e-9 / SUBSTEPS
+    substeps = 1 if only_ticks else SUBSTEPS
+    step_s = facts.STATE_PERIOD_NS * 1e-9 / substeps
     mjcf = MjcfOptions(
         timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
     )
@@ -77,7 +79,7 @@ def simulate(
         n_threads=available_threads(),
         on_divergence="flag",
         # Nobody sees an estimate between two states.
-        estimate_steps=SUBSTEPS if device == "cpu" else 1,
+        estimate_steps=substeps if device == "cpu" else 1,
     )
     plant = Plant(own, len(scripts), options)
     last_action = put_at(plant, [script.start for script in scripts])
