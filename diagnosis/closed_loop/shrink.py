@@ -152,10 +152,13 @@ def shrinkage(
     sizes = [(c.real.shape[0], c.models[before].shape[0]) for c in compared]
     sums, chosen = np.zeros((3, N_RESAMPLES)), rng.integers(len(sizes), size=(N_RESAMPLES, len(sizes)))
     for i, (c, (n_real, n_simulated)) in enumerate(zip(compared, sizes, strict=True)):
-        # All draws of one sequence at once, as shares of its runs.
+        # All draws of one sequence at once: how often each of its runs was drawn.
         at = np.nonzero(chosen == i)[0]
-        real, simulated = (rng.multinomial(n, np.full(n, 1.0 / n), len(at)) / n for n in (n_real, n_simulated))
-        means = [np.einsum("ks,sr,kr->k", simulated, c.models[name], real) for name in (before, after)]
+        real, simulated = (rng.multinomial(n, np.full(n, 1.0 / n), len(at)) for n in (n_real, n_simulated))
+        means = [
+            np.einsum("ks,sr,kr->k", simulated, c.models[name], real) / (n_real * n_simulated)
+            for name in (before, after)
+        ]
         for row, values in zip(sums, (*means, _repeats(c, real)), strict=True):
             np.add.at(row, at, values)
     d0s, d1s, floors = np.maximum(sums, np.array([c.least for c in compared])[chosen].sum(axis=1))
@@ -180,7 +183,7 @@ def mean_floor(compared: Sequence[SequenceDistances]) -> float:
 
 def mean_repeats(compared: Sequence[SequenceDistances]) -> float:
     """Mean distance of the robot's runs from each other, or what stands in for it."""
-    return float(np.mean([_repeats(c, np.full((1, len(c.real)), 1.0 / len(c.real))) for c in compared]))
+    return float(np.mean([_repeats(c, np.ones((1, len(c.real)))) for c in compared]))
 
 
 def _least(compared: Sequence[SequenceDistances]) -> float:
@@ -228,11 +231,11 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _repeats(c: SequenceDistances, share: Array) -> Array:
-    """Mean distance of two different real runs drawn in shares, shape (k, R); without repeats what stands in for it."""
+def _repeats(c: SequenceDistances, times: Array) -> Array:
+    """Mean distance of two different real runs, each drawn so often, (k, R); without repeats what stands in for it."""
     n = len(c.real)
     if n < 2:
-        return np.full(len(share), c.floor)
-    different = np.round(1.0 - np.sum(share * share, axis=1), 9)
-    mean = np.einsum("kr,rs,ks->k", share, c.real, share) / np.where(different > 0.0, different, 1.0)
-    return np.where(different > 0.0, mean, c.real.sum() / (n * (n - 1)))
+        return np.full(len(times), c.floor)
+    pairs = n * n - np.sum(times * times, axis=1)
+    drawn = np.einsum("kr,rs,ks->k", times, c.real, times) / np.maximum(pairs, 1.0)
+    return np.where(pairs > 0.0, drawn, c.real.sum() / (n * (n - 1)))
