@@ -78,8 +78,7 @@ def simulate(
         device=device,
         n_threads=available_threads(),
         on_divergence="flag",
-        # Nobody sees an estimate between two states.
-        estimate_steps=substeps if device == "cpu" else 1,
+        estimate_steps=substeps if device == "cpu" else 1,  # nobody sees one between two states
     )
     plant = Plant(own, len(scripts), options)
     last_action = put_at(plant, [script.start for script in scripts])

@@ -71,16 +71,12 @@ def side_by_side(robots: Sequence[Sequence[Effect]], which: int | NDArray[np.int
         return tuple(robots[0])
     numbers = np.arange(which) % len(robots) if isinstance(which, int) else which
     wide = [compact(effects) for effects in robots]
-    return tuple(effect for hook in Hook for effect in _woven([of_hook(own, hook) for own in wide], numbers))
+    return tuple(effect for hook in Hook for effect in _woven(wide, hook, numbers))
 
 
-def of_hook(effects: Sequence[Effect], hook: Hook) -> list[Effect]:
-    """The effects that act at one place, in their order."""
-    return [effect for effect in effects if effect.hook is hook]
-
-
-def _woven(robots: Sequence[Sequence[Effect]], which: NDArray[np.int_]) -> list[Effect]:
+def _woven(robots: Sequence[Sequence[Effect]], hook: Hook, which: NDArray[np.int_]) -> list[Effect]:
     """The effects of one hook, in an order that contains that of each robot."""
+    robots = [[effect for effect in effects if effect.hook is hook] for effects in robots]
     keyed = [[_key(effect) for effect in effects] for effects in robots]
     order: list[Key] = []
     for keys in keyed:
