@@ -154,7 +154,7 @@ def shrinkage(
     for i, (c, (n_real, n_simulated)) in enumerate(zip(compared, sizes, strict=True)):
         # All draws of one sequence at once: how often each of its runs was drawn.
         at = np.nonzero(chosen == i)[0]
-        real, simulated = (rng.multinomial(n, np.full(n, 1.0 / n), len(at)) for n in (n_real, n_simulated))
+        real, simulated = (1.0 * rng.multinomial(n, np.full(n, 1.0 / n), len(at)) for n in (n_real, n_simulated))
         means = [
             np.einsum("ks,sr,kr->k", simulated, c.models[name], real) / (n_real * n_simulated)
             for name in (before, after)
@@ -238,4 +238,4 @@ def _repeats(c: SequenceDistances, times: Array) -> Array:
         return np.full(len(times), c.floor)
     pairs = n * n - np.sum(times * times, axis=1)
     drawn = np.einsum("kr,rs,ks->k", times, c.real, times) / np.maximum(pairs, 1.0)
-    return np.where(pairs > 0.0, drawn, c.real.sum() / (n * (n - 1)))
+    return np.asarray(np.where(pairs > 0.0, drawn, c.real.sum() / (n * (n - 1))))
