@@ -154,7 +154,7 @@ def shrinkage(
     for i, (c, (n_real, n_simulated)) in enumerate(zip(compared, sizes, strict=True)):
         # All draws of one sequence at once: how often each of its runs was drawn.
         at = np.nonzero(chosen == i)[0]
-        real, simulated = (1.0 * rng.multinomial(n, np.full(n, 1.0 / n), len(at)) for n in (n_real, n_simulated))
+        real, simulated = (rng.multinomial(n, np.full(n, 1.0 / n), len(at)) for n in (n_real, n_simulated))
         means = [
             np.einsum("ks,sr,kr->k", simulated, c.models[name], real) / (n_real * n_simulated)
             for name in (before, after)
@@ -231,7 +231,7 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _repeats(c: SequenceDistances, times: Array) -> Array:
+def _repeats(c: SequenceDistances, times: NDArray[Any]) -> Array:
     """Mean distance of two different real runs, each drawn so often, (k, R); without repeats what stands in for it."""
     n = len(c.real)
     if n < 2:
