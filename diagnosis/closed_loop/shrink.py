@@ -150,16 +150,20 @@ def shrinkage(
     if d0 - floor <= MIN_GAP * max(floor, 1e-9):
         return Shrinkage(d0, d1, floor, None, None, None)
     sizes = [(c.real.shape[0], c.models[before].shape[0]) for c in compared]
-    draws = []
-    for drawn in resamples(sizes, rng):
-        sums, least = np.zeros(3), 0.0
-        for i, real, simulated in drawn:
-            c, at = compared[i], np.ix_(simulated, real)
-            sums += c.models[before][at].mean(), c.models[after][at].mean(), _repeats(c, real)
-            least += c.least
-        sums = np.maximum(sums, least)
-        if sums[0] - sums[2] > 1e-9:
-            draws.append((sums[0] - sums[1]) / (sums[0] - sums[2]))
+    sums, chosen = np.zeros((3, N_RESAMPLES)), rng.integers(len(sizes), size=(N_RESAMPLES, len(sizes)))
+    for i, (c, (n_real, n_simulated)) in enumerate(zip(compared, sizes, strict=True)):
+        # All draws of one sequence at once: how often each of its runs was drawn.
+        at = np.nonzero(chosen == i)[0]
+        real, simulated = (rng.multinomial(n, np.full(n, 1.0 / n), len(at)) for n in (n_real, n_simulated))
+        means = [
+            np.einsum("ks,sr,kr->k", simulated, c.models[name], real) / (n_real * n_simulated)
+            for name in (before, after)
+        ]
+        for row, values in zip(sums, (*means, _repeats(c, real)), strict=True):
+            np.add.at(row, at, values)
+    d0s, d1s, floors = np.maximum(sums, np.array([c.least for c in compared])[chosen].sum(axis=1))
+    is_known = d0s - floors > 1e-9
+    draws = ((d0s - d1s)[is_known] / (d0s - floors)[is_known]).tolist()
     s = min((d0 - max(d1, _least(compared))) / (d0 - floor), 1.0)
     if not draws:
         return Shrinkage(d0, d1, floor, s, None, None)
@@ -179,7 +183,7 @@ def mean_floor(compared: Sequence[SequenceDistances]) -> float:
 
 def mean_repeats(compared: Sequence[SequenceDistances]) -> float:
     """Mean distance of the robot's runs from each other, or what stands in for it."""
-    return float(np.mean([_repeats(c) for c in compared]))
+    return float(np.mean([_repeats(c, np.ones((1, len(c.real)))) for c in compared]))
 
 
 def _least(compared: Sequence[SequenceDistances]) -> float:
@@ -227,13 +231,11 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _repeats(c: SequenceDistances, chosen: NDArray[np.intp] | None = None) -> float:
-    """Mean distance of two different real runs; without repeats what stands in for it."""
+def _repeats(c: SequenceDistances, times: NDArray[Any]) -> Array:
+    """Mean distance of two different real runs, each drawn so often, (k, R); without repeats what stands in for it."""
     n = len(c.real)
     if n < 2:
-        return c.floor
-    index = np.arange(n) if chosen is None else chosen
-    different = index[:, None] != index[None, :]
-    if not different.any():
-        return float(c.real.sum() / (n * (n - 1)))
-    return float(c.real[np.ix_(index, index)][different].mean())
+        return np.full(len(times), c.floor)
+    pairs = n * n - np.sum(times * times, axis=1)
+    drawn = np.einsum("kr,rs,ks->k", times, c.real, times) / np.maximum(pairs, 1.0)
+    return np.asarray(np.where(pairs > 0.0, drawn, c.real.sum() / (n * (n - 1))))

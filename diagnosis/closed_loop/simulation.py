@@ -6,8 +6,7 @@ without an effect that another one has gets it with null values, at which it cha
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from spot_log.read.run import Run
 from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
+from spot_model.effects.side_by_side import side_by_side
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.closed_loop import put_at
@@ -28,7 +28,7 @@ from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell, availa
 from trainer.simulate.recorded_loop import Course, RecordedLoop
 
 SUBSTEPS: Final = 2
-"""Physics steps between two states."""
+"""Physics steps between two states; one is enough to rank models, as a training's are longer still."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ def simulate(
     """Run all scripts, which have one tick period, in one batch.
 
     ``rng`` draws the sensors' noise and the delays; ``tell`` is called with the share that is done. With
-    ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links: enough to compare gaits.
+    ``only_ticks`` no state is kept between the policy's ticks, and no loads of the links, and physics steps are as long
+    as a state's period: enough to rank models by their gaits.
     ``device`` is where the physics runs: "cpu" or a GPU.
 
     Raises:
@@ -67,11 +68,18 @@ def simulate(
     channel = [e for e in model.effects if isinstance(e, CommandEffect)]
     software = [e for e in model.effects if isinstance(e, SoftwareEffect)]
     own = [e for e in model.effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
-    step_s = facts.STATE_PERIOD_NS * 1e-9 / SUBSTEPS
+    substeps = 1 if only_ticks else SUBSTEPS
+    step_s = facts.STATE_PERIOD_NS * 1e-9 / substeps
     mjcf = MjcfOptions(
         timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
     )
-    options = PlantOptions(mjcf=mjcf, device=device, n_threads=available_threads(), on_divergence="flag")
+    options = PlantOptions(
+        mjcf=mjcf,
+        device=device,
+        n_threads=available_threads(),
+        on_divergence="flag",
+        estimate_steps=substeps if device == "cpu" else 1,  # nobody sees one between two states
+    )
     plant = Plant(own, len(scripts), options)
     last_action = put_at(plant, [script.start for script in scripts])
     loop = RecordedLoop(
@@ -90,7 +98,7 @@ def simulate(
     return loop.runs(tell)
 
 
-MOST_RUNS: Final = 64
+MOST_RUNS: Final = 256
 """Runs of one job on the cores, whatever the number of workers, so that the result is the same at any."""
 
 
@@ -171,54 +179,9 @@ def merged(models: Sequence[RobotModel]) -> RobotModel | None:
     wide = [np.shape(v) for m in models for e in m.effects for v in e.values.values() if np.ndim(v)]
     if any(m.robot != first.robot for m in models) or any(shape[0] != 1 for shape in wide):
         return None
-    order: list[Hashable] = []
-    keys = {id(m): [_key(e) for e in m.effects] for m in models}
-    for own in keys.values():
-        _weave(order, own)
-    rows = []
-    for model in models:
-        at, row = 0, []
-        own = keys[id(model)]
-        for key in order:
-            there = at < len(own) and own[at] == key
-            row.append(model.effects[at] if there else None)
-            at += there
-        rows.append(row)
-    return RobotModel(tuple(_merged_effect(column) for column in zip(*rows, strict=True)), first.robot)
-
-
-def _key(effect: Effect) -> Hashable:
-    """What two effects that differ in numbers alone have in common."""
-    numbers = {p.name for p in effect.parameters()}
-    rest = tuple((f.name, repr(getattr(effect, f.name))) for f in dataclasses.fields(effect) if f.name not in numbers)
-    return (type(effect), rest)
-
-
-def _weave(order: list[Hashable], own: Sequence[Hashable]) -> None:
-    """Insert what is missing, so that ``own`` is a subsequence of ``order``."""
-    at = 0
-    for key in own:
-        if key in order[at:]:
-            at = order.index(key, at) + 1
-        else:
-            order.insert(at, key)
-            at += 1
-
-
-def _merged_effect(effects: Sequence[Effect | None]) -> Effect:
-    """One effect with a number for each run where they differ; null where a run has none."""
-    some = next(e for e in effects if e is not None)
-    columns: dict[str, Any] = {}
-    for p in some.parameters():
-        values = [p.null if e is None else getattr(e, p.name) for e in effects]
-        if any(np.ndim(v) for v in values):
-            width = max(np.shape(v)[-1] if np.ndim(v) else 1 for v in values)
-            columns[p.name] = np.concatenate([np.broadcast_to(v, (1, width)) for v in values]).astype(np.float64)
-        elif any(v != values[0] for v in values):
-            columns[p.name] = np.array(values, dtype=np.float64)[:, None]
-        else:
-            columns[p.name] = values[0]
-    return dataclasses.replace(some, **columns)
+    apart = list({id(m): m for m in models}.values())
+    which = np.array([next(i for i, other in enumerate(apart) if other is m) for m in models])
+    return RobotModel(side_by_side([m.effects for m in apart], which), first.robot)
 
 
 def run_all(

@@ -142,7 +142,7 @@ def run_trials(
         models[name] = {s: made[k if crossed else -1] for k, s in enumerate(names)}
         if name == stated:
             chosen = best_surroundings(
-                made[-1], bench.scripts, bench.runs, bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
+                made[-1], bench.scripts, bench.runs, bench.policy, bench.engine, rng, lambda share: tell(0.5 * share)
             )
     # One object for one model in one place: runs of models that cannot be merged go by model.
     placed: dict[tuple[int, Surroundings], RobotModel] = {}
@@ -155,7 +155,7 @@ def run_trials(
             jobs += mine
             owners += [name] * len(mine)
     runs: dict[str, list[Run]] = {name: [] for name in models}
-    made_runs = run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share))
+    made_runs = run_all(jobs, bench.engine, rng, lambda share: tell(0.5 + 0.5 * share))
     for name, run in zip(owners, made_runs, strict=True):
         runs[name].append(run)
     compared, told = compared_by_sequence(bench, runs)

@@ -135,6 +135,8 @@ class Effect(ABC):
 
     name: ClassVar[str]
     hook: ClassVar[Hook]
+    by_joint: ClassVar[bool] = False
+    """Whether what it does at a joint depends on that joint and its own numbers alone."""
 
     joints: tuple[str, ...] = ("all",)
 
@@ -162,7 +164,7 @@ class Effect(ABC):
         """Whether every parameter has its null value."""
         return all(bool(np.all(np.asarray(getattr(self, p.name)) == p.null)) for p in self.parameters())
 
-    @property
+    @functools.cached_property
     def mask(self) -> NDArray[np.bool_]:
         """Joints on which the effect acts, shape (12,)."""
         return select_joints(self.joints)
@@ -199,6 +201,7 @@ class TorqueEffect(Effect):
     """An effect that changes the motor torque at every physics step."""
 
     hook: ClassVar[Hook] = Hook.TORQUE
+    by_joint: ClassVar[bool] = True
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """Memory before the first step, for arrays like ``torque_nm``, shape (n, 12)."""
@@ -286,6 +289,7 @@ class SensorEffect(Effect):
     """An effect on the joints' sensors."""
 
     hook: ClassVar[Hook] = Hook.SENSOR
+    by_joint: ClassVar[bool] = True
 
     def start(self, reading: JointReading) -> Memory:
         """Memory before the first reading."""
@@ -359,6 +363,11 @@ class OutsideEffect(Effect):
     """An effect of the surroundings, on gravity and the feet at every physics step."""
 
     hook: ClassVar[Hook] = Hook.OUTSIDE
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether what it does depends neither on the time nor on the robot, so that once is enough."""
+        return False
 
     @abstractmethod
     def surround(self, outside: Outside) -> None:

@@ -94,6 +94,7 @@ class ContactDelay(EstimateEffect):
     """
 
     name: ClassVar[str] = "contact_delay"
+    by_joint: ClassVar[bool] = True
 
     delay_s: Any = parameter(null=0.0, low=0.0, high=0.3, unit="s", source="0.01 to 0.04 s")
 

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from spot_model.effects.base import Outside, OutsideEffect, parameter
 from spot_model.robot import facts
 from spot_model.robot.arrays import namespace_of
@@ -32,6 +34,11 @@ class GroundSlope(OutsideEffect):
     rise_y_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="ramps 0.09 rad, roads up to 0.17")
     from_s: Any = parameter(null=0.0, low=0.0, high=1e5, unit="s", source="since the start")
     until_s: Any = parameter(null=math.inf, low=0.0, high=1e5, unit="s", source="since the start")
+
+    @property
+    def is_steady(self) -> bool:
+        """Without a beginning and an end."""
+        return bool(np.all(np.asarray(self.from_s) <= 0.0) and np.all(np.isinf(self.until_s)))
 
     def surround(self, outside: Outside) -> None:
         """Lean gravity as odom's vertical leans in the frame of the ground."""

@@ -25,6 +25,7 @@ class PowerLimit(TorqueEffect):
     """
 
     name: ClassVar[str] = "power_limit"
+    by_joint: ClassVar[bool] = False
 
     power_w: Any = parameter(
         null=math.inf, low=50.0, high=20_000.0, unit="W", source="quadrupeds of 30 kg, 1 to 4 kW peak"
@@ -80,6 +81,7 @@ class BusSag(TorqueEffect):
     """
 
     name: ClassVar[str] = "bus_sag"
+    by_joint: ClassVar[bool] = False
 
     resistance_ohm: Any = parameter(null=0.0, low=0.0, high=2.0, unit="Ω", source="battery and wiring, 0.02 to 0.1 Ω")
     open_voltage_v: Any = parameter(null=55.0, low=10.0, high=100.0, unit="V", source="Spot's battery, about 55 V")

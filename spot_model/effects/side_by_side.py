@@ -6,13 +6,14 @@ A step costs a Python call an effect, whatever the number of joints and robots t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from difflib import SequenceMatcher
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.effects.base import Effect, SensorEffect, TorqueEffect
+from spot_model.effects.base import Effect, Hook
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
 
@@ -35,9 +36,8 @@ def compact(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 def _may_join(own: Sequence[Effect], effect: Effect) -> bool:
     """Whether an effect is of one kind with others, and at other joints than they."""
-    is_by_joint = isinstance(effect, (TorqueEffect, SensorEffect))
     taken = np.any([select_joints(e.joints) for e in own], axis=0)
-    return is_by_joint and type(effect) is type(own[0]) and not (taken & select_joints(effect.joints)).any()
+    return effect.by_joint and type(effect) is type(own[0]) and not (taken & select_joints(effect.joints)).any()
 
 
 def _over_joints(own: Sequence[Effect]) -> Effect:
@@ -57,46 +57,54 @@ def _over_joints(own: Sequence[Effect]) -> Effect:
     return replace(own[0], joints=("all",), **columns)
 
 
-def side_by_side(robots: Sequence[Sequence[Effect]], n_sims: int) -> tuple[Effect, ...]:
-    """The effects of simulations of which number i is robot i modulo the number of robots.
+def side_by_side(robots: Sequence[Sequence[Effect]], which: int | NDArray[np.int_]) -> tuple[Effect, ...]:
+    """The effects of simulations, as one chain with a row for each where their numbers differ.
 
-    Effects of one kind at the same joints become one, with a row for each simulation; in simulations whose robot lacks
-    it, it has its null values. Each robot's effects keep their order.
+    Effects of one kind become one, at any joints where each joint is on its own; a simulation whose robot lacks it has
+    its null values. At each hook a robot's effects keep their order.
 
     Args:
-        robots: The effects of each; parameters are numbers.
-        n_sims: Simulations.
+        robots: The effects of each; parameters are numbers, or have shape (1, 12).
+        which: Number of the robot of each simulation, or how many simulations take the robots by turns.
     """
     if len(robots) == 1:
         return tuple(robots[0])
-    keyed = [_keyed(compact(effects)) for effects in robots]
+    numbers = np.arange(which) % len(robots) if isinstance(which, int) else which
+    wide = [compact(effects) for effects in robots]
+    return tuple(effect for hook in Hook for effect in _woven(wide, hook, numbers))
+
+
+def _woven(robots: Sequence[Sequence[Effect]], hook: Hook, which: NDArray[np.int_]) -> list[Effect]:
+    """The effects of one hook, in an order that contains that of each robot."""
+    robots = [[effect for effect in effects if effect.hook is hook] for effects in robots]
+    keyed = [[_key(effect) for effect in effects] for effects in robots]
     order: list[Key] = []
-    for effects in keyed:
-        at = 0
-        for key in effects:
-            if key in order:
-                at = order.index(key) + 1
-            else:
-                order.insert(at, key)
-                at += 1
-    which = np.arange(n_sims) % len(robots)
-    return tuple(_over_robots([effects.get(key) for effects in keyed], which) for key in order)
+    for keys in keyed:
+        steps = SequenceMatcher(None, order, keys, autojunk=False).get_opcodes()
+        order = [key for tag, i, j, k, m in steps for key in order[i:j] + (keys[k:m] if tag != "equal" else [])]
+    rows = []
+    for keys, effects in zip(keyed, robots, strict=True):
+        left = list(zip(keys, effects, strict=True))
+        rows.append([left.pop(0)[1] if left and left[0][0] == key else None for key in order])
+    return [_over_robots(column, which) for column in zip(*rows, strict=True) if any(column)]
 
 
-def _keyed(effects: Sequence[Effect]) -> dict[Key, Effect]:
-    """Effects by class, joints, and how many of the same came before."""
-    found: dict[Key, Effect] = {}
-    for effect in effects:
-        number = sum(key[:2] == (type(effect), effect.joints) for key in found)
-        found[type(effect), effect.joints, number] = effect
-    return found
+def _key(effect: Effect) -> Key:
+    """What effects have in common that one can stand for."""
+    apart = {p.name for p in effect.parameters()} | ({"joints"} if effect.by_joint else set())
+    return (type(effect), *(repr(getattr(effect, f.name)) for f in fields(effect) if f.name not in apart))
 
 
 def _over_robots(effects: Sequence[Effect | None], which: NDArray[np.int_]) -> Effect:
     some = next(effect for effect in effects if effect is not None)
+    if any(effect is not None and effect.joints != some.joints for effect in effects):
+        effects = [effect and _over_joints([effect]) for effect in effects]
+        some = next(effect for effect in effects if effect is not None)
     columns: dict[str, Any] = {}
     for p in some.parameters():
         values = [np.atleast_2d(p.null if e is None else np.asarray(getattr(e, p.name), np.float64)) for e in effects]
         width = max(v.shape[1] for v in values)
-        columns[p.name] = np.concatenate([np.broadcast_to(v, (1, width)) for v in values])[which]
+        rows = np.concatenate([np.broadcast_to(v, (1, width)) for v in values])
+        # One number serves all where it can.
+        columns[p.name] = float(rows[0, 0]) if (rows == rows[0, 0]).all() else rows[which]
     return replace(some, **columns)

@@ -165,7 +165,9 @@ class OutsideChain:
         self, effects: Sequence[Effect], model: Any, live: Callable[[str], AnyArray], gravity: Callable[[], AnyArray]
     ) -> None:
         self._qpos, self._qvel = live("qpos"), live("qvel")
-        self._effects = [effect.arrays_like(self._qpos) for effect in effects if isinstance(effect, OutsideEffect)]
+        given = of_kind(effects, OutsideEffect)
+        self._effects = [effect.arrays_like(self._qpos) for effect in given]
+        self._is_steady, self._turn = all(effect.is_steady for effect in given), None
         # Slices, since a GPU's recorded work may not fetch a list of numbers.
         feet = _evenly([model.geom(f"{leg}_foot").id for leg in facts.LEG_NAMES])
         shanks = _evenly([model.body(f"{leg}_lleg").id for leg in facts.LEG_NAMES])
@@ -175,12 +177,15 @@ class OutsideChain:
             self._feet, self._centres = live("geom_xpos")[:, feet], live("xipos")[:, shanks]
             self._gravity = gravity()
             self._upright = copy_of(self._gravity)
-            self.act(0.0)
+            self._surround(0.0)
+            self._turn = self._odom_from_ground_wxyz()
 
     def act(self, time_s: Any) -> None:
         """Set gravity and forces for the next physics step, so long after the start: shape (n,), or a number."""
-        if not self._effects:
-            return
+        if not self._is_steady:
+            self._surround(time_s)
+
+    def _surround(self, time_s: Any) -> None:
         elapsed_s = 0.0 * self._qpos[:, :1] + (time_s if isinstance(time_s, float) else time_s[:, None])
         self._gravity[...], force = self._upright, 0.0 * self._feet
         for effect in self._effects:
@@ -189,8 +194,9 @@ class OutsideChain:
 
     def odom_from_ground_wxyz(self) -> AnyArray | None:
         """What turns the frame of the ground into one that is true to gravity, (n, 4); None where it is."""
-        if not self._effects:
-            return None
+        return self._turn if self._is_steady else self._odom_from_ground_wxyz()
+
+    def _odom_from_ground_wxyz(self) -> AnyArray:
         x, y, z = (self._gravity[:, i : i + 1] for i in range(3))
         level = namespace_of(z).clip(namespace_of(z).sqrt(x * x + y * y), LEAST_M_S2, None)
         steep = namespace_of(z).atan2(level, -z) / level

@@ -196,6 +196,7 @@ class PlantOptions:
         n_threads: Threads that step simulations, 0 for all CPUs. The result is bit-identical at any number.
         on_divergence: "raise", or "flag" to leave it at :attr:`Plant.diverged`.
         seed: Seed of what effects draw, noise, jitter, drops.
+        estimate_steps: Physics steps from one estimate of the body to the next; 1 on a GPU.
     """
 
     mjcf: MjcfOptions = field(default_factory=MjcfOptions)
@@ -203,6 +204,7 @@ class PlantOptions:
     n_threads: int = 0
     on_divergence: Literal["raise", "flag"] = "raise"
     seed: int = 0
+    estimate_steps: int = 1
 
 
 def make_physics(model: mujoco.MjModel, n_sims: int, options: PlantOptions) -> Physics:

@@ -206,8 +206,7 @@ class Plant(PlantState):
             return work
         from spot_model.plant.captured import Captured
 
-        generators = list(dict.fromkeys([*self.generators(), draws.generator]))
-        return Captured(work, generators, is_recorded=self._qpos.is_cuda)
+        return Captured(work, list({*self.generators(), draws.generator}), is_recorded=self._qpos.is_cuda)
 
     def _recorded(self, n_substeps: int) -> Any:
         """Record this many steps on a GPU as one piece of work."""
@@ -351,6 +350,10 @@ class Plant(PlantState):
 
     def _sense(self, dt_s: float) -> None:
         reading = self._sensors.read(self.true_reading(), dt_s, self._rng)
+        if dt_s > 0.0 and self._n_steps % self.options.estimate_steps:
+            self._reading = reading
+            return
+        dt_s *= self.options.estimate_steps
         estimate = self._estimators.estimate(self.true_estimate(), reading, dt_s, self._rng)
         if self._is_on_host:
             self._reading, self._estimate = reading, estimate
@@ -381,8 +384,7 @@ class Plant(PlantState):
 
     def _here(self, values: Any) -> Any:
         """Values as an array of this plant; a number and what is on the device already is not copied to it."""
-        is_here = isinstance(values, float) or type(values) is type(self._qvel)
-        return values if is_here else like(self._qvel, values)
+        return values if isinstance(values, float) or type(values) is type(self._qvel) else like(self._qvel, values)
 
     def _mask(self, ids: Any) -> AnyArray:
         if ids is None:
@@ -395,6 +397,4 @@ class Plant(PlantState):
         numbers = np.flatnonzero(array) if array.dtype == np.bool_ else array.astype(np.intp, casting="safe").ravel()
         if numbers.size and (numbers[0] < 0 or numbers[-1] >= self.n_sims or np.any(np.diff(numbers) <= 0)):
             raise ValueError(f"simulation ids {numbers.tolist()} must rise within 0 to {self.n_sims - 1}")
-        mask = np.zeros(self.n_sims, dtype=np.bool_)
-        mask[numbers] = True
-        return mask
+        return np.isin(np.arange(self.n_sims), numbers)

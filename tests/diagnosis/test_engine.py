@@ -21,13 +21,14 @@ from diagnosis.closed_loop.simulation import (
 )
 from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
-from spot_model.effects.base import Effect
+from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import PayloadMass
 from spot_model.effects.commands import CommandDelay, CommandJitter
-from spot_model.effects.drivetrain import TorqueGain
+from spot_model.effects.drivetrain import TorqueGain, TorqueOffset
 from spot_model.effects.estimator import VelocityEstimate
-from spot_model.effects.friction import Armature, CoulombFriction
+from spot_model.effects.friction import Armature, CoulombFriction, StribeckFriction
 from spot_model.effects.joint_sensors import SensorNoise as NoisyCells
+from spot_model.effects.power import BusSag
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions
@@ -170,12 +171,38 @@ def test_a_number_for_each_joint_stands_beside_one_for_all() -> None:
 
 
 def test_effects_keep_their_order() -> None:
-    a, b, c = Armature(inertia_kg_m2=0.1), CoulombFriction(level_nm=1.0), PayloadMass(mass_kg=1.0)
-    both = merged([RobotModel((a, c)), RobotModel((b, c)), RobotModel((c, a))])
+    a, b, c = TorqueGain(gain=0.9), StribeckFriction(level_nm=1.0), TorqueOffset(offset_nm=1.0)
+    models = [RobotModel(own) for own in ((a, c), (b, c), (c, a))]
+    both = merged(models)
     assert both is not None
-    assert [e.name for e in both.effects] == ["coulomb_friction", "armature", "payload_mass", "armature"]
-    assert np.ravel(both.effects[1].values["inertia_kg_m2"]).tolist() == [0.1, 0.0, 0.0]
-    assert np.ravel(both.effects[3].values["inertia_kg_m2"]).tolist() == [0.0, 0.0, 0.1]
+    assert len(both.effects) == 4
+    for row, model in enumerate(models):
+        acting = [e.name for e in both.effects if any(np.ravel(v)[row] != p.null for p, v in _numbers(e))]
+        assert acting == [e.name for e in model.effects]
+
+
+def _numbers(effect: Effect) -> list[tuple[Parameter, object]]:
+    values = [(p, getattr(effect, p.name)) for p in effect.parameters()]
+    return [(p, value) for p, value in values if np.ndim(value)]
+
+
+def test_a_batch_has_few_effects_however_its_models_differ() -> None:
+    """Joints do not keep effects apart, nor does the place among effects of other hooks."""
+    late, gain = CommandDelay(delay_s=0.01), TorqueGain(joints=("hips",), gain=0.9)
+    friction = [StribeckFriction(joints=(j,), level_nm=1.0) for j in ("fl_kn", "fr_kn")]
+    both = merged([RobotModel((late, gain, *friction)), RobotModel((gain, friction[0], late)), RobotModel()])
+    assert both is not None
+    assert [e.name for e in both.effects] == ["torque_gain", "stribeck_friction", "command_delay"]
+    level = np.zeros((3, 12))
+    level[:2, facts.JOINT_NAMES.index("fl_kn")] = level[0, facts.JOINT_NAMES.index("fr_kn")] = 1.0
+    np.testing.assert_array_equal(both.effects[1].values["level_nm"], level)
+
+
+def test_effects_that_add_up_joints_stay_apart() -> None:
+    knees, hips = (BusSag(joints=(j,), resistance_ohm=0.1, copper_w_per_nm2=0.1) for j in ("knees", "hips"))
+    both = merged([RobotModel((knees,)), RobotModel((hips,)), RobotModel((knees, hips))])
+    assert both is not None
+    assert [e.joints for e in both.effects] == [("knees",), ("hips",)]
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.label)

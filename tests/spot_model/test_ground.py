@@ -99,3 +99,14 @@ def test_a_foot_moves_as_its_place_does() -> None:
     foot, _, velocity = foot_motion(linear, np.zeros((1, 3)), q, rates)
     later, _, _ = foot_motion(linear, np.zeros((1, 3)), q + dt * rates, rates)
     assert velocity - linear[:, None] == pytest.approx((later - foot) / dt, abs=1e-5)
+
+
+def test_a_slope_without_an_end_is_laid_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    plants = [Plant([GroundSlope(rise_x_rad=RISE_RAD, until_s=until_s)]) for until_s in (np.inf, 1e5)]
+    laid: list[object] = []
+    surround = GroundSlope.surround
+    monkeypatch.setattr(GroundSlope, "surround", lambda self, outside: laid.append(self) or surround(self, outside))
+    for plant in plants:
+        plant.advance(5)
+    assert len(laid) == 5
+    np.testing.assert_array_equal(plants[0].batch.state, plants[1].batch.state)

@@ -45,7 +45,7 @@ def test_a_robot_without_an_effect_does_not_feel_its_neighbours(effect: Effect) 
 def test_effects_keep_the_order_of_each_model() -> None:
     a, b, c = CoulombFriction(level_nm=1.0), Armature(inertia_kg_m2=0.1), ViscousFriction(damping_nm_s_per_rad=0.2)
     names = [e.name for e in side_by_side(((a, b), (a, c, b), (a, a)), 3)]
-    assert names == [a.name, a.name, c.name, b.name]
+    assert names == [a.name, c.name, b.name, a.name]
     first, second = (e for e in side_by_side(((a,), (a, a)), 3) if e.name == a.name)
     np.testing.assert_array_equal(first.level_nm, [[1.0], [1.0], [1.0]])
     np.testing.assert_array_equal(second.level_nm, [[0.0], [1.0], [0.0]])

@@ -7,7 +7,7 @@ from spot_model.effects.commands import ActionScale, CommandJitter
 from spot_model.effects.estimator import ContactDelay, VelocityEstimate
 from spot_model.effects.joint_sensors import EncoderOffset, SensorNoise
 from spot_model.effects.registry import BUILT_IN
-from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
 from spot_model.robot import facts
 
 
@@ -65,3 +65,19 @@ def test_a_program_with_a_wrong_action_scale_moves_further():
         larger.step(facts.DEFAULT_POSITION_RAD + 0.15, 4)
     np.testing.assert_allclose(scaled.joint_position_rad, larger.joint_position_rad, atol=1e-9)
     assert np.abs(scaled.joint_position_rad - plain.joint_position_rad).max() > 0.01
+
+
+def test_the_body_may_be_estimated_less_often_than_the_physics_steps():
+    effects = (VelocityEstimate(lag_s=0.02), EncoderOffset(offset_rad=0.01))
+    often, seldom = (Plant(effects, 1, PlantOptions(estimate_steps=n)) for n in (1, 2))
+    start = seldom.estimate
+    for plant in (often, seldom):
+        plant.command(ServoCommand(position_rad=facts.DEFAULT_POSITION_RAD + 0.3))
+        plant.advance()
+    assert seldom.estimate is start
+    np.testing.assert_array_equal(seldom.reading.position_rad, often.reading.position_rad)
+    for plant in (often, seldom):
+        plant.advance(19)
+    np.testing.assert_array_equal(seldom.joint_position_rad, often.joint_position_rad)
+    lag = [p.estimate.linear_vel_of_body_in_body_m_s for p in (often, seldom)]
+    np.testing.assert_allclose(lag[1], lag[0], atol=0.05 * np.abs(lag[0]).max())
