@@ -97,10 +97,11 @@ class DynamicsSignals:
     """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
 
-    def thinned(self, every: int) -> tuple[DynamicsSignals, Flags]:
-        """Signals of one of ``every`` rows, and these rows."""
-        keep = self.rows % (STRIDE * every) == 0
-        drive = None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every))
+    def thinned(self, apart: int) -> tuple[DynamicsSignals, Flags]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        stride = max(STRIDE, apart - apart % STRIDE)
+        keep = self.rows % stride == 0
+        drive = None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(stride))
         rows = {name: _of_rows(getattr(self, name), keep) for name in BY_ROW}
         return replace(self, **rows, drive=drive, cache={}), keep
 

@@ -77,9 +77,9 @@ class StanceSignals:
     """For forces, where there are loads."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
 
-    def thinned(self, every: int) -> tuple[StanceSignals, Flags]:
-        """Signals of one of ``every`` rows, and these rows."""
-        keep = self.rows % (STRIDE * every) == 0
+    def thinned(self, apart: int) -> tuple[StanceSignals, Flags]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        keep = self.rows % max(STRIDE, apart - apart % STRIDE) == 0
         return replace(self, rows=self.rows[keep], nominal=self.nominal[keep], cache={}), keep
 
     def corrected(self, key: object, **changes: Array) -> Array:
@@ -239,9 +239,9 @@ class InertialSignals:
     velocity_rate_in_body_m_s2: Array
     """Rate of the velocity's components in the body frame, by the unit, at its own stamps."""
 
-    def thinned(self, every: int) -> tuple[InertialSignals, NDArray[np.bool_]]:
-        """Signals of one of ``every`` rows, and these rows."""
-        keep = self.rows % (STRIDE * every) == 0
+    def thinned(self, apart: int) -> tuple[InertialSignals, NDArray[np.bool_]]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        keep = self.rows % max(STRIDE, apart - apart % STRIDE) == 0
         return replace(self, rows=self.rows[keep]), keep
 
     def finish(self, in_odom: Array) -> Array:

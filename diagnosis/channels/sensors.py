@@ -46,8 +46,9 @@ class RateSignals:
     stride: int = RATE_STRIDE
     """Every so many rows one is kept."""
 
-    def thinned(self, every: int) -> tuple[RateSignals, slice]:
-        """Signals of one of ``every`` rows, and these rows."""
+    def thinned(self, apart: int) -> tuple[RateSignals, slice]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        every = max(1, apart // self.stride)
         return replace(self, stride=self.stride * every), slice(None, None, every)
 
     def finish_rate(self, raw: Array) -> Array:

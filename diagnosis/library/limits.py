@@ -207,7 +207,7 @@ class BusSagEntry(LibraryEffect):
         s: ActuatorSignals = view.signals
         sag = BusSag(joints=("all",), **shape)
         bounded = curved(s.effects)
-        return on_joints(s.finish(s.torque_after_nm(sag) - s.torque_nm), joints & np.resize(bounded, len(joints)))
+        return on_joints(s.added_nm(sag), joints & np.resize(bounded, len(joints)))
 
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
         """At the joints that the voltage bounds."""
