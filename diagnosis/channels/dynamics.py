@@ -251,16 +251,16 @@ def feet_wrench(
 
 
 def contact_point_and_jacobian(
-    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array, legs: slice = slice(None)
+    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array
 ) -> tuple[Array, Array]:
     """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
 
-    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
+    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad.
     """
-    centre, jacobian = foot_position_and_jacobian(position_rad, legs)
+    centre, jacobian = foot_position_and_jacobian(position_rad)
     down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (len(position_rad), 3)))
-    arm = foot_radius_m[None, legs, None] * down[:, None, :]
-    axes = leg_axes(position_rad, legs)
+    arm = foot_radius_m[None, :, None] * down[:, None, :]
+    axes = leg_axes(position_rad)
     turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
     return centre + arm, jacobian + turned
 
@@ -278,9 +278,9 @@ def wrench_of_joints(signals: DynamicsSignals) -> Array:
     return found
 
 
-def leg_axes(position_rad: Array, legs: slice = slice(None)) -> Array:
+def leg_axes(position_rad: Array) -> Array:
     """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
-    hx = position_rad[:, 0::3][:, legs]
+    hx = position_rad[:, 0::3]
     zero, one = np.zeros_like(hx), np.ones_like(hx)
     along = np.stack([one, zero, zero], axis=-1)
     across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)
