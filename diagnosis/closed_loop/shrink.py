@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -150,16 +150,17 @@ def shrinkage(
     if d0 - floor <= MIN_GAP * max(floor, 1e-9):
         return Shrinkage(d0, d1, floor, None, None, None)
     sizes = [(c.real.shape[0], c.models[before].shape[0]) for c in compared]
-    draws = []
-    for drawn in resamples(sizes, rng):
-        sums, least = np.zeros(3), 0.0
-        for i, real, simulated in drawn:
-            c, at = compared[i], np.ix_(simulated, real)
-            sums += c.models[before][at].mean(), c.models[after][at].mean(), _repeats(c, real)
-            least += c.least
-        sums = np.maximum(sums, least)
-        if sums[0] - sums[2] > 1e-9:
-            draws.append((sums[0] - sums[1]) / (sums[0] - sums[2]))
+    chosen, counts = resamples(sizes, rng)
+    sums, least = np.zeros((3, *chosen.shape)), np.zeros(chosen.shape)
+    for i, (c, (real, simulated)) in enumerate(zip(compared, counts, strict=True)):
+        mine = chosen == i
+        for total, model in zip(sums, (before, after), strict=False):
+            total[mine] = ((simulated @ c.models[model]) * real).mean(axis=2)[mine] / len(c.models[model])
+        sums[2][mine] = np.broadcast_to(_repeats(c, real), chosen.shape)[mine]
+        least[mine] = c.least
+    first, second, repeats = np.maximum(sums.sum(axis=2), least.sum(axis=1))
+    is_gap = first - repeats > 1e-9
+    draws = ((first - second)[is_gap] / (first - repeats)[is_gap]).tolist()
     s = min((d0 - max(d1, _least(compared))) / (d0 - floor), 1.0)
     if not draws:
         return Shrinkage(d0, d1, floor, s, None, None)
@@ -188,11 +189,19 @@ def _least(compared: Sequence[SequenceDistances]) -> float:
 
 def resamples(
     sizes: Sequence[tuple[int, int]], rng: np.random.Generator
-) -> Iterator[list[tuple[int, NDArray[np.intp], NDArray[np.intp]]]]:
-    """:data:`N_RESAMPLES` times sequences, and rows of the two sides of each, drawn with replacement."""
-    for _ in range(N_RESAMPLES):
-        chosen = rng.integers(len(sizes), size=len(sizes))
-        yield [(int(i), *(rng.integers(n, size=n) for n in sizes[i])) for i in chosen]
+) -> tuple[NDArray[np.int64], list[tuple[NDArray[np.int64], NDArray[np.int64]]]]:
+    """:data:`N_RESAMPLES` times sequences, and runs of the two sides of each, drawn with replacement.
+
+    Returns:
+        The S sequences of each draw, shape (N, S); and by sequence how often each run of either side is in the draw at
+        a place of it, shape (N, S, number of runs).
+    """
+    chosen = rng.integers(len(sizes), size=(N_RESAMPLES, len(sizes)))
+
+    def drawn(n: int) -> NDArray[np.int64]:
+        return rng.multinomial(n, np.full(n, 1.0 / max(n, 1)), size=chosen.shape)
+
+    return chosen, [(drawn(one), drawn(other)) for one, other in sizes]
 
 
 def interval(value: float, draws: Sequence[float], counts: Sequence[int], doubt: float = 0.0) -> tuple[float, float]:
@@ -227,13 +236,12 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _repeats(c: SequenceDistances, chosen: NDArray[np.intp] | None = None) -> float:
-    """Mean distance of two different real runs; without repeats what stands in for it."""
+def _repeats(c: SequenceDistances, counts: NDArray[np.int64] | None = None) -> Array:
+    """Mean distance of two different real runs, which count so often, (..., R) to (...); or what stands in for it."""
     n = len(c.real)
     if n < 2:
-        return c.floor
-    index = np.arange(n) if chosen is None else chosen
-    different = index[:, None] != index[None, :]
-    if not different.any():
-        return float(c.real.sum() / (n * (n - 1)))
-    return float(c.real[np.ix_(index, index)][different].mean())
+        return np.array(c.floor)
+    every = np.ones(n, dtype=np.int64)
+    times = every if counts is None else counts
+    times = np.where((times == n).any(axis=-1, keepdims=True), every, times)
+    return np.asarray(((times @ c.real) * times).sum(axis=-1) / (n**2 - (times**2).sum(axis=-1)))
