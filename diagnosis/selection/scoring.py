@@ -185,7 +185,7 @@ class Scorer:
         key = key_of(effect, shape)
         if key not in self._own_cross:
             self._own_cross[key] = [
-                self.board.products_of(n, self.own[n], x)
+                self.board.products_of(n, self.own[n], x) if self.terms and x.size else np.zeros((0, x.shape[1]))
                 for n, x in enumerate(self.board.columns(effect, shape).flat())
             ]
         return self._own_cross[key]
