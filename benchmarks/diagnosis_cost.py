@@ -1,7 +1,7 @@
 """What a diagnosis costs: CPU seconds, wall time and peak memory of the whole command, in a process of its own.
 
 The fake robot, with dry friction in its knees, walks N logs of S seconds in lock-step; the nominal model knows of none.
-``--beside TREE`` runs another checkout's code on the same logs, in turns with this one's.
+``--beside TREE`` runs another checkout's code on the same logs, in turns.
 
     python benchmarks/diagnosis_cost.py --work DIR --logs 15 --seconds 8 --beside ../other-checkout
 """
@@ -44,12 +44,10 @@ def cost(tree: Path, work: Path, out: Path) -> tuple[float, float, float]:
     """CPU seconds, wall seconds and peak memory (MB) of one diagnosis by the code of ``tree``."""
     words = ["diagnose", str(work / "logs"), "--nominal", str(work / "nominal.yaml"), "--out", str(out)]
     words += ["--policy", str(policy_file(POLICY))]
-    code = "from spot_model.__main__ import main; main()"
+    words = [sys.executable, "-c", "from spot_model.__main__ import main; main()", *words]
     start = time.monotonic()
-    with (out.parent / f"{out.name}.log").open("w") as told:
-        child = subprocess.Popen(
-            [sys.executable, "-c", code, *words], cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, stderr=told
-        )
+    with out.with_suffix(".log").open("w") as told:
+        child = subprocess.Popen(words, cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, stderr=told, stdout=told)  # noqa: S603
         _, status, used = os.wait4(child.pid, 0)
     if status:
         raise SystemExit(f"the diagnosis by {tree} failed; see {told.name}")
@@ -58,16 +56,16 @@ def cost(tree: Path, work: Path, out: Path) -> tuple[float, float, float]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--work", type=Path, required=True, help="Folder of logs and results; logs there are used again.")
+    parser.add_argument(
+        "--work", type=Path, required=True, help="Folder of logs and results; logs there are used again."
+    )
     parser.add_argument("--logs", type=int, default=15, help="Number of logs.")
     parser.add_argument("--seconds", type=float, default=8.0, help="Length of each.")
-    parser.add_argument("--repeats", type=int, default=1, help="Diagnoses by each tree.")
     parser.add_argument("--beside", type=Path, action="append", default=[], help="Another checkout; repeatable.")
     given = parser.parse_args()
     record(given.work.absolute(), given.logs, given.seconds)
     print(f"{platform.node()}, {os.cpu_count()} cores; {given.logs} logs of {given.seconds:g} s")
     print(f"{'tree':<32}{'CPU s':>8}{'wall s':>8}{'peak MB':>9}")
-    for repeat in range(given.repeats):
-        for number, tree in enumerate((Path(__file__).parents[1], *given.beside)):
-            found = cost(tree.absolute(), given.work.absolute(), given.work.absolute() / f"gap-{number}-{time.time_ns()}")
-            print(f"{tree.absolute().name:<32}{found[0]:8.1f}{found[1]:8.1f}{found[2]:9.0f}", flush=True)
+    for tree in (Path(__file__).absolute().parents[1], *(other.absolute() for other in given.beside)):
+        found = cost(tree, given.work.absolute(), given.work.absolute() / f"{tree.name}-{time.time_ns()}")
+        print(f"{tree.name:<32}{found[0]:8.1f}{found[1]:8.1f}{found[2]:9.0f}", flush=True)

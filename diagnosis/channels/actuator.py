@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, uniform_filter1d
 from scipy.signal import lfilter
 
-from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags, Ints
+from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.read.prepare import LOAD_LAG_ROWS
 from spot_model.effects.base import Effect, TorqueEffect
@@ -123,12 +123,10 @@ class ActuatorSignals:
 
     def added_nm(self, effect: TorqueEffect) -> Array:
         """What one more effect changes in the nominal motor torque, at every joint, as the channel's rows have it."""
+        run, period_s = self.stack.run, self.period_s
 
-        def changed(torque: Array, position: Array, velocity: Array, run: Ints = self.stack.run) -> Array:
-            def after(*columns: Array) -> Array:
-                return torque_after_nm(effect, *columns, run, self.period_s)
-
-            return _by_twelve(after, torque, position, velocity) - torque
+        def changed(*motion: Array) -> Array:
+            return _by_twelve(lambda t, p, v: torque_after_nm(effect, t, p, v, run, period_s), *motion) - motion[0]
 
         if effect.is_memoryless:
             return self.finished(changed)

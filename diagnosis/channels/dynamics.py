@@ -254,7 +254,7 @@ def place_of_feet(inputs: Inputs, foot_radius_m: Array) -> tuple[Array, Array]:
     """Contact points (n, 4, 3), m, and what makes forces on them of their legs' torques (n, 4, 3, 3), 1/m."""
     point, jacobian = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m)
     # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
-    return point, np.linalg.inv(np.swapaxes(jacobian, -1, -2) + 1e-6 * np.eye(3))
+    return point, np.asarray(np.linalg.inv(np.swapaxes(jacobian, -1, -2) + 1e-6 * np.eye(3)), dtype=np.float64)
 
 
 def contact_point_and_jacobian(

@@ -56,20 +56,10 @@ class Kinematics:
     foot_radius_m: Array
     """Shape (4,)."""
 
-    def at(self, rows: Flags) -> Kinematics:
-        """Some rows."""
-        return self.of(lambda x: x[rows])
-
-    def smoothed(self, rows: NDArray[np.intp]) -> Kinematics:
-        """Smoothed, at some rows."""
-        k = self.of(lambda x: smooth(x, rows))
-        length = np.linalg.norm(k.odom_from_body_wxyz, axis=1, keepdims=True)
-        return replace(k, odom_from_body_wxyz=k.odom_from_body_wxyz / np.maximum(length, 1e-9))
-
     def of(self, change: Callable[[Array], Array]) -> Kinematics:
         """What a function makes of each signal."""
-        signals = [f.name for f in fields(self) if f.name != "foot_radius_m"]
-        return replace(self, **{name: change(getattr(self, name)) for name in signals})
+        signals = {f.name: change(getattr(self, f.name)) for f in fields(self) if f.name != "foot_radius_m"}
+        return replace(self, **signals)
 
 
 @dataclass(frozen=True)
@@ -80,13 +70,11 @@ class StanceSignals:
     rows: NDArray[np.intp]
     """Rows of the stack that are kept."""
     raw: Kinematics
-    """At the full rate."""
     inputs: Kinematics
-    """Smoothed, at the kept rows: what a change of them changes in the response is small."""
+    """Smoothed, at the kept rows: what a change of them changes in the response is small. Likewise, shape (n, 12):"""
     load_nm: Array
     load_rate_nm_s: Array
     position_rate_rad_s: Array
-    """Likewise; shape (n, 12)."""
     standing: Flags
     """Well within a stance, at the full rate. Shape (N, 4)."""
     nominal: Array
@@ -104,15 +92,15 @@ class StanceSignals:
         keep = self.rows % max(STRIDE, apart - apart % STRIDE) == 0
         names = ("rows", "load_nm", "load_rate_nm_s", "position_rate_rad_s", "nominal")
         rows = {name: getattr(self, name)[keep] for name in names}
-        return replace(self, **rows, inputs=self.inputs.at(keep), cache={}), keep
+        return replace(self, **rows, inputs=self.inputs.of(lambda x: x[keep]), cache={}), keep
 
     def correction(self, _: Channel, key: object, **changes: Array) -> Array:
         """What the channel shows less what it would show for other inputs, shape (n, 16); kept under ``key``."""
-        standing = self.standing[self.rows]
-        if "reference" not in self.cache:
-            self.cache["reference"] = feet(self.inputs, standing)
         if key not in self.cache:
-            self.cache[key] = self.cache["reference"] - feet(replace(self.inputs, **changes), standing)
+            reference, changed = (
+                feet(k, self.standing[self.rows]) for k in (self.inputs, replace(self.inputs, **changes))
+            )
+            self.cache[key] = reference - changed
         found: Array = self.cache[key]
         return found
 
@@ -177,7 +165,7 @@ def stance_view(
             stack=stack,
             rows=rows,
             raw=inputs,
-            inputs=inputs.smoothed(rows),
+            inputs=inputs.of(lambda x: smooth(x, rows)),
             load_nm=smooth(load, rows),
             load_rate_nm_s=stack.rate(load, rows),
             position_rate_rad_s=stack.rate(inputs.position_rad, rows),

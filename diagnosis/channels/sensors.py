@@ -165,7 +165,7 @@ def _upper_quartile(values: Array, counts: Ints) -> Array:
     at, ordered = 0.75 * (np.maximum(counts, 1) - 1), np.sort(values, axis=0)
     below = at.astype(np.intp)
     low, high = (np.take_along_axis(ordered, row[None], axis=0)[0] for row in (below, np.minimum(below + 1, counts)))
-    return np.where(at > below, low + (at - below) * (high - low), low)
+    return np.asarray(low + (at - below) * (high - low))
 
 
 AVERAGE_S: Final = 0.05

@@ -212,7 +212,9 @@ def _changes(
     lengths_s = [length_s[s] for s in names]
     all_of_it = np.arange(len(names))[None]
     values = [
-        _summary(side, lengths_s, all_of_it, [np.ones((*all_of_it.shape, len(came)), dtype=np.int64) for came in side])[0]
+        _summary(side, lengths_s, all_of_it, [np.ones((*all_of_it.shape, len(came)), dtype=np.int64) for came in side])[
+            0
+        ]
         for side in (robot, before, after)
     ]
     sizes = [(len(b), len(a)) for b, a in zip(before, after, strict=True)]

@@ -151,14 +151,13 @@ def shrinkage(
         return Shrinkage(d0, d1, floor, None, None, None)
     sizes = [(c.real.shape[0], c.models[before].shape[0]) for c in compared]
     chosen, counts = resamples(sizes, rng)
-    sums, least = np.zeros((3, *chosen.shape)), np.zeros(chosen.shape)
+    sums = np.zeros((4, *chosen.shape))
     for i, (c, (real, simulated)) in enumerate(zip(compared, counts, strict=True)):
-        mine = chosen == i
-        for total, model in zip(sums, (before, after), strict=False):
-            total[mine] = ((simulated @ c.models[model]) * real).mean(axis=2)[mine] / len(c.models[model])
-        sums[2][mine] = np.broadcast_to(_repeats(c, real), chosen.shape)[mine]
-        least[mine] = c.least
-    first, second, repeats = np.maximum(sums.sum(axis=2), least.sum(axis=1))
+        one, other = (((simulated @ c.models[m]) * real).mean(axis=2) / len(simulated.T) for m in (before, after))
+        drawn = np.array(np.broadcast_arrays(one, other, _repeats(c, real), c.least))
+        sums += drawn * (chosen == i)
+    *distances, least = sums.sum(axis=2)
+    first, second, repeats = np.maximum(distances, least)
     is_gap = first - repeats > 1e-9
     draws = ((first - second)[is_gap] / (first - repeats)[is_gap]).tolist()
     s = min((d0 - max(d1, _least(compared))) / (d0 - floor), 1.0)
@@ -196,12 +195,12 @@ def resamples(
         The S sequences of each draw, shape (N, S); and by sequence how often each run of either side is in the draw at
         a place of it, shape (N, S, number of runs).
     """
-    chosen = rng.integers(len(sizes), size=(N_RESAMPLES, len(sizes)))
-
-    def drawn(n: int) -> NDArray[np.int64]:
-        return rng.multinomial(n, np.full(n, 1.0 / max(n, 1)), size=chosen.shape)
-
-    return chosen, [(drawn(one), drawn(other)) for one, other in sizes]
+    shape = (N_RESAMPLES, len(sizes))
+    chosen = rng.integers(len(sizes), size=shape)
+    one, other = (
+        [rng.multinomial(n, np.full(n, 1.0 / max(n, 1)), size=shape) for n in side] for side in zip(*sizes, strict=True)
+    )
+    return chosen, list(zip(one, other, strict=True))
 
 
 def interval(value: float, draws: Sequence[float], counts: Sequence[int], doubt: float = 0.0) -> tuple[float, float]:

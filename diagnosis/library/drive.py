@@ -251,7 +251,9 @@ class BacklashEntry(LibraryEffect):
         if ("backlash", shape["gap_rad"]) not in s.cache:
             coarse = GRID_RAD[1::COARSE]
             gaps = coarse if shape["gap_rad"] in coarse else GRID_RAD
-            for gap, passed in zip(gaps, passed_on_nm(s.torque_nm, np.array(gaps), s.stack.run, s.period_s), strict=True):
+            for gap, passed in zip(
+                gaps, passed_on_nm(s.torque_nm, np.array(gaps), s.stack.run, s.period_s), strict=True
+            ):
                 s.cache["backlash", gap] = s.finish(passed - s.torque_nm).astype(np.float32)
         missing: Array = s.cache["backlash", shape["gap_rad"]]
         return np.pad(on_joints(missing, joints), ((0, 0), (0, 0), (0, 2)))

@@ -114,8 +114,9 @@ class RippleEntry(LibraryEffect):
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The waves themselves, second harmonics by the double angle."""
 
-        def waves(torque: Array, position: Array, velocity: Array) -> Array:
-            sine, cosine = np.sin(shape["cycles_per_rad"] * position), np.cos(shape["cycles_per_rad"] * position)
+        def waves(*motion: Array) -> Array:
+            angle = shape["cycles_per_rad"] * motion[1]
+            sine, cosine = np.sin(angle), np.cos(angle)
             return np.stack([sine, cosine, 2.0 * sine * cosine, 1.0 - 2.0 * sine**2], axis=2)
 
         return on_joints(view.signals.finished(waves), joints)
