@@ -143,6 +143,8 @@ class Evidence:
 
     def products_of(self, number: int, left: Array, right: Array, fold: int | None = None) -> Array:
         """Products of two sets of a block's columns over all folds or in one, by its number of samples; (a, b)."""
+        if not left.any():
+            return np.zeros((left.shape[1], right.shape[1]))
         block = self.blocks[number]
         weight = block.weight**2
         if fold is not None:
