@@ -97,7 +97,7 @@ class ChannelView:
     """Leg of each joint of the robot, -1 for none. Shape (J,)."""
     signals: Any
     """What effects compute their columns from, most often a class of the channel's own file; with a method
-    ``thinned(every)``, signals of one of so many samples, and these samples, where a long log needs no more."""
+    ``thinned(apart)``, signals of samples so many states apart, and these samples, where a long log needs no more."""
     is_measured: bool = True
     """Whether the response tells anything; where something stands in for a signal that logs lack, it does not."""
     is_robust: bool = True
@@ -141,15 +141,11 @@ Views = Mapping[Channel, ChannelView]
 
 MAX_SAMPLES: Final = 6_000
 """About this many samples of each channel are used, evenly thinned."""
-LONG: Final = 4 * MAX_SAMPLES
-"""States from which on channels are thinned; those of the body keep one of four."""
 
 
 def thinned(views: Mapping[Channel, ChannelView], n_states: int) -> dict[Channel, ChannelView]:
     """The channels with one of so many rows that about :data:`MAX_SAMPLES` are left; short ones as they are."""
-    every = n_states // LONG
-    if every < 2:
-        return dict(views)
+    apart = n_states // MAX_SAMPLES
     # Channels of the body share their signals, and what is kept with them.
     made: dict[int, tuple[Any, Rows]] = {}
 
@@ -157,7 +153,7 @@ def thinned(views: Mapping[Channel, ChannelView], n_states: int) -> dict[Channel
         if not hasattr(view.signals, "thinned"):
             return view
         if id(view.signals) not in made:
-            made[id(view.signals)] = view.signals.thinned(every)
+            made[id(view.signals)] = view.signals.thinned(apart)
         return view.of_rows(*made[id(view.signals)])
 
     return {name: of(view) for name, view in views.items()}

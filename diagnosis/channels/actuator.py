@@ -29,7 +29,7 @@ from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import N_JOINTS
 from trainer.signals.motor_torque import check_joints, direction, nominal_torque_nm, torque_after_nm
 from trainer.signals.recording import Recording
-from trainer.signals.smoothing import eroded, smooth
+from trainer.signals.smoothing import eroded, smooth, smooth_windows, windows
 
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
@@ -85,13 +85,29 @@ class ActuatorSignals:
         """The rows of the channel."""
         return slice(None, None, self.stride)
 
-    def thinned(self, every: int) -> tuple[ActuatorSignals, slice]:
-        """Signals of one of ``every`` rows, and these rows."""
+    def thinned(self, apart: int) -> tuple[ActuatorSignals, slice]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        every = max(1, apart // self.stride)
         return replace(self, stride=self.stride * every, cache={}), slice(None, None, every)
 
     def finish(self, raw: Array) -> Array:
         """A raw column of shape (N, J) as the channel's rows have it: smoothed, at those that are kept."""
         return smooth(raw, self.kept)
+
+    def finished(self, formula: Callable[[Array, Array, Array], Array]) -> Array:
+        """:meth:`finish` of what a formula without memory makes of motor torque, position and velocity, each (m, J).
+
+        It sees only the rows that used ones are smoothed over; where no row is used, there is 0.
+        """
+        if "windows" not in self.cache:
+            used = np.flatnonzero(self.stack.used[self.kept])
+            rows = windows(self.stack.n, used * self.stride).ravel()
+            self.cache["windows"] = used, [x[rows] for x in (self.torque_nm, self.position_rad, self.velocity_rad_s)]
+        used, motion = self.cache["windows"]
+        found = formula(*motion)
+        out = np.zeros((len(range(0, self.stack.n, self.stride)), *found.shape[1:]))
+        out[used] = smooth_windows(found.reshape(len(used), -1, *found.shape[1:]))
+        return out
 
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of a raw column, likewise."""
@@ -105,15 +121,16 @@ class ActuatorSignals:
             direction=self.finish(direction(self.still_velocity_rad_s)),
         )
 
-    def torque_after_nm(self, effect: TorqueEffect) -> Array:
-        """The nominal motor torque after one more effect, at every joint. Shape (N, J)."""
+    def added_nm(self, effect: TorqueEffect) -> Array:
+        """What one more effect changes in the nominal motor torque, at every joint, as the channel's rows have it."""
         run, period_s = self.stack.run, self.period_s
-        return _by_twelve(
-            lambda torque, position, velocity: torque_after_nm(effect, torque, position, velocity, run, period_s),
-            self.torque_nm,
-            self.position_rad,
-            self.velocity_rad_s,
-        )
+
+        def changed(*motion: Array) -> Array:
+            return _by_twelve(lambda t, p, v: torque_after_nm(effect, t, p, v, run, period_s), *motion) - motion[0]
+
+        if effect.is_memoryless:
+            return self.finished(changed)
+        return self.finish(changed(self.torque_nm, self.position_rad, self.velocity_rad_s))
 
     def losses_nm(self, effect: Effect) -> Array:
         """What the effect takes away between motor and load cell, at every joint, as the channel's rows have it."""

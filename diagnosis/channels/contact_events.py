@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
 from diagnosis.channels.dynamics import DynamicsSignals
-from diagnosis.channels.kinematics import StanceSignals, feet
+from diagnosis.channels.kinematics import StanceSignals
 from spot_model.robot import facts
 from spot_model.robot.mjcf_options import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
@@ -148,7 +148,7 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> Events:
 def _stop_times(stance: StanceSignals, contact: Flags) -> Events:
     """Time in which the ground takes half of the speed of each touch-down that is fast enough, s."""
     stack = stance.stack
-    velocity = smooth(feet(stance.inputs, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3])
+    velocity = smooth(stance.rising_m_s)
     found: list[tuple[int, int, float]] = []
     for leg, row, touches in _changes(contact, stack.inner(stack.used, SEARCH, STOP_LAST)):
         path = velocity[row - STOP_AROUND : row + STOP_LAST, leg]

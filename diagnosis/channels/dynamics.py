@@ -18,7 +18,7 @@ instant, or a load that is older by the lag that channel *set-point to load* mea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
@@ -90,35 +90,51 @@ class DynamicsSignals:
     force: Array
     """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
     place: tuple[Array, Array]
-    """Contact points and their Jacobians; like the force the same for many changes of inputs."""
+    """As :func:`place_of_feet` has it; like the force the same for many changes of inputs."""
     imu_gravity_m_s2: float | None
     """In the inertial unit's readings; None where accelerations are not by one."""
     drive: ChannelView | None = None
     """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
 
-    def thinned(self, every: int) -> tuple[DynamicsSignals, Flags]:
-        """Signals of one of ``every`` rows, and these rows."""
-        keep = self.rows % (STRIDE * every) == 0
-        drive = None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every))
+    def thinned(self, apart: int) -> tuple[DynamicsSignals, Flags]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        stride = max(STRIDE, apart - apart % STRIDE)
+        keep = self.rows % stride == 0
+        drive = None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(stride))
         rows = {name: _of_rows(getattr(self, name), keep) for name in BY_ROW}
         return replace(self, **rows, drive=drive, cache={}), keep
 
-    def with_inputs(self, key: object, **changes: Array) -> Residuals:
-        """Residuals of the nominal model for other inputs; kept under ``key``."""
-        if key not in self.cache:
-            self.cache[key] = residuals(
-                self.model,
-                replace(self.inputs, **changes),
-                force=self.force if changes.keys() <= {"load_nm"} else None,
-                place=None if changes.keys() & {"position_rad", "world_from_body_wxyz"} else self.place,
-            )
-        found: Residuals = self.cache[key]
-        return found
+    def with_inputs(self, **changes: Array) -> Residuals:
+        """Residuals of the nominal model for other inputs."""
+        return residuals(
+            self.model,
+            replace(self.inputs, **changes),
+            force=self.force if changes.keys() <= {"load_nm"} else None,
+            place=None if changes.keys() & {"position_rad", "world_from_body_wxyz"} else self.place,
+        )
 
     def correction(self, channel: Channel, key: object, **changes: Array) -> Array:
-        """What the channel shows less what it would show for other inputs; shape (n, R)."""
-        return self.reference.of(channel) - self.with_inputs(key, **changes).of(channel)
+        """What the channel shows less what it would show for other inputs, shape (n, R); kept under ``key``."""
+        return self._change(channel, key, lambda: self.with_inputs(**changes))
+
+    def change_by(self, channel: Channel, key: object, effect: Effect) -> Array:
+        """The same for a nominal model with one more model effect."""
+
+        def computed() -> Residuals:
+            model = BodyModel((*self.effects, effect))
+            same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
+            return residuals(model, self.inputs, place=self.place if same else None)
+
+        return self._change(channel, key, computed)
+
+    def _change(self, channel: Channel, key: object, compute: Callable[[], Residuals]) -> Array:
+        """Of both channels, since they share what is computed; in single precision, since there are many."""
+        if key not in self.cache:
+            new = compute()
+            both = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
+            self.cache[key] = {c: (self.reference.of(c) - new.of(c)).astype(np.float32) for c in both}
+        return np.asarray(self.cache[key][channel], dtype=np.float64)
 
     def shifted_s(self) -> Residuals:
         """Change of the residuals for each second that positions and attitude were older when the loads acted."""
@@ -127,21 +143,11 @@ class DynamicsSignals:
         step = np.concatenate([np.ones((len(turned), 1)), -turned], axis=1)
         earlier = multiply_wxyz(self.inputs.world_from_body_wxyz, step / np.linalg.norm(step, axis=1, keepdims=True))
         moved = self.with_inputs(
-            "shifted",
             position_rad=self.inputs.position_rad - age_s * self.inputs.velocity_rad_s,
             world_from_body_wxyz=np.asarray(earlier),
         )
         change = {f.name: getattr(moved, f.name) - getattr(self.reference, f.name) for f in fields(Residuals)}
         return Residuals(**{name: value / age_s for name, value in change.items()})
-
-    def with_effect(self, key: object, effect: Effect) -> Residuals:
-        """Residuals of the nominal model with one more model effect; kept under ``key``."""
-        if key not in self.cache:
-            model = BodyModel((*self.effects, effect))
-            same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
-            self.cache[key] = residuals(model, self.inputs, place=self.place if same else None)
-        found: Residuals = self.cache[key]
-        return found
 
 
 BY_ROW: Final = (
@@ -185,7 +191,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     full = residuals(model, raw)
     nominal = Residuals(*(smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
-    place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
+    place = place_of_feet(inputs, model.foot_radius_m)
     has_flags = stack.has("foot_contact")
     contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(raw, full.foot_force_n)
     return DynamicsSignals(
@@ -238,28 +244,30 @@ def feet_wrench(
 
     Shape (n, 4, 6), body frame, about the body's origin; ``place`` where it is known already.
     """
-    n = len(joint_nm)
-    point, jacobian = place or contact_point_and_jacobian(
-        inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m
-    )
-    torque = -joint_nm.reshape(n, facts.N_LEGS, 3)
-    # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
-    transposed = np.swapaxes(jacobian, -1, -2)
-    force = np.linalg.solve(transposed + 1e-6 * np.eye(3), torque[..., None])[..., 0]
+    point, lever = place or place_of_feet(inputs, foot_radius_m)
+    torque = -joint_nm.reshape(len(joint_nm), facts.N_LEGS, 3, 1)
+    force = (lever @ torque)[..., 0]
     return np.concatenate([force, np.cross(point, force)], axis=2)
 
 
+def place_of_feet(inputs: Inputs, foot_radius_m: Array) -> tuple[Array, Array]:
+    """Contact points (n, 4, 3), m, and what makes forces on them of their legs' torques (n, 4, 3, 3), 1/m."""
+    point, jacobian = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m)
+    # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
+    return point, np.asarray(np.linalg.inv(np.swapaxes(jacobian, -1, -2) + 1e-6 * np.eye(3)), dtype=np.float64)
+
+
 def contact_point_and_jacobian(
-    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array, legs: slice = slice(None)
+    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array
 ) -> tuple[Array, Array]:
     """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
 
-    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
+    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad.
     """
-    centre, jacobian = foot_position_and_jacobian(position_rad, legs)
+    centre, jacobian = foot_position_and_jacobian(position_rad)
     down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (len(position_rad), 3)))
-    arm = foot_radius_m[None, legs, None] * down[:, None, :]
-    axes = leg_axes(position_rad, legs)
+    arm = foot_radius_m[None, :, None] * down[:, None, :]
+    axes = leg_axes(position_rad)
     turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
     return centre + arm, jacobian + turned
 
@@ -277,9 +285,9 @@ def wrench_of_joints(signals: DynamicsSignals) -> Array:
     return found
 
 
-def leg_axes(position_rad: Array, legs: slice = slice(None)) -> Array:
+def leg_axes(position_rad: Array) -> Array:
     """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
-    hx = position_rad[:, 0::3][:, legs]
+    hx = position_rad[:, 0::3]
     zero, one = np.zeros_like(hx), np.ones_like(hx)
     along = np.stack([one, zero, zero], axis=-1)
     across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)

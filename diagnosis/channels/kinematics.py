@@ -14,14 +14,14 @@ that lags, which need a second derivative, keep their size.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags, Ints
+from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
 from diagnosis.channels.body_model import BodyModel, imu_gravity_m_s2
 from diagnosis.channels.dynamics import STRIDE, DynamicsSignals, contact_point_and_jacobian, kept_rows
 from diagnosis.channels.stack import Stack, white_noise
@@ -56,6 +56,11 @@ class Kinematics:
     foot_radius_m: Array
     """Shape (4,)."""
 
+    def of(self, change: Callable[[Array], Array]) -> Kinematics:
+        """What a function makes of each signal."""
+        signals = {f.name: change(getattr(self, f.name)) for f in fields(self) if f.name != "foot_radius_m"}
+        return replace(self, **signals)
+
 
 @dataclass(frozen=True)
 class StanceSignals:
@@ -64,59 +69,44 @@ class StanceSignals:
     stack: Stack
     rows: NDArray[np.intp]
     """Rows of the stack that are kept."""
+    raw: Kinematics
     inputs: Kinematics
+    """Smoothed, at the kept rows: what a change of them changes in the response is small. Likewise, shape (n, 12):"""
+    load_nm: Array
+    load_rate_nm_s: Array
+    position_rate_rad_s: Array
     standing: Flags
     """Well within a stance, at the full rate. Shape (N, 4)."""
     nominal: Array
     """Smoothed response, shape (n, 16)."""
-    raw_height_m: Array
-    """Height of the contact points, at the full rate. Shape (N, 4)."""
+    rising_m_s: Array
+    """Vertical velocity of the contact points, at the full rate. Shape (N, 4)."""
     acceleration_in_body_m_s2: Array
     """Rate of the body's velocity as seen in the body, by the inertial unit where there is one. Shape (N, 3)."""
     dynamics: DynamicsSignals | None
     """For forces, where there are loads."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
 
-    def thinned(self, every: int) -> tuple[StanceSignals, Flags]:
-        """Signals of one of ``every`` rows, and these rows."""
-        keep = self.rows % (STRIDE * every) == 0
-        return replace(self, rows=self.rows[keep], nominal=self.nominal[keep], cache={}), keep
+    def thinned(self, apart: int) -> tuple[StanceSignals, Flags]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        keep = self.rows % max(STRIDE, apart - apart % STRIDE) == 0
+        names = ("rows", "load_nm", "load_rate_nm_s", "position_rate_rad_s", "nominal")
+        rows = {name: getattr(self, name)[keep] for name in names}
+        return replace(self, **rows, inputs=self.inputs.of(lambda x: x[keep]), cache={}), keep
 
-    def corrected(self, key: object, **changes: Array) -> Array:
-        """The response if inputs were others, smoothed, shape (n, 16); kept under ``key``."""
+    def correction(self, _: Channel, key: object, **changes: Array) -> Array:
+        """What the channel shows less what it would show for other inputs, shape (n, 16); kept under ``key``."""
         if key not in self.cache:
-            self.cache[key] = self._corrected(replace(self.inputs, **changes), self._changed_legs(changes))
+            reference, changed = (
+                feet(k, self.standing[self.rows]) for k in (self.inputs, replace(self.inputs, **changes))
+            )
+            self.cache[key] = reference - changed
         found: Array = self.cache[key]
         return found
 
-    def correction(self, _: Channel, key: object, **changes: Array) -> Array:
-        """What the channel shows less what it would show for other inputs; shape (n, 16)."""
-        return self.nominal - self.corrected(key, **changes)
-
-    def _corrected(self, inputs: Kinematics, legs: Ints | None) -> Array:
-        """Computed for the one leg that differs, where it is one; the others' bits stay as they are."""
-        if legs is None or len(legs) != 1:
-            return smooth(feet(inputs, self.standing), self.rows)
-        (leg,) = legs
-        heading, height = motion_of_feet(inputs, slice(leg, leg + 1))
-        heights = self.raw_height_m.copy()
-        heights[:, leg] = height[:, 0]
-        columns = [*range(3 * leg, 3 * leg + 3), *range(3 * facts.N_LEGS, len(ROWS))]
-        out = self.nominal.copy()
-        out[:, columns] = smooth(_rows_of(heading, heights, self.standing), self.rows)
-        return out
-
-    def _changed_legs(self, changes: Mapping[str, Array]) -> Ints | None:
-        """Legs with other joints or feet; None where something else changes."""
-        if not changes.keys() <= {"position_rad", "velocity_rad_s", "foot_radius_m"}:
-            return None
-        differs = [np.atleast_2d(value != getattr(self.inputs, name)) for name, value in changes.items()]
-        by_leg = [d.reshape(len(d), facts.N_LEGS, -1).any(axis=(0, 2)) for d in differs]
-        return np.flatnonzero(np.any(by_leg, axis=0))
-
     def finish_velocity(self, in_body: Array) -> Array:
         """A change of the body's velocity (N, 3), body frame, as all feet see it: smoothed, shape (n, 16)."""
-        heading = _in_heading(self.inputs.odom_from_body_wxyz, in_body)
+        heading = _in_heading(self.raw.odom_from_body_wxyz, in_body)
         velocities = smooth(np.tile(heading, (1, facts.N_LEGS)), self.rows)
         return np.pad(velocities, ((0, 0), (0, facts.N_LEGS)))
 
@@ -159,7 +149,7 @@ def stance_view(
     velocities = np.stack([steady, steady, settled], axis=2).reshape(len(rows), -1)
     usable = np.concatenate([velocities, several], axis=1)
     legs = np.arange(facts.N_LEGS)
-    acceleration = _acceleration_in_body(stack, inputs)
+    acceleration, load = _acceleration_in_body(stack, inputs), stack.filled(lambda r: r.load_nm)
     floor = np.concatenate([np.tile(VELOCITY_FLOOR_M_S, facts.N_LEGS), np.full(4, HEIGHT_FLOOR_M)])
     return stack.view(
         Channel.STANCE_KINEMATICS,
@@ -171,7 +161,20 @@ def stance_view(
         noise=np.maximum(floor, white_noise(response, usable, is_smoothed=True)),
         row_leg=np.concatenate([np.repeat(legs, 3), legs]),
         leg_of_joint=np.repeat(legs, 3),
-        signals=StanceSignals(stack, rows, inputs, standing, response, height, acceleration, dynamics),
+        signals=StanceSignals(
+            stack=stack,
+            rows=rows,
+            raw=inputs,
+            inputs=inputs.of(lambda x: smooth(x, rows)),
+            load_nm=smooth(load, rows),
+            load_rate_nm_s=stack.rate(load, rows),
+            position_rate_rad_s=stack.rate(inputs.position_rad, rows),
+            standing=standing,
+            nominal=response,
+            rising_m_s=heading[..., 2],
+            acceleration_in_body_m_s2=acceleration,
+            dynamics=dynamics,
+        ),
     )
 
 
@@ -180,10 +183,10 @@ def feet(k: Kinematics, standing: Flags) -> Array:
     return _rows_of(*motion_of_feet(k), standing)
 
 
-def motion_of_feet(k: Kinematics, legs: slice = slice(None)) -> tuple[Array, Array]:
-    """Velocities of the contact points in the heading frame (N, 4, 3), and their heights (N, 4); of ``legs`` alone."""
-    point, jacobian = contact_point_and_jacobian(k.position_rad, k.odom_from_body_wxyz, k.foot_radius_m, legs)
-    rates = k.velocity_rad_s.reshape(len(point), facts.N_LEGS, 1, 3)[:, legs]
+def motion_of_feet(k: Kinematics) -> tuple[Array, Array]:
+    """Velocities of the contact points in the heading frame (N, 4, 3), and their heights (N, 4)."""
+    point, jacobian = contact_point_and_jacobian(k.position_rad, k.odom_from_body_wxyz, k.foot_radius_m)
+    rates = k.velocity_rad_s.reshape(len(point), facts.N_LEGS, 1, 3)
     turn = k.angular_vel_in_body_rad_s[:, None, :]
     velocity = k.linear_vel_in_body_m_s[:, None, :] + np.cross(turn, point) + (jacobian * rates).sum(axis=-1)
     heading = _in_heading(k.odom_from_body_wxyz[:, None, :], velocity)
@@ -239,9 +242,9 @@ class InertialSignals:
     velocity_rate_in_body_m_s2: Array
     """Rate of the velocity's components in the body frame, by the unit, at its own stamps."""
 
-    def thinned(self, every: int) -> tuple[InertialSignals, NDArray[np.bool_]]:
-        """Signals of one of ``every`` rows, and these rows."""
-        keep = self.rows % (STRIDE * every) == 0
+    def thinned(self, apart: int) -> tuple[InertialSignals, NDArray[np.bool_]]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        keep = self.rows % max(STRIDE, apart - apart % STRIDE) == 0
         return replace(self, rows=self.rows[keep]), keep
 
     def finish(self, in_odom: Array) -> Array:

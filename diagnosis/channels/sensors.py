@@ -26,7 +26,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import lfilter
 
-from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
+from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags, Ints
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
 from trainer.signals.smoothing import smooth
@@ -46,8 +46,9 @@ class RateSignals:
     stride: int = RATE_STRIDE
     """Every so many rows one is kept."""
 
-    def thinned(self, every: int) -> tuple[RateSignals, slice]:
-        """Signals of one of ``every`` rows, and these rows."""
+    def thinned(self, apart: int) -> tuple[RateSignals, slice]:
+        """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
+        every = max(1, apart // self.stride)
         return replace(self, stride=self.stride * every), slice(None, None, every)
 
     def finish_rate(self, raw: Array) -> Array:
@@ -92,6 +93,8 @@ STEPS_TOO: Final = 2.0
 """Times what the steps of set-points leave in the torque that is asked for: the load follows them late."""
 KNOCK_FLOOR: Final = 2.0
 MIN_SAMPLES: Final = 24
+BEYOND: Final = 1e300
+"""In place of a square that does not count."""
 
 
 def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> ChannelView | ChannelOff:
@@ -150,12 +153,19 @@ def _high_squares(values: Array) -> Array:
 
 def _knocks(load: Array, steps: Array, counted: Flags, white: Array) -> Array:
     """Variance of each joint's knocks in one block: upper quartile less white noise and the steps of set-points."""
-    out = np.full(load.shape[1], np.nan)
-    for joint, mine in enumerate(counted.T):
-        if mine.sum() >= MIN_SAMPLES:
-            upper, step = np.quantile(load[mine, joint], 0.75), np.quantile(steps[mine, joint], 0.75)
-            out[joint] = max((upper - STEPS_TOO * step) / UPPER_QUARTILE_OF_SQUARE - white[joint], 0.0)
-    return out
+    enough, none = counted.sum(axis=0) >= MIN_SAMPLES, np.full(load.shape[1], np.nan)
+    if not enough.any():
+        return none
+    upper, step = (_upper_quartile(np.where(counted, x, BEYOND), counted.sum(axis=0)) for x in (load, steps))
+    return np.where(enough, np.maximum((upper - STEPS_TOO * step) / UPPER_QUARTILE_OF_SQUARE - white, 0.0), none)
+
+
+def _upper_quartile(values: Array, counts: Ints) -> Array:
+    """Upper quartile of the smallest ``counts`` values of each column, shapes (m, J) and (J,) to (J,)."""
+    at, ordered = 0.75 * (np.maximum(counts, 1) - 1), np.sort(values, axis=0)
+    below = at.astype(np.intp)
+    low, high = (np.take_along_axis(ordered, row[None], axis=0)[0] for row in (below, np.minimum(below + 1, counts)))
+    return np.asarray(low + (at - below) * (high - low))
 
 
 AVERAGE_S: Final = 0.05

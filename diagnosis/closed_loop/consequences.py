@@ -210,14 +210,17 @@ def _changes(
     names = list(first)
     robot, before, after = ([_came(runs[s]) for s in names] for runs in (real, first, second))
     lengths_s = [length_s[s] for s in names]
-    values = [_summary(side, lengths_s) for side in (robot, before, after)]
+    all_of_it = np.arange(len(names))[None]
+    values = [
+        _summary(side, lengths_s, all_of_it, [np.ones((*all_of_it.shape, len(came)), dtype=np.int64) for came in side])[
+            0
+        ]
+        for side in (robot, before, after)
+    ]
     sizes = [(len(b), len(a)) for b, a in zip(before, after, strict=True)]
-
-    def of(side: Sequence[Came], drawn: Sequence[tuple[int, Ints, Ints]]) -> Array:
-        some = [[side[i][row] for row in rows] for i, _, rows in drawn]
-        return _summary(some, [lengths_s[i] for i, _, _ in drawn])
-
-    draws = np.array([np.subtract(of(after, drawn), of(before, drawn)) for drawn in resamples(sizes, rng)])
+    chosen, counts = resamples(sizes, rng)
+    # Row i of both starts alike.
+    draws = np.subtract(*(_summary(side, lengths_s, chosen, [own for _, own in counts]) for side in (after, before)))
     out = []
     falls = any(one.has_fallen for side in (robot, before, after) for came in side for _, one in came)
     for k, q in enumerate((*QUANTITIES, FALLS, *([FALL_TIME] if falls else []))):
@@ -233,14 +236,20 @@ def _changes(
     return tuple(out)
 
 
-def _summary(sequences: Sequence[Came], lengths_s: Sequence[float]) -> Array:
-    """:data:`QUANTITIES`, the share of falls and the time to a fall, over all sequences; NaN where no run gives one."""
-    numbers = [np.array([own for own, _ in came]).reshape(-1, len(QUANTITIES)) for came in sequences]
-    lasted = [[one for _, one in came] for came in sequences]
-    by_sequence = np.array([known_mean(own) for own in numbers])
-    mean, known = known_mean(by_sequence), np.isfinite(by_sequence).any(axis=0)
-    top = np.where(known, np.max(np.where(np.isfinite(by_sequence), by_sequence, -np.inf), axis=0), np.nan)
-    values = np.where([q.name in LARGEST for q in QUANTITIES], top, mean)
-    share = np.mean([np.mean([one.has_fallen for one in own]) for own in lasted])
-    time_s = np.mean([restricted_mean_s(own, length_s) for own, length_s in zip(lasted, lengths_s, strict=True)])
-    return np.array([*values, share, time_s])
+def _summary(sequences: Sequence[Came], lengths_s: Sequence[float], chosen: Ints, counts: Sequence[Ints]) -> Array:
+    """:data:`QUANTITIES`, the share of falls and the time to a fall, over the sequences of each of N draws.
+
+    ``chosen`` and ``counts`` are as :func:`resamples` has them; shape (N, number of quantities + 2), NaN where no run
+    gives one.
+    """
+    found = np.full((*chosen.shape, len(QUANTITIES) + 2), np.nan)
+    for i, (came, length_s, drawn) in enumerate(zip(sequences, lengths_s, counts, strict=True)):
+        numbers, lasted = np.array([own for own, _ in came]).reshape(-1, len(QUANTITIES)), [one for _, one in came]
+        known, mine = np.isfinite(numbers), chosen == i
+        n = drawn[mine] @ known
+        mean = np.where(n > 0, drawn[mine] @ np.where(known, numbers, 0.0) / np.maximum(n, 1), np.nan)
+        share = drawn[mine] @ [float(one.has_fallen) for one in lasted] / len(lasted)
+        found[mine] = np.column_stack([mean, share, restricted_mean_s(lasted, length_s, drawn[mine])])
+    values = known_mean(np.moveaxis(found, 1, 0))
+    top = np.max(np.nan_to_num(found, nan=-np.inf), axis=1)
+    return np.where(np.isfinite(top) & [q.name in LARGEST for q in (*QUANTITIES, FALLS, FALL_TIME)], top, values)

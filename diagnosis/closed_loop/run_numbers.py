@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from diagnosis.channels import Ints
 from spot_log.read.run import Run
 from spot_model.robot.facts import Array
 from spot_model.robot.rotation import rotate_inverse_wxyz, tilt_rad
@@ -86,20 +87,21 @@ def time_to_fall(run: Run) -> WalkTime | None:
     return WalkTime(float(end_ns - stamps[0]) * 1e-9, fall_ns is not None)
 
 
-def restricted_mean_s(lasted: Sequence[WalkTime], length_s: float) -> float:
+def restricted_mean_s(lasted: Sequence[WalkTime], length_s: float, counts: Ints) -> Array:
     """Mean time to a fall within a command's length, by the Kaplan-Meier estimate of the share that still walks.
 
-    A run that ended without a fall counts as long as it lasted; after the last fall the share stays.
+    A run that ended without a fall counts as long as it lasted; after the last fall the share stays. Each run counts
+    so often, (..., number of runs) to (...).
 
     Source: Royston and Parmar, BMC Medical Research Methodology 13:152 (2013).
     """
-    area_s, share, at_s = 0.0, 1.0, 0.0
+    time_s, has_fallen = (np.array([getattr(one, name) for one in lasted]) for name in WalkTime._fields)
+    area_s, share, at_s = np.zeros(counts.shape[:-1]), np.ones(counts.shape[:-1]), 0.0
     for fall_s in sorted({one.time_s for one in lasted if one.has_fallen and one.time_s < length_s}):
-        area_s += share * (fall_s - at_s)
-        n_walking = sum(one.time_s >= fall_s for one in lasted)
-        share *= 1.0 - sum(one.has_fallen and one.time_s == fall_s for one in lasted) / n_walking
+        area_s = area_s + share * (fall_s - at_s)
+        share = share * (1.0 - counts @ (has_fallen & (time_s == fall_s)) / np.maximum(counts @ (time_s >= fall_s), 1))
         at_s = fall_s
-    return area_s + share * (length_s - at_s)
+    return np.asarray(area_s + share * (length_s - at_s))
 
 
 def known_mean(values: Array) -> Array:

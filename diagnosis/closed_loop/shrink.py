@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -150,20 +150,16 @@ def shrinkage(
     if d0 - floor <= MIN_GAP * max(floor, 1e-9):
         return Shrinkage(d0, d1, floor, None, None, None)
     sizes = [(c.real.shape[0], c.models[before].shape[0]) for c in compared]
-    sums, chosen = np.zeros((3, N_RESAMPLES)), rng.integers(len(sizes), size=(N_RESAMPLES, len(sizes)))
-    for i, (c, (n_real, n_simulated)) in enumerate(zip(compared, sizes, strict=True)):
-        # All draws of one sequence at once: how often each of its runs was drawn.
-        at = np.nonzero(chosen == i)[0]
-        real, simulated = (rng.multinomial(n, np.full(n, 1.0 / n), len(at)) for n in (n_real, n_simulated))
-        means = [
-            np.einsum("ks,sr,kr->k", simulated, c.models[name], real) / (n_real * n_simulated)
-            for name in (before, after)
-        ]
-        for row, values in zip(sums, (*means, _repeats(c, real)), strict=True):
-            np.add.at(row, at, values)
-    d0s, d1s, floors = np.maximum(sums, np.array([c.least for c in compared])[chosen].sum(axis=1))
-    is_known = d0s - floors > 1e-9
-    draws = ((d0s - d1s)[is_known] / (d0s - floors)[is_known]).tolist()
+    chosen, counts = resamples(sizes, rng)
+    sums = np.zeros((4, *chosen.shape))
+    for i, (c, (real, simulated)) in enumerate(zip(compared, counts, strict=True)):
+        one, other = (((simulated @ c.models[m]) * real).mean(axis=2) / len(simulated.T) for m in (before, after))
+        drawn = np.array(np.broadcast_arrays(one, other, _repeats(c, real), c.least))
+        sums += drawn * (chosen == i)
+    *distances, least = sums.sum(axis=2)
+    first, second, repeats = np.maximum(distances, least)
+    is_gap = first - repeats > 1e-9
+    draws = ((first - second)[is_gap] / (first - repeats)[is_gap]).tolist()
     s = min((d0 - max(d1, _least(compared))) / (d0 - floor), 1.0)
     if not draws:
         return Shrinkage(d0, d1, floor, s, None, None)
@@ -192,11 +188,19 @@ def _least(compared: Sequence[SequenceDistances]) -> float:
 
 def resamples(
     sizes: Sequence[tuple[int, int]], rng: np.random.Generator
-) -> Iterator[list[tuple[int, NDArray[np.intp], NDArray[np.intp]]]]:
-    """:data:`N_RESAMPLES` times sequences, and rows of the two sides of each, drawn with replacement."""
-    for _ in range(N_RESAMPLES):
-        chosen = rng.integers(len(sizes), size=len(sizes))
-        yield [(int(i), *(rng.integers(n, size=n) for n in sizes[i])) for i in chosen]
+) -> tuple[NDArray[np.int64], list[tuple[NDArray[np.int64], NDArray[np.int64]]]]:
+    """:data:`N_RESAMPLES` times sequences, and runs of the two sides of each, drawn with replacement.
+
+    Returns:
+        The S sequences of each draw, shape (N, S); and by sequence how often each run of either side is in the draw at
+        a place of it, shape (N, S, number of runs).
+    """
+    shape = (N_RESAMPLES, len(sizes))
+    chosen = rng.integers(len(sizes), size=shape)
+    one, other = (
+        [rng.multinomial(n, np.full(n, 1.0 / max(n, 1)), size=shape) for n in side] for side in zip(*sizes, strict=True)
+    )
+    return chosen, list(zip(one, other, strict=True))
 
 
 def interval(value: float, draws: Sequence[float], counts: Sequence[int], doubt: float = 0.0) -> tuple[float, float]:
@@ -231,11 +235,12 @@ def _widening(n: int, freedom: int) -> float:
     return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
-def _repeats(c: SequenceDistances, times: NDArray[Any]) -> Array:
-    """Mean distance of two different real runs, each drawn so often, (k, R); without repeats what stands in for it."""
+def _repeats(c: SequenceDistances, counts: NDArray[np.int64] | None = None) -> Array:
+    """Mean distance of two different real runs, which count so often, (..., R) to (...); or what stands in for it."""
     n = len(c.real)
     if n < 2:
-        return np.full(len(times), c.floor)
-    pairs = n * n - np.sum(times * times, axis=1)
-    drawn = np.einsum("kr,rs,ks->k", times, c.real, times) / np.maximum(pairs, 1.0)
-    return np.asarray(np.where(pairs > 0.0, drawn, c.real.sum() / (n * (n - 1))))
+        return np.array(c.floor)
+    every = np.ones(n, dtype=np.int64)
+    times = every if counts is None else counts
+    times = np.where((times == n).any(axis=-1, keepdims=True), every, times)
+    return np.asarray(((times @ c.real) * times).sum(axis=-1) / (n**2 - (times**2).sum(axis=-1)))

@@ -292,7 +292,7 @@ def effect_columns(entry: LibraryEffect, s: ActuatorSignals, shape: Shape) -> Ar
     def added(coefficients: Array) -> Array:
         effect = entry.effect(joints=("all",), **entry.values(coefficients, shape))
         if isinstance(effect, TorqueEffect):
-            return s.finish(s.torque_after_nm(effect) - s.torque_nm)
+            return s.added_nm(effect)
         return -s.losses_nm(effect)
 
     at = np.array([0.0 if c.is_free else c.high for c in entry.coefficients])

@@ -149,7 +149,7 @@ class VelocityEstimateEntry(LibraryEffect):
             late = s.finish(rotate_wxyz(s.odom_from_body_wxyz, rate - passed + turning))
             return np.stack([scale, np.zeros_like(scale), np.zeros_like(scale), late], axis=2)
         k: StanceSignals = view.signals
-        velocity = k.inputs.linear_vel_in_body_m_s
+        velocity = k.raw.linear_vel_in_body_m_s
         along, across = (np.tile(axis, (len(velocity), 1)) for axis in np.eye(3)[:2])
         # A low pass lags by its time constant times the rate of what comes out of it.
         late = -shape["lag_s"] * k.stack.low_pass(k.acceleration_in_body_m_s2, shape["lag_s"])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.channels.actuator import ActuatorSignals
@@ -62,7 +61,7 @@ def _built_up(s: ActuatorSignals, distance_rad: float) -> Array:
     """Direction against which dry friction acts, -1 to 1, built up over a distance; shape (N, J)."""
     key = ("presliding", distance_rad)
     if key not in s.cache:
-        s.cache[key] = presliding(s.position_rad, s.stack.run, distance_rad)
+        s.cache[key] = presliding(s.position_rad, s.stack.run, distance_rad).astype(np.float32)
     found: Array = s.cache[key]
     return found
 
@@ -117,8 +116,9 @@ class LoadFrictionEntry(LibraryEffect):
 
 
 GRID_RAD: Final = tuple(round(0.0008 * 1.2**i, 7) for i in range(24))
-"""Widths that are tried, up to 0.053 rad; computed together, they cost little more than one."""
+"""Widths that are tried, up to 0.053 rad."""
 COARSE: Final = 4
+"""Every so many are tried first; computed together, they cost little more than one."""
 GAP_PER_KNOCK_RAD: Final = 7.5e-4
 """Width of a gap by the variance of its knocks, in usual variances of a load; 6 to 9e-4 on three simulated robots.
 
@@ -248,10 +248,15 @@ class BacklashEntry(LibraryEffect):
             _, _, rattle, knocks = (np.kron(group, joints) for group in np.eye(4))
             return constant_columns(view, np.zeros(len(view.rows)), knocks, rattle)
         s: ActuatorSignals = view.signals
-        if "backlash" not in s.cache:
-            s.cache["backlash"] = passed_on_nm(s.torque_nm, np.array(GRID_RAD), s.stack.run, s.period_s)
-        through: Array = s.cache["backlash"][GRID_RAD.index(shape["gap_rad"])]
-        return np.pad(on_joints(s.finish(through - s.torque_nm), joints), ((0, 0), (0, 0), (0, 2)))
+        if ("backlash", shape["gap_rad"]) not in s.cache:
+            coarse = GRID_RAD[1::COARSE]
+            gaps = coarse if shape["gap_rad"] in coarse else GRID_RAD
+            for gap, passed in zip(
+                gaps, passed_on_nm(s.torque_nm, np.array(gaps), s.stack.run, s.period_s), strict=True
+            ):
+                s.cache["backlash", gap] = s.finish(passed - s.torque_nm).astype(np.float32)
+        missing: Array = s.cache["backlash", shape["gap_rad"]]
+        return np.pad(on_joints(missing, joints), ((0, 0), (0, 0), (0, 2)))
 
     def show(self, views: Views) -> tuple[Channel, ...]:
         """Without channel *set-point to load* nobody knows what a load should be."""
@@ -262,21 +267,21 @@ class BacklashEntry(LibraryEffect):
         return {"gap_rad": max(float(shape["gap_rad"]), GAP_PER_KNOCK_RAD * float(coefficients[1]))}
 
 
-def passed_on_nm(torque_nm: Array, gap_rad: Array, run: Ints, period_s: float) -> NDArray[np.float32]:
+def passed_on_nm(torque_nm: Array, gap_rad: Array, run: Ints, period_s: float) -> Iterator[Array]:
     """The torque (N, J) that gaps of some widths (G,) let through, by the simulator's formula, all recordings at once.
 
-    Shape (G, N, J), in single precision: it is large.
+    One width after the other, each of shape (N, J). Meanwhile only whether it is passed on is kept: all of it, or none.
     """
     (motor,), (row, recording) = side_by_side(run, torque_nm)
     whole = np.empty((len(gap_rad), *motor.shape[1:]))
     effect = Backlash(gap_rad=gap_rad[:, None, None]).arrays_like(whole)
     memory = effect.start(whole)
     motion = Motion(whole, whole, period_s / SUBSTEPS)
-    out = np.empty((len(gap_rad), *motor.shape), dtype=np.float32)
+    out = np.empty((len(gap_rad), *motor.shape), dtype=np.bool_)
     for k, torque in enumerate(motor):
         whole[:] = torque
         # The load at a state is that of the last step before it.
         for _ in range(SUBSTEPS):
             passed, memory = effect.torque(whole, motion, memory)
-        out[:, k] = passed
-    return out[:, row, recording]
+        out[:, k] = passed != 0.0
+    return (np.where(own[row, recording], torque_nm, 0.0) for own in out)

@@ -79,17 +79,13 @@ class JointComplianceEntry(LibraryEffect):
             load = q.stack.filled(lambda r: r.load_nm)
             return on_joints((1.0 - moves) * q.finish_rate(-load), joints)
         s: DynamicsSignals | StanceSignals = view.signals
-        if isinstance(s, StanceSignals):
-            load = s.stack.filled(lambda r: r.load_nm)
-            rate = s.stack.rate(load)
-        else:
-            load, rate = s.inputs.load_nm, s.load_rate_nm_s
+        load = s.load_nm if isinstance(s, StanceSignals) else s.inputs.load_nm
         step = COMPLIANCE_STEP * joints
         change = s.correction(
             view.name,
             ("joint_compliance", moves, tuple(np.flatnonzero(joints))),
             position_rad=s.inputs.position_rad - step * load,
-            velocity_rad_s=s.inputs.velocity_rad_s - moves * step * rate,
+            velocity_rad_s=s.inputs.velocity_rad_s - moves * step * s.load_rate_nm_s,
         )
         return change[:, :, None] / COMPLIANCE_STEP
 
@@ -200,14 +196,10 @@ class VelocityFilterEntry(LibraryEffect):
             return np.pad(on_joints(a.finish(-a.kd_nm_s_per_rad * ahead), joints), ((0, 0), (0, 0), (2, 1)))
         s: DynamicsSignals | StanceSignals = view.signals
         velocity = s.inputs.velocity_rad_s
-        if isinstance(s, StanceSignals):
-            right = {"velocity_rad_s": velocity + joints * (s.stack.rate(s.inputs.position_rad) - velocity)}
-        else:
+        right = {"velocity_rad_s": velocity + joints * (s.position_rate_rad_s - velocity)}
+        if isinstance(s, DynamicsSignals):
             acceleration = s.inputs.acceleration_rad_s2
-            right = {
-                "velocity_rad_s": velocity + joints * (s.position_rate_rad_s - velocity),
-                "acceleration_rad_s2": acceleration + joints * (s.position_curvature_rad_s2 - acceleration),
-            }
+            right["acceleration_rad_s2"] = acceleration + joints * (s.position_curvature_rad_s2 - acceleration)
         change = s.correction(view.name, ("velocity_filter", tuple(np.flatnonzero(joints))), **right)
         return np.pad(change[:, :, None], ((0, 0), (0, 0), (3, 0)))
 

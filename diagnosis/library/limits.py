@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
 import numpy as np
+from scipy.signal import lfilter
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
 from diagnosis.channels.actuator import ActuatorSignals
@@ -21,6 +22,9 @@ from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, T
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 
+SAG_ROUNDS: Final = 8
+SAG_ALIKE_NM: Final = 1e-3
+"""Rounds that differ by less are the last."""
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 """Tried beside none where the battery was not recorded."""
 
@@ -207,12 +211,32 @@ class BusSagEntry(LibraryEffect):
         s: ActuatorSignals = view.signals
         sag = BusSag(joints=("all",), **shape)
         bounded = curved(s.effects)
-        return on_joints(s.finish(s.torque_after_nm(sag) - s.torque_nm), joints & np.resize(bounded, len(joints)))
+        return on_joints(added_by_sag_nm(s, sag), joints & np.resize(bounded, len(joints)))
 
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
         """At the joints that the voltage bounds."""
         bounded = tuple(name for name, is_bounded in zip(JOINT_NAMES, curved(model.effects), strict=True) if is_bounded)
         return model.with_effects(self.make(values, joints if len(bounded) == len(JOINT_NAMES) else bounded))
+
+
+def added_by_sag_nm(s: ActuatorSignals, sag: BusSag) -> Array:
+    """:meth:`ActuatorSignals.added_nm` of a sagging voltage, in rounds over all rows in place of a step for each.
+
+    The bound follows from the power before, and that from the bound. A round takes the power from the torque of the
+    round before, beginning with what is asked for; each is right for longer than the last, and where nothing is cut
+    the first is. Where the voltage breaks down, step by step is quicker.
+    """
+    keep = float(np.exp(-s.period_s / sag.smoothing_s))
+    asked, velocity = s.torque_nm, s.velocity_rad_s
+    torque, driving = asked, asked * velocity > 0.0
+    for _ in range(SAG_ROUNDS):
+        drawn = np.asarray(sag.power_w(torque, velocity))
+        drawn = s.stack.by_run(lambda part: lfilter([0.0, 1.0 - keep], [1.0, -keep], part, axis=0), drawn)
+        bound = np.asarray(sag.bound_nm(drawn, velocity))
+        before, torque = torque, np.where(driving, np.clip(asked, -bound, bound), asked)
+        if np.max(np.abs(torque - before)) < SAG_ALIKE_NM:
+            return s.finish(torque - asked)
+    return s.added_nm(sag)
 
 
 def curved(effects: Sequence[Effect]) -> Flags:

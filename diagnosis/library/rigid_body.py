@@ -44,8 +44,7 @@ def derivative(view: ChannelView, effect: Effect, step: float) -> Array:
     With the true model the response would be none, so the nominal one shows the step's change with the sign turned.
     """
     s: DynamicsSignals = view.signals
-    changed = s.with_effect((effect.name, effect.joints, tuple(effect.values.items())), effect)
-    return (s.reference.of(view.name) - changed.of(view.name)) / step
+    return s.change_by(view.name, (effect.name, effect.joints, tuple(effect.values.items())), effect) / step
 
 
 class _BodyEntry(LibraryEffect):

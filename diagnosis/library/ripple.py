@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels import Array, Channel, Flags, Shape, Views
+from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
 from diagnosis.channels.actuator import ActuatorSignals
-from diagnosis.library import Coefficient, LibraryEffect
+from diagnosis.library import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import SLOW_WALK
 from spot_model.effects.drivetrain import TorqueRipple
 
@@ -110,6 +110,16 @@ class RippleEntry(LibraryEffect):
         sets = np.array([*np.eye(len(legs)), *(within == k for k in np.unique(within)), np.ones(len(legs))]) > 0.0
         slow = slow_orders(at, view.response, np.stack(trends, axis=2), usable, sets)
         return tuple({"cycles_per_rad": n} for n in (*slow, *strongest_orders(at, view.response, usable)))
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The waves themselves, second harmonics by the double angle."""
+
+        def waves(*motion: Array) -> Array:
+            angle = shape["cycles_per_rad"] * motion[1]
+            sine, cosine = np.sin(angle), np.cos(angle)
+            return np.stack([sine, cosine, 2.0 * sine * cosine, 1.0 - 2.0 * sine**2], axis=2)
+
+        return on_joints(view.signals.finished(waves), joints)
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Orders nearby, and the second harmonic where it is the one that was found."""

@@ -27,7 +27,7 @@ OUTLIER: Final = 3.0
 PEAKS: Final = (Channel.SET_POINT_TO_LOAD, Channel.POLICY_REPLAY, Channel.BATTERY_POWER)
 PEAK: Final = 6.0
 """Where peaks are what an effect cuts off, they count up to so many scales."""
-CACHE_BYTES: Final = 600_000_000
+CACHE_BYTES: Final = 200_000_000
 FOLD_BLOCK_S: Final = 2.0
 EXACT: Final = {Channel.POLICY_REPLAY: 0.02}
 """Channels whose formulas are no physics: a program's arithmetic is right or wrong."""
@@ -143,6 +143,8 @@ class Evidence:
 
     def products_of(self, number: int, left: Array, right: Array, fold: int | None = None) -> Array:
         """Products of two sets of a block's columns over all folds or in one, by its number of samples; (a, b)."""
+        if not left.any():
+            return np.zeros((left.shape[1], right.shape[1]))
         block = self.blocks[number]
         weight = block.weight**2
         if fold is not None:
@@ -175,6 +177,13 @@ class Evidence:
             _, old = self._cache.popitem(last=False)
             self._bytes -= sum(x.nbytes for x in old.x)
         return made
+
+    def forget(self) -> None:
+        """Free the columns of all that was tried, here and in the channels; what is asked for again is made again."""
+        self._cache.clear()
+        self._bytes = 0
+        for view in self.views.values():
+            getattr(view.signals, "cache", {}).clear()
 
     def _made(self, effect: LibraryEffect, shape: Shape) -> Columns:
         units = self.robot.units(effect.location)

@@ -133,33 +133,14 @@ class Scorer:
         self.low, self.high = bounds([t.effect for t in terms])
         self.own = term_columns(board, terms)
         self._own_cross: dict[tuple[object, ...], list[Array]] = {}
-        self._base = [board.products(n, x) for n, x in enumerate(self.own)]
-        self._square = [board.products_of(n, x, x) for n, x in enumerate(self.own)]
-        self._tried = ColumnProducts.of(self._base, self._square)
+        self._tried = products_of_terms(board, self.own)
         self.now = fitted(board, self.terms, self._tried)
         self.weights = self.now.weights
         self._by_weights: tuple[bytes, tuple[Any, ...]] = (b"", ())
 
     def scored(self, effect: LibraryEffect, shape: Shape, place: Array) -> Scored:
         """The terms and one candidate, fitted."""
-        columns = self.board.columns(effect, shape)
-        cross, own = self.crosses(effect, shape), self._crosses_with_own(effect, shape)
-        size, k = len(effect.coefficients), len(self.low)
-        base, both = [], []
-        for number in range(len(self.board.blocks)):
-            units, part = columns.units[number], cross[number]
-            ours = np.zeros((k + size, self._base[number].shape[1]))
-            square = np.zeros((k + size, k + size))
-            ours[:k], square[:k, :k] = self._base[number], self._square[number]
-            if part is not None:
-                spread = _spread(place[units], size)
-                ours[k:] = spread.T @ part.base
-                mixed = own[number] @ spread
-                square[:k, k:], square[k:, :k] = mixed, mixed.T
-                square[k:, k:] = spread.T @ part.own @ spread
-            base.append(ours)
-            both.append(square)
-        return fitted(self.board, (*self.terms, Placed(effect, shape, place)), ColumnProducts.of(base, both))
+        return Scorer(self.board, (*self.terms, Placed(effect, shape, place))).now
 
     def residuals(self) -> list[Array]:
         """What the terms and the ordinary errors leave in each block."""
@@ -289,7 +270,11 @@ def fitted(board: Evidence, terms: tuple[Placed, ...], tried: ColumnProducts) ->
 
 def crossed(board: Evidence, scored: Scored) -> Scored:
     """The same fit with what it is without each fold, under its weights."""
-    tried, by_fold = _products_by_fold(board, scored.terms)
+    columns = term_columns(board, scored.terms)
+    tried, by_fold = (
+        products_of_terms(board, columns),
+        [products_of_terms(board, columns, f) for f in range(board.n_folds)],
+    )
     sums, effects = sums_of(board), [t.effect for t in scored.terms]
     (low, high), wide = bounds(effects), ranges(effects)
     found = [
@@ -301,17 +286,10 @@ def crossed(board: Evidence, scored: Scored) -> Scored:
     )
 
 
-def _products_by_fold(board: Evidence, terms: Sequence[Placed]) -> tuple[ColumnProducts, list[ColumnProducts]]:
-    columns = term_columns(board, terms)
-    parts = [
-        ColumnProducts.of(
-            [board.products(n, x, fold) for n, x in enumerate(columns)],
-            [board.products_of(n, x, x, fold) for n, x in enumerate(columns)],
-        )
-        for fold in range(board.n_folds)
-    ]
-    return ColumnProducts.of([board.products(n, x) for n, x in enumerate(columns)],
-                             [board.products_of(n, x, x) for n, x in enumerate(columns)]), parts  # fmt: skip
+def products_of_terms(board: Evidence, columns: Sequence[Array], fold: int | None = None) -> ColumnProducts:
+    """Products of the terms' columns, by block, over all folds or in one."""
+    base = [board.products(n, x, fold) for n, x in enumerate(columns)]
+    return ColumnProducts.of(base, [board.products_of(n, x, x, fold) for n, x in enumerate(columns)])
 
 
 def posterior_covariance(board: Evidence, scored: Scored) -> Array:
@@ -326,7 +304,7 @@ def posterior_covariance(board: Evidence, scored: Scored) -> Array:
     if not scored.terms:
         return np.asarray(own)
     effects = [t.effect for t in scored.terms]
-    tried, _ = _products_by_fold(board, scored.terms)
+    tried = products_of_terms(board, term_columns(board, scored.terms))
     beta = np.concatenate(scored.coefficients)
     low, high = bounds(effects)
     free = np.flatnonzero((beta > low) & (beta < high))
@@ -366,11 +344,6 @@ def term_columns(board: Evidence, terms: Sequence[Placed]) -> list[Array]:
         for part, units, x in zip(parts, columns.units, columns.x, strict=True):
             part.append(np.einsum("mup,u->mp", x, term.place[units]).astype(np.float64))
     return [np.concatenate(part, axis=1) for part in parts]
-
-
-def _spread(place: Array, size: int) -> Array:
-    """From columns of units (uP) to those of the place (P), shape (uP, P)."""
-    return np.asarray((place[:, None, None] * np.eye(size)).reshape(-1, size))
 
 
 def likeness(scorer: Scorer, names: Sequence[str]) -> Array:

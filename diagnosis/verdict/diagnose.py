@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.channels import Array, Channel
-from diagnosis.channels.build import build_views
+from diagnosis.channels import Array, Channel, ChannelView
+from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.gap_map import LogSet, gap_map
@@ -108,6 +108,7 @@ def diagnose(
         belief = decide(found, library)
         board = found.board
         best = crossed(board, belief.best)
+        board.forget()
     is_spot = board.robot.joint_names == facts.JOINT_NAMES
     corrected = by_joint(merged(model_of(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
     # What it does.
@@ -126,9 +127,9 @@ def diagnose(
         around = trials.surroundings.overall
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
-        views, _ = build_views(logs, nominal)
+        loads = actuator_view(logs, nominal.effects)
         real = LogSet(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
-        made = LogSet(logs, views.get(Channel.SET_POINT_TO_LOAD))
+        made = LogSet(logs, loads if isinstance(loads, ChannelView) else None)
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
         shrink = measure_shrink(trials, belief.stated, rng)
         measured = measured_by_simulation(trials, best, belief.stated, rng) or measured

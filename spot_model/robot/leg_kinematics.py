@@ -32,19 +32,18 @@ def foot_position_in_body_m(position_rad: AnyArray) -> AnyArray:
     return foot_position_and_jacobian(position_rad)[0]
 
 
-def foot_position_and_jacobian(position_rad: AnyArray, legs: slice = slice(None)) -> tuple[AnyArray, AnyArray]:
+def foot_position_and_jacobian(position_rad: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Foot centres in the body frame, and their derivatives with respect to their own leg's three joints.
 
     Args:
         position_rad: Joint positions. Shape (..., 12), canonical order, rad.
-        legs: Which of the four; others are not computed.
 
     Returns:
         Positions, shape (..., 4, 3), m; Jacobians, shape (..., 4, 3, 3), m/rad, rows x, y, z, columns hx, hy, kn.
     """
     xp = namespace_of(position_rad)
-    hip_x, hip_y, out = (a[legs] for a in hip_placement(xp, position_rad.dtype, device(position_rad)))
-    hx, hy, kn = (position_rad[..., joint::3][..., legs] for joint in range(3))
+    hip_x, hip_y, out = hip_placement(xp, position_rad.dtype, device(position_rad))
+    hx, hy, kn = (position_rad[..., joint::3] for joint in range(3))
     cos_hx, sin_hx = xp.cos(hx), xp.sin(hx)
     # In the leg's plane: rotation about +y turns (x, z) into (x cos + z sin, −x sin + z cos).
     thigh_x, thigh_z = _turn(xp.cos(hy), xp.sin(hy), _THIGH_X_M, _THIGH_Z_M)

@@ -180,8 +180,8 @@ def test_a_fallen_run_is_simulated_for_as_long_as_the_longest(plain: list[Run], 
 def test_time_to_a_fall_by_hand() -> None:
     # Falls at 2 and 6 s, one cut short at 4 s, one whole: 2·1 + 4·¾ + 4·(¾·½).
     lasted = [WalkTime(2.0, True), WalkTime(4.0, False), WalkTime(6.0, True), WalkTime(10.0, False)]
-    assert restricted_mean_s(lasted, 10.0) == pytest.approx(2.0 + 3.0 + 1.5)
-    assert restricted_mean_s(lasted[1:2], 10.0) == 10.0
+    each = np.array([[1, 1, 1, 1], [0, 4, 0, 0], [2, 0, 1, 1]])
+    np.testing.assert_allclose(restricted_mean_s(lasted, 10.0, each), [2.0 + 3.0 + 1.5, 10.0, 2.0 + 2.0 + 1.0])
 
 
 def test_what_became_worse_is_said_by_hand() -> None:

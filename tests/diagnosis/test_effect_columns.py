@@ -13,9 +13,11 @@ from diagnosis.channels import Array, Channel, ChannelView
 from diagnosis.channels.actuator import ActuatorSignals, actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.library import acts_last, effect_columns
+from diagnosis.library.limits import added_by_sag_nm
 from diagnosis.library.registry import LIBRARY, entry_of
 from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter
 from spot_model.effects.friction import smooth_sign
+from spot_model.effects.power import BusSag
 from spot_model.effects.torque_limits import TorqueSpeedCurve
 from spot_model.io.model_file import RobotModel, paper_model
 from spot_model.robot.facts import PAPER_IDENTIFIED
@@ -56,8 +58,20 @@ def _clipped(s: ActuatorSignals) -> Array:
     ],
 )
 def test_a_column_is_the_effects_own_formula(name, shape, by_hand, view):
-    column = LIBRARY[name].columns(view, shape, ALL)[:, :, 0]
-    np.testing.assert_allclose(column, by_hand(view.signals), atol=1e-9 * np.max(np.abs(column)) + 1e-9)
+    s: ActuatorSignals = view.signals
+    used = s.stack.used[s.kept]
+    column = LIBRARY[name].columns(view, shape, ALL)[used, :, 0]
+    np.testing.assert_allclose(column, by_hand(s)[used], atol=1e-9 * np.max(np.abs(column)) + 1e-9)
+
+
+@pytest.mark.parametrize("resistance_ohm", [0.0, 0.05, 0.6])
+def test_a_voltage_in_rounds_is_that_of_the_effect_step_by_step(resistance_ohm, view):
+    s: ActuatorSignals = view.signals
+    numbers = {"back_emf_v_s_per_rad": 2.0, "stall_nm_per_v": 1.0, "copper_w_per_nm2": 0.02}
+    sag = BusSag(joints=("all",), resistance_ohm=resistance_ohm, **numbers)
+    by_step = s.added_nm(sag)
+    assert np.abs(by_step).max() > 1.0
+    np.testing.assert_allclose(added_by_sag_nm(s, sag), by_step, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", ["torque_bandwidth", "torque_delay"])

@@ -156,5 +156,5 @@ def test_commands_without_gains_are_no_servo_law() -> None:
 def test_a_newton_metre_at_a_joint_shows_in_the_wrench_as_inverse_dynamics_have_it(views: Views, joint: int) -> None:
     signals = views[Channel.BASE_WRENCH].signals
     more = signals.inputs.load_nm + (np.arange(12) == joint)
-    base = signals.with_inputs(("one", joint), load_nm=more).base - signals.reference.base
+    base = signals.with_inputs(load_nm=more).base - signals.reference.base
     assert base == pytest.approx(wrench_of_joints(signals)[:, joint], rel=1e-6, abs=1e-9)

@@ -43,6 +43,16 @@ def smooth(signal: Array, at: Rows | None = None) -> Array:
     return _filtered(signal, _KERNEL, at)
 
 
+def windows(n: int, at: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Rows of a signal of ``n`` rows that each smoothed value at ``at`` depends on, shape (len(at), 2·REACH + 1)."""
+    return np.asarray(np.clip(at[:, None] + _AT, 0, n - 1))
+
+
+def smooth_windows(values: Array) -> Array:
+    """:func:`smooth` of what stands at the rows of :func:`windows`, shape (m, 2·REACH + 1, ...) to (m, ...)."""
+    return np.asarray(np.tensordot(_KERNEL, values, axes=(0, 1)))
+
+
 def rate(signal: Array, period_s: float, at: Rows | None = None) -> Array:
     """Derivative of :func:`smooth` along the first axis, per second, of all rows or those of ``at``."""
     return _filtered(signal, _DERIVATIVE, at) / period_s
