@@ -179,7 +179,7 @@ def mean_floor(compared: Sequence[SequenceDistances]) -> float:
 
 def mean_repeats(compared: Sequence[SequenceDistances]) -> float:
     """Mean distance of the robot's runs from each other, or what stands in for it."""
-    return float(np.mean([_repeats(c, np.ones((1, len(c.real)))) for c in compared]))
+    return float(np.mean([_repeats(c) for c in compared]))
 
 
 def _least(compared: Sequence[SequenceDistances]) -> float:
