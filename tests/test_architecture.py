@@ -250,7 +250,7 @@ def test_every_command_is_a_module_and_a_line() -> None:
     from importlib.metadata import entry_points
 
     for entry in entry_points(group="spot_rl.commands"):
-        path = ROOT / Path(*entry.module.split(".")).with_suffix(".py")
+        path = home(entry.module.split(".")[0]) / Path(*entry.module.split(".")).with_suffix(".py")
         assert path.exists(), entry.value
 
 
