@@ -29,6 +29,7 @@ test: $(INSTALLED) ## Run the tests that protect a change: all but those marked 
 test-all: $(INSTALLED) ## Run all tests, as .ci/run does
 test: WHICH := -m "not slow"
 # Programs that tests start find their modules compiled, whatever the shell says.
+test test-all: | docs/reference/commands.md
 test test-all:
 	@unset PYTHONDONTWRITEBYTECODE && folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist worksteal -ra --basetemp "$$folder/t" $(WHICH) $(ARGS)
@@ -60,11 +61,15 @@ protos-check: $(INSTALLED)
 
 docs-check: $(INSTALLED)
 	$(RUN) scripts/write_docs.py --check
+	$(RUN) -m mkdocs build --quiet --strict
+
+docs/reference/commands.md: | $(INSTALLED)
+	$(RUN) scripts/write_docs.py
 
 leftovers: $(INSTALLED)
 	$(RUN) scripts/check_leftovers.py
 
-docs: $(INSTALLED) ## Write the generated pages and build the site into build/site (no network)
+docs: $(INSTALLED) ## Write the reference and build the site into build/site (no network)
 	$(RUN) scripts/write_docs.py
 	$(RUN) -m mkdocs build --quiet --strict
 
