@@ -22,13 +22,14 @@ help: ## List the targets
 
 setup: $(INSTALLED) ## Create .venv and install everything, as locked
 
-demo: $(INSTALLED) ## Walk the fake robot, write a log, a summary and a page with plots
+demo: .venv/.demo ## Walk the fake robot, write a log, a summary and a page with plots
 	@".venv/bin/spot-rl" demo $(ARGS)
 
 test: $(INSTALLED) ## Run the tests that protect a change: all but those marked slow
 test-all: $(INSTALLED) ## Run all tests, as .ci/run does
 test: WHICH := -m "not slow"
 # Programs that tests start find their modules compiled, whatever the shell says.
+test test-all: | docs/reference/commands.md
 test test-all:
 	@unset PYTHONDONTWRITEBYTECODE && folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist worksteal -ra --basetemp "$$folder/t" $(WHICH) $(ARGS)
@@ -60,11 +61,15 @@ protos-check: $(INSTALLED)
 
 docs-check: $(INSTALLED)
 	$(RUN) scripts/write_docs.py --check
+	$(RUN) -m mkdocs build --quiet --strict
+
+docs/reference/commands.md: | $(INSTALLED)
+	$(RUN) scripts/write_docs.py
 
 leftovers: $(INSTALLED)
 	$(RUN) scripts/check_leftovers.py
 
-docs: $(INSTALLED) ## Write the generated pages and build the site into build/site (no network)
+docs: $(INSTALLED) ## Write the reference and build the site into build/site (no network)
 	$(RUN) scripts/write_docs.py
 	$(RUN) -m mkdocs build --quiet --strict
 
@@ -93,9 +98,16 @@ distclean: clean ## Remove the environment too
 		f"spot-rl needs Python 3.11 or later, and $(PYTHON) is {v.major}.{v.minor}. Name another: make PYTHON=/path/to/python3.11")'
 	"$(PYTHON)" -m venv .venv
 
+# What the demo needs, a tenth of everything.
+.venv/.demo: pyproject.toml requirements.lock | .venv/bin/python
+	@test -e $(INSTALLED) || { echo "Installing what the demo needs into .venv: a minute, and 0.3 GB." && \
+		$(RUN) -m pip install --quiet -c requirements.lock setuptools && \
+		$(RUN) -m pip install --quiet -c requirements.lock --no-build-isolation -e '.[fake]'; }
+	@touch $@
+
 # setuptools first: the package itself is then built without fetching a builder, also when there is no network.
-$(INSTALLED): pyproject.toml requirements.lock | .venv/bin/python
+$(INSTALLED): pyproject.toml lab/pyproject.toml requirements.lock | .venv/bin/python
 	$(RUN) -m pip install --quiet -c requirements.lock setuptools
 	@echo "Installing the locked packages into .venv: some minutes, and 3.0 GB."
-	$(RUN) -m pip install -c requirements.lock --no-build-isolation -e '.[all,dev]'
+	$(RUN) -m pip install -c requirements.lock --no-build-isolation -e '.[all,dev]' -e lab
 	@touch $(INSTALLED)

@@ -1,7 +1,7 @@
 """The numbers that decide what a diagnosis says, with where they come from.
 
 Published ranges of ordinary errors come first; what follows is from physics, or from simulated robots whose faults are
-known, of kinds on which the diagnosis is never judged (``benchmarks/calibrate_diagnosis.py``).
+known, of kinds on which the diagnosis is never judged (``lab/benchmarks/calibrate_diagnosis.py``).
 """
 
 from __future__ import annotations

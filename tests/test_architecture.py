@@ -26,14 +26,21 @@ PACKAGES = (
     "proof",
     "withheld",
 )
+LAB = ROOT / "lab"
 MOST_ENTRIES = 14
 NO_ENTRIES = {"__init__.py", "__main__.py", "py.typed"}
 
 
+def home(package: str) -> Path:
+    """Folder in which a package lies."""
+    return LAB if (LAB / package).is_dir() else ROOT
+
+
 @cache
 def sources(package: str) -> tuple[Path, ...]:
-    listed = subprocess.run(["git", "ls-files", package], cwd=ROOT, capture_output=True, text=True, check=True)
-    return tuple(ROOT / line for line in listed.stdout.split("\n") if line.endswith(".py") and (ROOT / line).exists())
+    at = home(package)
+    listed = subprocess.run(["git", "ls-files", package], cwd=at, capture_output=True, text=True, check=True)
+    return tuple(at / line for line in listed.stdout.split("\n") if line.endswith(".py") and (at / line).exists())
 
 
 def modules_imported(source: str) -> Iterator[str]:
@@ -51,14 +58,14 @@ def room(package: str, module: str) -> str | None:
     parts = module.split(".")
     if parts[0] != package or len(parts) < 2:
         return None
-    inside = ROOT / package / parts[1]
+    inside = home(package) / package / parts[1]
     return parts[1] if inside.is_dir() or inside.with_suffix(".py").exists() else None
 
 
 def arrows(package: str) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for path in sources(package):
-        parts = path.relative_to(ROOT).with_suffix("").parts
+        parts = path.relative_to(home(package)).with_suffix("").parts
         if len(parts) < 2 or parts[1] in {"__init__", "__main__"}:
             continue
         to = {room(package, module) for module in modules_imported(path.read_text(encoding="utf-8"))}
@@ -89,7 +96,7 @@ def test_a_circle_would_be_found() -> None:
 def test_no_folder_has_more_entries_than_one_takes_in_at_a_glance(package: str) -> None:
     entries: dict[str, set[str]] = {}
     for path in sources(package):
-        below = path.relative_to(ROOT)
+        below = path.relative_to(home(package))
         for parent in list(below.parents)[:-1]:
             entries.setdefault(str(parent), set()).add(below.relative_to(parent).parts[0])
     crowded = {folder: len(names - NO_ENTRIES) for folder, names in entries.items()}
@@ -243,7 +250,7 @@ def test_every_command_is_a_module_and_a_line() -> None:
     from importlib.metadata import entry_points
 
     for entry in entry_points(group="spot_rl.commands"):
-        path = ROOT / Path(*entry.module.split(".")).with_suffix(".py")
+        path = home(entry.module.split(".")[0]) / Path(*entry.module.split(".")).with_suffix(".py")
         assert path.exists(), entry.value
 
 

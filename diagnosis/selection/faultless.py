@@ -1,7 +1,7 @@
 """What robots without a fault look like to the diagnosis: learned, number by number, by one script.
 
-``benchmarks/calibrate_diagnosis.py`` writes ``faultless.json`` from simulated robots of the calibrating catalogue, with
-ordinary errors 0.5 to 5 times the usual; the file says from how many.
+``lab/benchmarks/calibrate_diagnosis.py`` writes ``faultless.json`` from simulated robots of the calibrating catalogue,
+with ordinary errors 0.5 to 5 times the usual; the file says from how many.
 """
 
 from __future__ import annotations

@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 
 from fake_robot.start.process import FakeProcessError
-from proof.demo import DemoError
 from proof.loop_bench import BenchError
 from spot_log.write.live_process import LiveViewError
 from spot_model.errors import SpotRlError
+from spot_rl.demo import DemoError
 from spot_runtime.hal import errors
 from spot_runtime.host.instance_lock import AlreadyRunningError, LockError
 from spot_runtime.operator.listening import ListenError

@@ -1,4 +1,4 @@
-"""Peers of the diagnosis in benchmarks/: each finds what is planted where its means allow it."""
+"""Peers of the diagnosis in lab/benchmarks/: each finds what is planted where its means allow it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from diagnosis.library.registry import LIBRARY
 
-CLAIMS = Path(__file__).parents[2] / "benchmarks" / "claims"
+CLAIMS = Path(__file__).parents[2] / "lab" / "benchmarks" / "claims"
 
 
 @pytest.fixture(autouse=True)

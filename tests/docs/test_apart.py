@@ -66,18 +66,18 @@ def test_what_the_fake_robot_prints_is_what_the_next_terminal_needs(tmp_path: Pa
 
 
 def test_benchmarks_at_their_smallest(tmp_path: Path) -> None:
-    (tmp_path / "benchmarks").symlink_to(REPOSITORY / "benchmarks")
+    (tmp_path / "lab").symlink_to(REPOSITORY / "lab")
     told = bash("spot-rl bench faults --json --only 'policy file cut in half'", tmp_path)
     assert json.loads(told)["failed"] == 0
     bash("spot-rl bench soak --minutes 0.05", tmp_path)
-    assert json.loads(bash("python benchmarks/loop_lock_step.py 1", tmp_path))["times_real_time"] > 0.0
-    told = bash("python benchmarks/inference_pace.py --seconds 5 --seconds 0.1", tmp_path)
+    assert json.loads(bash("python lab/benchmarks/loop_lock_step.py 1", tmp_path))["times_real_time"] > 0.0
+    told = bash("python lab/benchmarks/inference_pace.py --seconds 5 --seconds 0.1", tmp_path)
     assert set(json.loads(told)) == {"provider", "hot", "at_50_hz"}
 
 
 def test_another_provider_is_refused_where_it_is_not(tmp_path: Path) -> None:
     told = subprocess.run(
-        [sys.executable, "benchmarks/inference_pace.py", "--provider", "CUDAExecutionProvider", "--seconds", "0.1"],
+        [sys.executable, "lab/benchmarks/inference_pace.py", "--provider", "CUDAExecutionProvider", "--seconds", "0.1"],
         cwd=REPOSITORY,
         capture_output=True,
         text=True,

@@ -96,7 +96,8 @@ def with_siblings(script: Path) -> str:
     """Text of a script, and of the benchmarks that it imports by name alone."""
     text = script.read_text(encoding="utf-8")
     siblings = [
-        REPOSITORY / "benchmarks" / f"{name}.py" for name in re.findall(r"^from (\w+) import", text, re.MULTILINE)
+        REPOSITORY / "lab" / "benchmarks" / f"{name}.py"
+        for name in re.findall(r"^from (\w+) import", text, re.MULTILINE)
     ]
     return "\n".join([text, *(file.read_text(encoding="utf-8") for file in siblings if file.is_file())])
 

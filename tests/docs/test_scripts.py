@@ -21,38 +21,38 @@ from .blocks import REPOSITORY
 from .shell import ENVIRONMENT, PROGRAMS
 
 SMALL: dict[str, tuple[str, ...]] = {
-    "benchmarks/gait_figures.py": ("walk --speeds 0.5",),
-    "benchmarks/log_damage.py": ("LOG 5",),
-    "benchmarks/solver_options.py": ("--policy walk --rounds 1 --robots 4",),
+    "lab/benchmarks/gait_figures.py": ("walk --speeds 0.5",),
+    "lab/benchmarks/log_damage.py": ("LOG 5",),
+    "lab/benchmarks/solver_options.py": ("--policy walk --rounds 1 --robots 4",),
     "scripts/draw_effects.py": ("",),
 }
 """Script, and the words after it in each of its runs; ``LOG`` stands for a log of a short walk."""
 
 WEEKLY: dict[str, tuple[str, ...]] = {
-    "benchmarks/start_up.py": ("2",),
-    "benchmarks/conformance_errors.py": ("body_velocity_negated",),
-    "benchmarks/log_reading.py": ("--minutes 1 --rounds 1",),
-    "benchmarks/claims/loop.py": ("--seconds 2 --plain",),
-    "benchmarks/claims/fakes.py": ("--seconds 1 --most 2",),
-    "benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),
-    "benchmarks/claims/identification.py": ("--generations 1 --seconds 6",),
-    "benchmarks/claims/training.py": ("--envs 16",),
-    "benchmarks/gait_on_robot.py": ("walk --speeds 0.5",),
-    "benchmarks/has_it_changed.py": ("robots --seed 71 --to 1 --workers 1 --out changed", "score changed"),
-    "benchmarks/identify_fake.py": ("--out found --truth 0 --policy walk --repeats 1 --config short.yaml",),
-    "benchmarks/identify_session.sh": (
+    "lab/benchmarks/start_up.py": ("2",),
+    "lab/benchmarks/conformance_errors.py": ("body_velocity_negated",),
+    "lab/benchmarks/log_reading.py": ("--minutes 1 --rounds 1",),
+    "lab/benchmarks/claims/loop.py": ("--seconds 2 --plain",),
+    "lab/benchmarks/claims/fakes.py": ("--seconds 1 --most 2",),
+    "lab/benchmarks/calibrate_diagnosis.py": ("robots --seed 1 --to 1 --out clean --workers 1",),
+    "lab/benchmarks/claims/identification.py": ("--generations 1 --seconds 6",),
+    "lab/benchmarks/claims/training.py": ("--envs 16",),
+    "lab/benchmarks/gait_on_robot.py": ("walk --speeds 0.5",),
+    "lab/benchmarks/has_it_changed.py": ("robots --seed 71 --to 1 --workers 1 --out changed", "score changed"),
+    "lab/benchmarks/identify_fake.py": ("--out found --truth 0 --policy walk --repeats 1 --config short.yaml",),
+    "lab/benchmarks/identify_session.sh": (
         "run small --truth 0 --policy walk --sequences ahead.yaml --repeats 1 --config short.yaml",
     ),
-    "benchmarks/loop_parts.py": ("--seconds 2",),
-    "benchmarks/judge_policy.py": ("walk --n 2 --seeds 2",),
-    "benchmarks/substitution.py": ("robots --seed 777301 --to 1 --out parts", "table parts"),
-    "benchmarks/withheld_fake.py": ("--work found --policy walk --repeats 1",),
+    "lab/benchmarks/loop_parts.py": ("--seconds 2",),
+    "lab/benchmarks/judge_policy.py": ("walk --n 2 --seeds 2",),
+    "lab/benchmarks/substitution.py": ("robots --seed 777301 --to 1 --out parts", "table parts"),
+    "lab/benchmarks/withheld_fake.py": ("--work found --policy walk --repeats 1",),
     "examples/close_the_loop.py": ("--robot torque_lag --out loop --improved walk --oracle walk",),
     "examples/has_it_changed.py": ("changed --weeks 3 --repeats 1",),
     "examples/hidden_friction.py": ("hidden_friction",),
 }
 
-SEEN = [file for folder in ("benchmarks", "examples") for file in sorted((REPOSITORY / folder).rglob("*.py"))]
+SEEN = [file for folder in ("lab/benchmarks", "examples") for file in sorted((REPOSITORY / folder).rglob("*.py"))]
 
 AHEAD = """\
 schema: spot-rl/velocity-sequence/1
@@ -65,7 +65,7 @@ waypoints: [{time_s: 0, v_x_m_s: 0.5}]
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """An empty folder with what the scripts take from the project's."""
-    for name in ("benchmarks", "examples", "policies", "scripts", "docs"):
+    for name in ("lab", "examples", "policies", "scripts", "docs"):
         (tmp_path / name).symlink_to(REPOSITORY / name)
     (tmp_path / "short.yaml").write_text("schema: spot-rl/sysid/1\nsearch: {generations: 1}\n")
     (tmp_path / "ahead.yaml").write_text(AHEAD)

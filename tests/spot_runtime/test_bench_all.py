@@ -43,12 +43,12 @@ other: {script: count.py --again, expected_s: 1, repeats: 1, ratios: {us: {over:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    (tmp_path / "benchmarks").mkdir()
-    (tmp_path / "benchmarks" / "count.py").write_text(COUNTING)
-    (tmp_path / "benchmarks" / "broken.py").write_text("raise SystemExit('no robot today')")
+    (tmp_path / "lab" / "benchmarks").mkdir(parents=True)
+    (tmp_path / "lab" / "benchmarks" / "count.py").write_text(COUNTING)
+    (tmp_path / "lab" / "benchmarks" / "broken.py").write_text("raise SystemExit('no robot today')")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SPOT_RL_REVISION", "r1")
-    (tmp_path / "benchmarks" / "claims.yaml").write_text(LIST)
+    (tmp_path / "lab" / "benchmarks" / "claims.yaml").write_text(LIST)
     return tmp_path
 
 
@@ -116,14 +116,14 @@ def test_a_script_that_fails_is_told_with_its_last_words(folder: Path) -> None:
 def test_a_script_finds_the_module_beside_it_also_where_ours_are_kept_from_that(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (folder / "benchmarks" / "peer.py").write_text("US = 3")
-    (folder / "benchmarks" / "with_peer.py").write_text("import json, peer\nprint(json.dumps({'us': peer.US}))")
+    (folder / "lab" / "benchmarks" / "peer.py").write_text("US = 3")
+    (folder / "lab" / "benchmarks" / "with_peer.py").write_text("import json, peer\nprint(json.dumps({'us': peer.US}))")
     monkeypatch.setenv("PYTHONSAFEPATH", "1")  # as `spot-rl` sets it for what it starts
     assert run_script("with_peer.py") == {"us": 3}
 
 
 def test_a_regression_fails_and_unguarded_claims_are_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    listed = folder / "benchmarks" / "claims.yaml"
+    listed = folder / "lab" / "benchmarks" / "claims.yaml"
     listed.write_text(LIST.replace("asked: '>= 5'", "asked: '>= 5', guard: '>= 3'"))
     told = run(capsys, guard=True)
     assert list(told["claims"]) == ["count"]
@@ -141,14 +141,14 @@ def test_a_script_that_fails_costs_no_other_its_result_and_is_tried_again(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = "bad: {script: broken.py, expected_s: 1, repeats: 1, ratios: {us: {over: us}}}\n"
-    (folder / "benchmarks" / "claims.yaml").write_text(LIST + bad)
+    (folder / "lab" / "benchmarks" / "claims.yaml").write_text(LIST + bad)
     with pytest.raises(ScriptError, match="bad: a script failed"):
         run(capsys)
     told = json.loads(capsys.readouterr().out)
     assert told["claims"]["count"]["repeats"] == 3
     assert told["claims"]["bad"]["repeats"] == 0
     assert "no robot today" in told["failed"]["bad"]
-    (folder / "benchmarks" / "broken.py").write_text("print('{\"us\": 2}')")
+    (folder / "lab" / "benchmarks" / "broken.py").write_text("print('{\"us\": 2}')")
     assert run(capsys)["claims"]["bad"]["ratios"]["us"]["median"] == 2.0
 
 
@@ -157,7 +157,7 @@ def test_a_claim_that_does_not_exist_and_a_folder_without_sources_are_refused(
 ) -> None:
     with pytest.raises(BadInputError, match="there is no claim 'gpu'; there are 'count', 'other'"):
         run(capsys, only=["gpu"])
-    (folder / "benchmarks").rename(folder / "elsewhere")
+    (folder / "lab" / "benchmarks").rename(folder / "elsewhere")
     with pytest.raises(BadInputError, match="in the folder of the project's sources"):
         run(capsys)
 
@@ -170,10 +170,10 @@ def test_median_and_spread_by_hand() -> None:
 
 
 def test_every_claim_names_a_script_that_is_there_and_the_whole_takes_under_25_minutes() -> None:
-    claims = read_claims(REPOSITORY / "benchmarks")
+    claims = read_claims(REPOSITORY / "lab" / "benchmarks")
     for name, claim in claims.items():
         first = claim.script.split()[0]
-        assert first == "spot-rl" or (REPOSITORY / "benchmarks" / first).is_file(), name
+        assert first == "spot-rl" or (REPOSITORY / "lab" / "benchmarks" / first).is_file(), name
     assert sum(claim.expected_s * claim.repeats for claim in claims.values()) < 25 * 60
 
 
@@ -190,7 +190,7 @@ def test_a_script_prints_the_figures_that_its_claim_names(
 
 
 def test_figures_of_a_loop_by_hand() -> None:
-    claims = str(REPOSITORY / "benchmarks" / "claims")
+    claims = str(REPOSITORY / "lab" / "benchmarks" / "claims")
     loop = runpy.run_path(f"{claims}/loop.py")
     n = loop["SETTLED"]
     ms = 1e6

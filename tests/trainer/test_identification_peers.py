@@ -1,4 +1,4 @@
-"""Peers of the identification in benchmarks/: PACE's cost has its least at the robot's own numbers."""
+"""Peers of the identification in lab/benchmarks/: PACE's cost has its least at the robot's own numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-CLAIMS = Path(__file__).parents[2] / "benchmarks" / "claims"
+CLAIMS = Path(__file__).parents[2] / "lab" / "benchmarks" / "claims"
 
 
 @pytest.fixture(autouse=True)

@@ -16,7 +16,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.faultless import LEAST_NATS, Faultless
 from withheld.cases import kind_of
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARKS = Path(__file__).parents[2] / "lab" / "benchmarks"
 
 
 @pytest.fixture(autouse=True)

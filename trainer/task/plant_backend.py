@@ -26,7 +26,7 @@ FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 DISABLE_FLAGS = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_WARMSTART)
 """On the cores. Thirteen shapes and one ground need no search for near pairs: the same bits without it. Without a warm
 start a physics step takes 14 % less CPU time, and after twelve policy periods joints are within 4e-7 rad of where the
-warm start has them (``benchmarks/solver_options.py``)."""
+warm start has them (``lab/benchmarks/solver_options.py``)."""
 
 
 @dataclass(frozen=True)
