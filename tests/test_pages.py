@@ -21,7 +21,7 @@ FAULTS = r"""
     if (!box.width || e.closest('details:not([open]) > :not(summary)')) continue;
     if (box.right > wide + 1 || box.left < -1) bad.push(`${name} is outside of the window`);
     if (getComputedStyle(e).overflowX !== 'visible' && e.tagName !== 'svg' && e.scrollWidth > e.clientWidth + 1 &&
-        e.tagName !== 'PRE' && !e.closest('.odds')) bad.push(`${name} is cut`);
+        e.tagName !== 'PRE') bad.push(`${name} is cut`);
   }
   for (const svg of document.querySelectorAll('main svg:not(svg svg)')) {
     const frame = svg.getBoundingClientRect(), view = svg.viewBox.baseVal, label = svg.getAttribute('aria-label');
@@ -37,7 +37,7 @@ FAULTS = r"""
   }
   for (const mark of document.querySelectorAll('.legend i')) {
     const section = mark.closest('section'), colour = mark.getAttribute('style').split(':')[1];
-    const drawn = [...section.querySelectorAll('svg [style], .odds [style]')]
+    const drawn = [...section.querySelectorAll('svg [style], .bars [style]')]
       .some(e => e.getAttribute('style').includes(colour));
     if (!drawn) bad.push(`the legend explains ${mark.parentElement.textContent}, which is not drawn`);
   }

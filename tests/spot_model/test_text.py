@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from spot_log.page.look import escaped
+from spot_log.page.draw import esc
 from spot_model.console.command_line import error_line
 from spot_model.errors import BadInputError
 from spot_model.text import plain, plain_lines
@@ -53,7 +53,7 @@ def test_every_way_out_uses_it(text: str) -> None:
     for shown in (
         stream.getvalue().removesuffix("\n"),
         error_line(BadInputError(text), "run", is_debug=False),
-        escaped(text),
+        esc(text),
         told.found,
         status.robot,
         status.run.faults[0],
