@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from compare.cause import Cause
-from compare.differences import SIGNALS, TITLES, Differences, SignalDifference
+from compare.differences import SIGNALS, TITLES, Differences
 from compare.tracks import SLIP_S, STEP_S, Array, Track
 from spot_log.page.charts import liveliest, stance
 from spot_log.page.render import rendered
@@ -108,17 +108,14 @@ def _coloured(tracks: Sequence[Track]) -> list[tuple[str, Track]]:
     return [(COLOURS[i % len(COLOURS)], t) for i, t in enumerate(tracks)]
 
 
-def _key(tracks: Sequence[Track], *more: tuple[str, str]) -> Legend:
-    return Legend([*more, *((colour, t.name) for colour, t in _coloured(tracks))])
-
-
 def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> list[Legend | Chart]:
     charts = []
     for axis, title in enumerate(("forward, m/s", "left, m/s", "turning, rad/s")):
-        lines = [("var(--other)", tracks[0].velocity_command[:, axis])]
-        lines += [(colour, t.body_velocity[:, axis]) for colour, t in _coloured(tracks)]
-        charts.append(_over_time(lines, title, 130, causes, least_span=0.2))
-    return [_key(tracks, ("var(--other)", "commanded")), *charts]
+        chart = _over_time([(c, t.body_velocity[:, axis]) for c, t in _coloured(tracks)], title, 130, causes)
+        asked = Series("var(--other)", chart.lines[0].x, tracks[0].velocity_command[:, axis], width=3)
+        charts.append(chart._replace(lines=[asked, *chart.lines], least_span=0.2))
+    names = [("var(--other)", "commanded"), *((colour, t.name) for colour, t in _coloured(tracks))]
+    return [Legend(names), *charts]
 
 
 def _worst_joint(
@@ -132,18 +129,16 @@ def _worst_joint(
         lines = [(colour, getattr(t, name)[rows, j]) for colour, t in _coloured(tracks)]
         charts.append(_over_time(lines, _title(name), 150, shaded, from_s))
     about = f"{joint}, in the {SPAN_S:g} s in which the joints move most. The gaits drift out of phase."
-    return Section("The joint that differs most", about, [_key(tracks), *charts])
+    key = Legend((colour, t.name) for colour, t in _coloured(tracks))
+    return Section("The joint that differs most", about, [key, *charts])
 
 
 def _all_joints(found: Sequence[Differences], causes: Sequence[Cause]) -> list[Fold]:
-    folds = []
-    for j, joint in enumerate(JOINT_NAMES):
-        charts = []
-        for name in ("position_rad", "load_nm"):
-            lines = [(COLOURS[(i + 1) % len(COLOURS)], d.signals[name].over_time[:, j]) for i, d in enumerate(found)]
-            charts.append(_over_time(lines, _title(name), 110, causes))
-        folds.append(Fold(joint, charts))
-    return folds
+    def chart(name: str, j: int) -> Chart:
+        lines = [(COLOURS[(i + 1) % len(COLOURS)], d.signals[name].over_time[:, j]) for i, d in enumerate(found)]
+        return _over_time(lines, _title(name), 110, causes)
+
+    return [Fold(joint, [chart("position_rad", j), chart("load_nm", j)]) for j, joint in enumerate(JOINT_NAMES)]
 
 
 def _title(name: str) -> str:
@@ -154,13 +149,11 @@ def _figures(found: Sequence[Differences]) -> Table:
     """A row each joint, a column each signal of each other run."""
     head = ["joint", *(f"{d.name}: {_title(name)}" for d in found for name in SIGNALS)]
     signals = [d.signals[name] for d in found for name in SIGNALS]
-    return Table(head, [(joint, *(_pair(s, j) for s in signals)) for j, joint in enumerate(JOINT_NAMES)])
-
-
-def _pair(signal: SignalDifference, joint: int) -> str:
-    if not np.isfinite(signal.distance[joint]):
-        return "–"
-    return f"{signal.distance[joint]:.3g} ({signal.rms[joint]:.3g})"
+    told = [
+        [f"{d:.3g} ({rms:.3g})" if np.isfinite(d) else "–" for d, rms in zip(s.distance, s.rms, strict=True)]
+        for s in signals
+    ]
+    return Table(head, list(zip(JOINT_NAMES, *told, strict=True)))
 
 
 def joint_map(found: Differences) -> Map:
@@ -181,14 +174,9 @@ def joint_map(found: Differences) -> Map:
 
 
 def _over_time(
-    lines: Sequence[tuple[str, Array]],
-    title: str,
-    height: float,
-    causes: Sequence[Cause],
-    from_s: float = 0.0,
-    least_span: float = 0.0,
+    lines: Sequence[tuple[str, Array]], title: str, height: float, causes: Sequence[Cause], from_s: float = 0.0
 ) -> Chart:
     """Samples :data:`STEP_S` apart, each of shape (n,) and with a colour, on one axis of time."""
     series = [Series(colour, from_s + np.arange(len(v)) * STEP_S, v) for colour, v in lines]
     shades = [Shade(c.start_s, c.end_s, c.text) for c in causes]
-    return Chart(series, title, x_unit=" s", height=height, shades=shades, least_span=least_span)
+    return Chart(series, title, x_unit=" s", height=height, shades=shades)

@@ -92,18 +92,13 @@ def walk(name: str = "") -> Run:
         sizes = SIZES.get(name) or {p.name: 0.5 * (p.null + p.high) for p in BUILT_IN[name].parameters()}
         joints = ["knees"] if BUILT_IN[name].hook.value in ("torque", "sensor") else ["all"]
         model = model.with_effects(make_effect(name, {"joints": joints, **sizes}))
-    start = StartState(
-        position_rad=np.array(facts.DEFAULT_POSITION_RAD),
-        velocity_rad_s=np.zeros(12),
-        world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
-        linear_vel_of_body_in_world_m_s=np.zeros(3),
-        angular_vel_of_body_in_world_rad_s=np.zeros(3),
-        last_action=np.zeros(12, dtype=np.float32),
-    )
+    level, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    position, none = np.array(facts.DEFAULT_POSITION_RAD), np.zeros(12)
+    start = StartState(position, none, level, still, still, none.astype(np.float32))
     script = Script("walk", 0, start, np.tile([1.0, 0.0, 0.0], (round(SECONDS * 50), 1)))
-    still = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    noise = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     rng, policy = np.random.default_rng(0), load_policy(PICTURES.parents[2] / "policies/walk.onnx")
-    return simulate(model, policy, [script], rng, still)[0]
+    return simulate(model, policy, [script], rng, noise)[0]
 
 
 def picture(name: str, plain: Run, drawn: Run) -> str:

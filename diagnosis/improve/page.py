@@ -11,12 +11,10 @@ from diagnosis.report import words
 from diagnosis.report.headline import headline
 from spot_log.page.render import rendered
 from spot_log.page.sections import Beside, Content, Fold, Head, Items, Legend, Mark, Section, Table
+from spot_model.text import parameter_words
 from trainer.evaluate.page import power_chart, speed_chart
 
 COLOURS: Final = {"old": "var(--other)", "new": "var(--floor)"}
-ABOUT_SPEED: Final = (
-    "Each forward speed is held for 10 s. Where a line is interrupted or ends, the robot fell or was not tried."
-)
 CHANGES: Final = {"better": Mark("better", "badge good"), "worse": Mark("worse", "badge bad")}
 BADGES: Final = {
     "improved": ("Improved", "good"),
@@ -42,10 +40,12 @@ def improvement_page(result: Improvement, verdict: Verdict, evaluations: Sequenc
     if evaluations:
         both = [(colour, name, e) for (name, colour), e in zip(COLOURS.items(), evaluations, strict=True)]
         key = Legend([("var(--ink)", "commanded"), *((colour, name) for name, colour in COLOURS.items())])
+        about = "Each forward speed is held for 10 s. "
+        about += "Where a line is interrupted or ends, the robot fell or was not tried."
         charts = Beside([speed_chart("var(--ink)", both, height=240), power_chart(both, height=240)])
         parts += [
             Section("Old and new policy", "On the same robots, with the same draws.", _figures(result)),
-            Section("Speed and power", ABOUT_SPEED, [key, charts]),
+            Section("Speed and power", about, [key, charts]),
         ]
     parts.append(Section("How it was made", "Each step is a command that can be repeated by hand.", _steps(result)))
     return rendered(f"{result.policy}: improvement", parts)
@@ -61,7 +61,7 @@ def _found(result: Improvement, verdict: Verdict) -> Iterator[Mark | str]:
     for limit in result.limits:
         if limit.is_known:
             place = f"{limit.value:.4g} ({limit.low:.4g} to {limit.high:.4g}) {limit.unit}"
-            yield f"{words.parameter(limit.parameter)} of the knees is {place}; nominal {limit.nominal:.4g}."
+            yield f"{parameter_words(limit.parameter)} of the knees is {place}; nominal {limit.nominal:.4g}."
     yield from result.notes
     yield Mark("The whole diagnosis", link="diagnosis/report.html")
 

@@ -152,9 +152,8 @@ def _group(d: Difference) -> Content:
 def _unknown(v: Verdict) -> Content:
     if v.unknown is None:
         return None
-    about = (
-        f"Probability of an effect that the library lacks: {v.probability_unknown:.2f}. Sizes are root mean squares."
-    )
+    about = f"Probability of an effect that the library lacks: {v.probability_unknown:.2f}. "
+    about += "Sizes are root mean squares."
     add = ("Write it as an effect, and diagnose again with ", Mark("--add-effect module:Class", "code"), ".")
     return Section("What no effect explains", about, [words.sentence(words.unknown_told(v.unknown)), add])
 
@@ -185,16 +184,10 @@ def _calibration(v: Verdict) -> Section:
 
 
 def _numbers(numbers: list[CalibratedNumber]) -> Table:
-    rows = [
-        (
-            n.title,
-            words.place(n.where),
-            words.number(n.nominal, n.unit),
-            words.number(n.value, n.unit, n.low, n.high),
-            f"{n.probability:.2f}",
-        )
-        for n in numbers
-    ]
+    rows = []
+    for n in numbers:
+        nominal, own = words.number(n.nominal, n.unit), words.number(n.value, n.unit, n.low, n.high)
+        rows.append((n.title, words.place(n.where), nominal, own, f"{n.probability:.2f}"))
     head = ("number", "where", "nominal", "robot (90 % interval)", "P(out of the ordinary)")
     return Table(head, rows, ["out" if n.stands_out else "" for n in numbers])
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spot_log.page.sections import Chart, Series
+
+FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
+"""Colours of the feet fl, fr, hl, hr."""
 
 
 def liveliest(sizes: ArrayLike, length: int) -> slice:

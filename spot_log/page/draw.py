@@ -56,7 +56,11 @@ def drawn(c: Chart, n_across: int) -> tuple[int, float, str]:
     lines = [found for found in lines if np.isfinite(found[2]).any()]
     if not lines:
         return 0, 0.0, ""
-    low, high = c.y_range or _range(c, np.concatenate([y[np.isfinite(y)] for _, _, y in lines]))
+    low, high = (float(f([f(y[np.isfinite(y)]) for _, _, y in lines])) for f in (np.min, np.max))
+    # A line that hardly moves is no mountain range.
+    span = max(high - low, 0.01 * max(abs(low), abs(high)), 1e-6)
+    pad = max(0.06 * span, 0.5 * (max(c.least_span, span) - (high - low)))
+    low, high = c.y_range or (0.0 if c.zero else low - pad, high + pad)
     first, last = min(float(x.min()) for _, x, _ in lines), max(float(x.max()) for _, x, _ in lines)
 
     def across(x: Any) -> Any:
@@ -101,14 +105,6 @@ def words(x: float | str, y: float, text: object, *, anchor: str = "middle", css
     return f'<text x="{x}" y="{y:.1f}" {look}>{esc(text)}</text>'
 
 
-def _range(c: Chart, values: NDArray[Any]) -> Point:
-    low, high = float(values.min()), float(values.max())
-    # A line that hardly moves is no mountain range.
-    span = max(high - low, 0.01 * max(abs(low), abs(high)), 1e-6)
-    pad = max(0.06 * span, 0.5 * (max(c.least_span, span) - (high - low)))
-    return 0.0 if c.zero else low - pad, high + pad
-
-
 def as_line(points: Iterable[Point], colour: str, width: float, more: str = "", fill: str = "none") -> str:
     """An open line, as wide as it is where the picture is stretched."""
     way = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
@@ -123,16 +119,8 @@ def _series(s: Series, x: NDArray[Any], y: NDArray[Any], across: NDArray[Any], d
             rows = part[thinned(y[part], MAX_POINTS)]
             at, to = across[rows], down[rows]
             at, to = (np.repeat(at, 2)[1:], np.repeat(to, 2)[:-1]) if s.is_stepped else (at, to)
-            dashes = "stroke-dasharray:4 5" if s.is_dotted else ""
-            parts.append(
-                as_line(
-                    zip(at.tolist(), to.tolist(), strict=True),
-                    s.colour,
-                    s.width,
-                    dashes,
-                    s.colour if s.is_filled else "none",
-                )
-            )
+            corners, fill = zip(at.tolist(), to.tolist(), strict=True), s.colour if s.is_filled else "none"
+            parts.append(as_line(corners, s.colour, s.width, "stroke-dasharray:4 5" if s.is_dotted else "", fill))
     if s.has_points:
         # A line of no length with round ends stays round where the picture is stretched.
         look = f"stroke:{s.colour};stroke-width:8;stroke-linecap:round;vector-effect:non-scaling-stroke"

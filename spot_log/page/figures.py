@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.page.charts import histogram, stance
+from spot_log.page.charts import FEET, histogram, stance
 from spot_log.page.sections import Beside, Chart, Content, Legend, Series, Shade
 from spot_log.read.run import Run
 from spot_log.tools import measures
@@ -17,8 +17,7 @@ from spot_model.robot.facts import HIP_TORQUE_LIMIT_NM, KNEE_TABLE_POSITION_RAD,
 MEASURED: Final = "var(--floor)"
 ASKED: Final = "var(--group)"
 LIMIT: Final = "var(--bad)"
-FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
-"""Colours of what was measured, of what was asked for, of limits, and of the feet fl, fr, hl, hr."""
+"""Colours of what was measured, of what was asked for, and of limits."""
 WINDOW_S: Final = 4.0
 """What joints and contacts show: the gait is not to be seen in a longer stretch."""
 _WINDOW: Final = "At most four seconds of the run are shown; Foxglove shows all of it."

@@ -36,10 +36,8 @@ def plot(lines: Mapping[str, Any], y_title: str, *, width: int = 760, height: in
     if len(lines) > len(COLOURS):
         raise ValueError(f"{len(lines)} lines: at most {len(COLOURS)} can be told apart")
     found = [Series(c, v.index.to_numpy(), v.to_numpy()) for c, v in zip(COLOURS, lines.values(), strict=False)]
-    names = [
-        words(62 + 180 * i, 14, name, anchor="start", more=f' style="fill:{COLOURS[i]}"')
-        for i, name in enumerate(lines)
-    ]
+    looks = zip(lines, COLOURS, range(62, width, 180), strict=False)
+    names = [words(x, 14, name, anchor="start", more=f' style="fill:{colour}"') for name, colour, x in looks]
     return Picture(standing(Chart(found, y_title, x_unit=" s", height=height), width, names))
 
 

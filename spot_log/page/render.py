@@ -76,8 +76,8 @@ def _p(words: s.Words, look: str) -> str:
 
 def _words(words: s.Words) -> str:
     match words:
-        case s.Mark(text, _, link) if link:
-            return f"<a href='{esc(link)}'>{esc(text)}</a>"
+        case s.Mark(text, look, link) if link:
+            return f"<a class='{look}' href='{esc(link)}'>{esc(text)}</a>"
         case s.Mark(text, ("b" | "code" | "pre") as tag):
             return f"<{tag}>{esc(text)}</{tag}>"
         case s.Mark(text, look):
@@ -123,12 +123,11 @@ def _chart(c: s.Chart, columns: int) -> str:
 def _bars(b: s.Bars) -> str:
     parts = []
     for name, below, group in b.groups:
-        bars = "".join(
-            f"<div><i style='width:{100 * bar.share:.1f}%;background:{bar.colour}'{tipped(bar.tip)}></i>"
-            f"<span>{esc(bar.words)}</span></div>"
-            for bar in group
-        )
-        parts.append(f"<b>{esc(name)}{_wrapped('small', esc(below))}</b><div>{bars}</div>")
+        parts.append(f"<b>{esc(name)}{_wrapped('small', esc(below))}</b><div>")
+        for bar in group:
+            look = f"width:{100 * bar.share:.1f}%;background:{bar.colour}"
+            parts.append(f"<div><i style='{look}'{tipped(bar.tip)}></i><span>{esc(bar.words)}</span></div>")
+        parts.append("</div>")
     return f'<div class="bars" role="img" aria-label="{esc(b.label)}">{"".join(parts)}</div>'
 
 
@@ -136,13 +135,10 @@ def _map(m: s.Map) -> str:
     names = "".join(f"<th><span>{esc(name)}</span></th>" for name in m.columns)
     lines = [f"<tr><th><h4>{esc(m.title)}</h4></th>{names}</tr>"]
     for name, cells in m.rows:
-        row = (f"<td style='{_colours(c.share)}'{tipped(c.tip)}>{esc(c.words)}</td>" for c in cells)
+        looks = ("" if c.share is None else f"background:{heat(c.share)};color:{on_heat(c.share)}" for c in cells)
+        row = (f"<td style='{k}'{tipped(c.tip)}>{esc(c.words)}</td>" for k, c in zip(looks, cells, strict=True))
         lines.append(f"<tr><th>{esc(name)}</th>{''.join(row)}</tr>")
     return f'<table class="map" aria-label="{esc(m.label)}">{"".join(lines)}</table>{_scale(m.scale)}'
-
-
-def _colours(share: float | None) -> str:
-    return "" if share is None else f"background:{heat(share)};color:{on_heat(share)}"
 
 
 def _scale(words: Any) -> str:

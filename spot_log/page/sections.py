@@ -78,7 +78,10 @@ class Legend(NamedTuple):
 
 
 class Series(NamedTuple):
-    """One line of a chart, x and y of shape (n,); where y is not finite it has a gap."""
+    """One line of a chart, x and y of shape (n,), with a gap where y is not finite; ``name`` is for the tips of points.
+
+    A stepped line holds each value until the next.
+    """
 
     colour: str
     x: ArrayLike
@@ -86,11 +89,9 @@ class Series(NamedTuple):
     width: float = 1.6
     is_dotted: bool = False
     is_stepped: bool = False
-    """Whether each value holds until the next."""
     is_filled: bool = False
     has_points: bool = False
     name: str = ""
-    """For the tips of points."""
 
 
 class Shade(NamedTuple):
@@ -103,27 +104,25 @@ class Shade(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """Lines on common axes, later ones on top."""
+    """Lines on common axes, later ones on top; ``height`` is that of the plot in pixels, ``about`` is below the title.
+
+    The unit is behind each number of the horizontal axis; None: no such axis. The vertical axis shows ``y_range``, or
+    what the lines need: from 0 on if ``zero``, and ``least_span`` at least. Names of ``rows`` stand at 0, −1, −2 and so
+    on, instead of its numbers.
+    """
 
     lines: Sequence[Series]
     y_title: str = ""
     title: str = ""
     about: str = ""
-    """Below the title."""
     x_title: str = ""
     x_unit: str | None = ""
-    """Behind each number of the horizontal axis; None: no axis."""
     height: float = 190
-    """Of the plot, pixels."""
     shades: Sequence[Shade] = ()
     zero: bool = False
-    """Whether the vertical axis begins at 0."""
     least_span: float = 0.0
-    """What the vertical axis shows at least."""
     y_range: tuple[float, float] | None = None
-    """Of the vertical axis, where several charts share it; by default what the lines need."""
     rows: Sequence[str] = ()
-    """Names at 0, −1, −2 and so on, instead of numbers on the vertical axis."""
 
 
 class Bar(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import chi2
 
-from spot_log.page.charts import stance
+from spot_log.page.charts import FEET, stance
 from spot_log.page.render import rendered
 from spot_log.page.sections import Bar, Bars, Beside, Chart, Content, Fold, Head, Legend, Mark, Section, Series, Table
 from spot_model.robot.facts import LEG_NAMES
@@ -17,17 +17,13 @@ from spot_model.text import counted
 from trainer.evaluate.holds import HOLDS
 
 STEADY: Final = 0.01
-"""Share of randomised episodes that may end in a fall for a policy that is called steady.
-
-Fewer episodes than its inverse cannot show that.
-"""
+"""Share of episodes with a fall up to which a policy is called steady; fewer than its inverse cannot show that."""
 WALKS: Final = 0.10
 AXES: Final = (("forward", "m/s"), ("sideways", "m/s"), ("turning", "rad/s"))
 ENOUGH_FALLS: Final = 3
 """Falls from which their rate is told: its 90 % interval spans less than a factor of ten."""
 ENOUGH_S: Final = 600.0
 """Robot time from which few falls bound their rate, s."""
-FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
 TRIALS: Final = {
     "tracking": "tracking",
     "top_speed": "highest speed",
@@ -42,8 +38,9 @@ TRIALS: Final = {
 """Each trial in a word."""
 SHOWN: Final = 5
 """Falls that are told before the rest are folded."""
-STRIDES: Final = 3
-SAMPLES: Final = 60
+STRIDES, SAMPLES = 3, 60
+Evaluated = tuple[str, str, Mapping[str, Any]]
+"""A colour, a name, and the figures of an evaluation."""
 
 
 def evaluation_page(result: dict[str, Any], file: str) -> str:
@@ -59,19 +56,18 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
         f"Simulated in physics steps of {1000 * physics['timestep_s']:g} ms ({physics['integrator']}), seed "
         f"{result['seed']}. The digests of policy and model are among the figures."
     )
+    key = Legend([("var(--other)", "commanded"), ("var(--floor)", "held")])
+    speed = [key, speed_chart("var(--other)", [("var(--floor)", "held", result)], height=265)]
     about_speed = "Each forward speed is held for 10 s. Where the line is interrupted, the robot fell."
     about_errors = "Mean distance from the command, one axis at a time."
+    errors = Section("Tracking error", about_errors, _errors(result["tracking"]["points"]))
     about_falls = "Friction, masses and starts are drawn at random for each robot."
-    about_gait = (
-        "Share of time that each foot is on the ground, and that none is. In an even gait the four lines coincide."
-    )
-    speed, errors = _speed(result), _errors(result)
     parts = [
         _head(result, file),
-        Beside([Section("Speed against command", about_speed, speed), Section("Tracking error", about_errors, errors)]),
+        Beside([Section("Speed against command", about_speed, speed), errors]),
         Section("Falls and disturbances", about_falls, _trials(result)),
         _holds(result["holds"]),
-        Section("Gait", about_gait, _gait(result)),
+        _gait(_forward(result)),
         Section("Power", "Positive work of all motors.", power_chart([("var(--floor)", "", result)], height=150)),
         Section("Where this comes from", about, data),
     ]
@@ -111,15 +107,6 @@ def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mappin
         )
 
 
-def _speed(result: Mapping[str, Any]) -> Content:
-    chart = speed_chart("var(--other)", [("var(--floor)", "held", result)], height=265)
-    return [Legend([("var(--other)", "commanded"), ("var(--floor)", "held")]), chart]
-
-
-Evaluated = tuple[str, str, Mapping[str, Any]]
-"""A colour, a name, and the figures of an evaluation."""
-
-
 def speed_chart(asked_colour: str, evaluated: Sequence[Evaluated], height: float) -> Chart:
     """The speed that policies hold over the speed that is commanded."""
     curves = [e["top_speed"]["curve"] for _, _, e in evaluated]
@@ -141,14 +128,14 @@ def power_chart(evaluated: Sequence[Evaluated], height: float) -> Chart:
     return Chart(lines, "power, W", x_title="commanded forward, m/s", height=height, zero=True)
 
 
-def _errors(result: Mapping[str, Any]) -> list[Chart]:
+def _errors(points: Sequence[Mapping[str, Any]]) -> list[Chart]:
     """A chart for each axis of the command; the two in m/s share a scale."""
     found = []
     for axis in range(3):
-        points = [p for p in result["tracking"]["points"] if not any(np.delete(p["command"], axis))]
-        points.sort(key=lambda p: float(p["command"][axis]))
-        errors = np.array([p["error"][axis] for p in points], dtype=np.float64)
-        found.append(([p["command"][axis] for p in points], errors))
+        own = [p for p in points if not any(np.delete(p["command"], axis))]
+        own.sort(key=lambda p: float(p["command"][axis]))
+        errors = np.array([p["error"][axis] for p in own], dtype=np.float64)
+        found.append(([p["command"][axis] for p in own], errors))
     tops = [float(np.nanmax(errors, initial=0.0)) for _, errors in found]
     drawn = []
     for (asked, errors), (name, unit), top in zip(found, AXES, (max(tops[:2]), max(tops[:2]), tops[2]), strict=True):
@@ -169,10 +156,11 @@ def _trials(result: Mapping[str, Any]) -> Content:
     for key, what in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a second on slippery ground (μ = 0.3)")):
         trial = result[key]
         rows.append((f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} stayed up", ""))
-    rows += [
-        (f"commanded to turn at {yaw:g} rad/s while walking at {v_x:g} m/s", f"turns at {held:.2f} rad/s", "")
-        for v_x, yaw, held in turns_at_speed(result["tracking"])
-    ]
+    for point in result["tracking"]["points"]:
+        v_x, v_y, yaw = point["command"]
+        if v_x != 0.0 and v_y == 0.0 and yaw != 0.0:
+            what = f"commanded to turn at {yaw:g} rad/s while walking at {v_x:g} m/s"
+            rows.append((what, f"turns at {point['velocity'][2]:.2f} rad/s", ""))
     rows.append(("commanded to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
     rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
     falls = [(TRIALS[name], fall["why"]) for name, f in result.items() if name in TRIALS for fall in f.get("fell", [])]
@@ -198,13 +186,10 @@ def _holds(figures: Mapping[str, Any]) -> Section:
 
 
 def _holds_sentence(figures: Mapping[str, Any]) -> str:
-    conditions = figures["conditions"]
-    enough = sum(c["held"] >= HOLDS * c["robots"] for c in conditions)
-    robots = counted(max(c["robots"] for c in conditions), "robot")
-    return (
-        f"At up to {figures['speed_m_s'][1]:g} m/s it holds in {enough} of {len(conditions)} conditions, "
-        f"each tried with {robots}."
-    )
+    held = [c["held"] >= HOLDS * c["robots"] for c in figures["conditions"]]
+    robots = counted(max(c["robots"] for c in figures["conditions"]), "robot")
+    where = f"{sum(held)} of {len(held)} conditions, each tried with {robots}"
+    return f"At up to {figures['speed_m_s'][1]:g} m/s it holds in {where}."
 
 
 def _held_bar(c: Mapping[str, Any]) -> Bar:
@@ -232,35 +217,23 @@ def _two(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
-def turns_at_speed(tracking: Mapping[str, Any]) -> Iterator[tuple[float, float, float]]:
-    """Commanded V_x (m/s), commanded and held ω_z (rad/s) of the walks that also turn."""
-    for point in tracking["points"]:
-        v_x, v_y, yaw = point["command"]
-        if v_x != 0.0 and v_y == 0.0 and yaw != 0.0:
-            yield v_x, yaw, point["velocity"][2]
-
-
 def _forward(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     points = [p for p in result["tracking"]["points"] if p["command"][1] == 0.0 and p["command"][2] == 0.0]
     return sorted((p for p in points if not p["fell"]), key=lambda p: float(p["command"][0]))
 
 
-def _gait(result: Mapping[str, Any]) -> Content:
-    points = _forward(result)
-    if not points:
-        return None
+def _gait(points: list[dict[str, Any]]) -> Section:
+    """Duty factors over speed; and the strides of a slow, a middle and a fast walk whose phases are known."""
     x = [p["command"][0] for p in points]
     lines = [Series(colour, x, [p["duty_factors"][i] for p in points]) for i, colour in enumerate(FEET)]
     lines.append(Series("var(--ink)", x, [p["flight_share"] for p in points], is_dotted=True))
     names = [(colour, f"{leg} on the ground") for colour, leg in zip(FEET, LEG_NAMES, strict=True)]
     chart = Chart(lines, "share of time", x_title="commanded forward, m/s", zero=True)
-    return [Legend([*names, ("var(--ink)", "no foot on the ground")]), chart, *map(_stride, _chosen(points))]
-
-
-def _chosen(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A slow, a middle and a fast walk whose phases are known."""
     known = [p for p in points if p["command"][0] > 0.0 and all(v is not None for v in p.get("phases", [None]))]
-    return [known[i] for i in sorted({0, len(known) // 2, len(known) - 1})] if known else []
+    strides = [_stride(known[i]) for i in sorted({0, len(known) // 2, len(known) - 1})] if known else []
+    key = Legend([*names, ("var(--ink)", "no foot on the ground")])
+    about = "Share of time that each foot is on the ground, and that none is. In an even gait the four lines coincide."
+    return Section("Gait", about, [key, chart, *strides] if points else None)
 
 
 def _stride(point: Mapping[str, Any]) -> Section:

@@ -38,13 +38,9 @@ def live_html(walk: Walk, times_s: Array, asked_m_s: Array, measured_m_s: Array)
     lines = [Series(ASKED, times_s, asked_m_s, is_stepped=True), Series(MEASURED, times_s, measured_m_s)]
     speed = Chart(lines if len(times_s) > 1 else (), x_unit=" s", height=90, least_span=1.0)
     key = Legend([(ASKED, "commanded"), (MEASURED, "measured")])
-    return beside_robot(
-        [
-            Table((), rows),
-            Section(f"Feet on the ground, last {SEEN_S:g} s (front, hind; left, right)", "", feet),
-            Section("Forward speed, m/s", "", [speed, key]),
-        ]
-    )
+    about = f"Feet on the ground, last {SEEN_S:g} s (front, hind; left, right)"
+    parts = [Table((), rows), Section(about, "", feet), Section("Forward speed, m/s", "", [speed, key])]
+    return beside_robot(parts)
 
 
 def beside_robot(parts: Content) -> str:

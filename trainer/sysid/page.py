@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from spot_log.page.render import rendered
 from spot_log.page.sections import Beside, Chart, Content, Fold, Head, Items, Legend, Mark, Section, Series, Table
 from spot_model.robot import facts
 from spot_model.robot.arrays import on_host
-from spot_model.text import counted
+from spot_model.text import counted, parameter_words
 from trainer.sysid.identify import Identification
 from trainer.sysid.logs import sequence_of
 from trainer.sysid.result import ResultData
@@ -25,34 +25,32 @@ OVERLAY_S: Final = 3.0
 """Length of the stretch that the overlay shows."""
 RUNS: Final = (("var(--real)", "robot"), ("var(--nominal)", "simulation, before"), ("var(--corrected)", "identified"))
 NEAR: Final = 1.2
-"""Floors up to which the simulated runs count as near to the robot's."""
+"""Distances of two real runs up to which the simulated runs count as near to the robot's."""
 
 Traces = Sequence[tuple[NDArray[Any], NDArray[Any]]]
 """Action and torque, each of shape (ticks, 12), of robot, initial and identified simulation."""
+Overlay = tuple[str, slice, float, Traces]
+"""Command sequence, a stretch of its ticks, their rate in Hz, and traces."""
 
 
-def report_page(found: Identification, data: ResultData) -> str:
-    """A page that opens from disk, with all it needs inside."""
-    return identification_page(data, list(_overlays(found)))
-
-
-def identification_page(data: ResultData, overlays: Sequence[tuple[str, slice, float, Traces]] = ()) -> str:
-    """The page's text.
-
-    Args:
-        data: The result.
-        overlays: Sequence, stretch of its ticks, rate in Hz, and traces.
-    """
+def identification_page(data: ResultData, overlays: Iterable[Overlay] = ()) -> str:
+    """The page's text."""
     known = [p for p in data.parameters if p.identified]
     unknown = [p for p in data.parameters if not p.identified]
     held = "For these, the model file holds values that the logs do not contradict."
-    values = _values(known) if known else "Nothing; the other box gives the reasons."
+    searched = "Distance between simulated and real runs for the best model of each generation; less is closer."
+    searched += " 1 is the distance between two real runs." if data.score_is_over_floor else ""
+    nothing = "Nothing; the other box gives the reasons."
+    rows = [(_plain(p.name), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}", p.source) for p in known]
+    values = Table(("parameter", "value", "90 % interval", "from"), rows)
     parts = [
         _head(data, known),
-        Beside([Section("Identified", "", values), Section("Not identified", held, _reasons(unknown))]),
+        Beside(
+            [Section("Identified", "", values if rows else nothing), Section("Not identified", held, _reasons(unknown))]
+        ),
         Section("Measured directly", "Measured from the logs, without a search.", _measured(data)),
         *(_overlay(*overlay) for overlay in overlays),
-        Section("Search", _score_about(data), _score(data)),
+        Section("Search", searched, _score(data)),
         Section("Details", "", _details(data)),
     ]
     return rendered("Identification", parts)
@@ -79,11 +77,6 @@ def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> Head:
     return Head(badge, kind, headline, told)
 
 
-def _values(parameters: Sequence[ParameterVerdict]) -> Table:
-    rows = [(_plain(p.name), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}", p.source) for p in parameters]
-    return Table(("parameter", "value", "90 % interval", "from"), rows)
-
-
 def _reasons(parameters: Sequence[ParameterVerdict]) -> Content:
     by_reason: dict[str, list[str]] = {}
     for p in parameters:
@@ -93,17 +86,9 @@ def _reasons(parameters: Sequence[ParameterVerdict]) -> Content:
 
 
 def _measured(data: ResultData) -> Items:
-    return Items((f"{m.what}: ", Mark(_amount(m.value, m.unit)), f" ({m.source})") for m in data.measured)
-
-
-def _amount(value: float, unit: str) -> str:
-    """A value with its unit; times in milliseconds."""
-    return f"{1e3 * value:.3g} ms" if unit == "s" else f"{value:.4g} {unit}"
-
-
-def _score_about(data: ResultData) -> str:
-    told = "Distance between simulated and real runs for the best model of each generation; less is closer."
-    return f"{told} 1 is the distance between two real runs." if data.score_is_over_floor else told
+    """What was measured; times in milliseconds."""
+    told = ((m, f"{1e3 * m.value:.3g} ms" if m.unit == "s" else f"{m.value:.4g} {m.unit}") for m in data.measured)
+    return Items((f"{m.what}: ", Mark(amount), f" ({m.source})") for m, amount in told)
 
 
 def _score(data: ResultData) -> Content:
@@ -146,14 +131,11 @@ def _details(data: ResultData) -> list[Fold]:
 def _plain(name: str) -> str:
     """``coulomb_friction[hips].level_nm`` as words; the unit stands beside the value."""
     effect, _, parameter = name.partition("].")
-    if not parameter:
-        return name.replace("_", " ")
-    for unit in ("_nm_s_per_rad", "_kg_m2", "_rad_s", "_nm", "_rad", "_kg", "_m_s", "_m", "_s"):
-        parameter = parameter.removesuffix(unit)
-    return f"{effect.replace('[', ', ')}: {parameter}".replace("_", " ")
+    told = f"{effect.replace('[', ', ')}: {parameter_words(parameter)}" if parameter else name
+    return told.replace("_", " ")
 
 
-def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces]]:
+def overlays_of(found: Identification) -> Iterator[Overlay]:
     """For each sequence, action and torque: the robot, and simulations before and after."""
     problem = found.preparation.problem
     space = problem.space

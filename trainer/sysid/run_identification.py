@@ -16,7 +16,7 @@ from trainer.simulate.generations import Generation
 from trainer.sysid.config import SysidConfig
 from trainer.sysid.identify import identify, prepare
 from trainer.sysid.logs import LogSet
-from trainer.sysid.page import report_page
+from trainer.sysid.page import identification_page, overlays_of
 from trainer.sysid.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result
 from trainer.sysid.search import (
     CandidateResult,
@@ -88,7 +88,7 @@ def run_identification(
         found = identify(preparation, config, engine, checkpoint, show)
     with whole_folder(out) as part:
         data = write_result(found, config, part)
-        (part / REPORT_NAME).write_text(report_page(found, data), encoding="utf-8")
+        (part / REPORT_NAME).write_text(identification_page(data, overlays_of(found)), encoding="utf-8")
     say(text_table(data.parameters))
     say(summary(data))
     say(f"model {out / MODEL_NAME}  report {out / REPORT_NAME}")

@@ -38,16 +38,10 @@ def page(data: Mapping[str, Any], cases: Cases, out: Path) -> str:
     rights = [(cut, value, _share(s)) for cut, values in data["breakdown"].items() for value, s in values.items()]
     rows = [_case(o, cases.folders[o.case.number], out) for o in cases.outcomes]
     head = ("case", "kind", "logs", "hidden", "said", "S", "judged")
+    measured = Table(("figure", "measured (cases; 95 % interval)", "target", "result"), figures)
     parts = [
         _head(data, shown),
-        Section(
-            "Figures",
-            about_figures,
-            [
-                Table(("figure", "measured (cases; 95 % interval)", "target", "result"), figures),
-                Fold("Figures without a case", Items(empty)),
-            ],
-        ),
+        Section("Figures", about_figures, [measured, Fold("Figures without a case", Items(empty))]),
         Section("Right answers by kind of case", about_kinds, Table(("grouped by", "group", "right"), rights)),
         Section("Cases", "The number links to the case's report, if it was kept.", Table(head, rows)),
         Section("Protocol", "What was fixed before the first case.", _protocol(data)),
@@ -60,9 +54,8 @@ def _head(data: Mapping[str, Any], shown: Sequence[Mapping[str, Any]]) -> Head:
     met = [r for r in asked if r["met"] == "met"]
     missed = [r["title"] for r in asked if r["met"] == "not met"]
     kind = "good" if asked and len(met) == len(asked) else "bad" if missed else "fair"
-    lines = [
-        f"{data['cases']} of {counted(data['asked_cases'], 'case')} {'is' if data['cases'] == 1 else 'are'} judged."
-    ]
+    are = "is" if data["cases"] == 1 else "are"
+    lines = [f"{data['cases']} of {counted(data['asked_cases'], 'case')} {are} judged."]
     lines += [f"Missed: {'; '.join(missed)}."] if missed else []
     meta = "'Met' means that the whole 95 % interval meets the target."
     headline = f"{len(met)} of {len(asked)} targets are met" if asked else "Too few cases for any target"
