@@ -31,7 +31,7 @@ CHECKPOINT_NAME = "search.jsonl"
 def summary(data: ResultData) -> str:
     """What was found, in two or three sentences."""
     found = [p for p in data.parameters if p.identified]
-    unit = " (1 is the real-versus-real floor)" if data.score_is_over_floor else " (no floor: repeats are missing)"
+    unit = " (1: two real runs)" if data.score_is_over_floor else " (without repeats, it has no scale)"
     score = ", ".join(f"{name} {'diverged' if value is None else f'{value:.2f}'}" for name, value in data.score.items())
     are = "is" if len(found) == 1 else "are"
     return (

@@ -30,7 +30,7 @@ def page(data: Mapping[str, Any], cases: Cases, out: Path) -> str:
     empty = [r["title"] for r in data["table"] if not r["trials"]]
     about_figures = (
         "'Not shown' means that the interval contains the target. A fault matters if it moves the robot by twice what "
-        "two runs differ by, or costs 0.1 m/s, 5 % of power or a fall. F1 is 1 if all joints with a fault are named "
+        "repeats explain, or costs 0.1 m/s, 5 % of power or a fall. F1 is 1 if all joints with a fault are named "
         "and no other joint is."
     )
     about_kinds = "All cases count but those whose effects are outside the library and do not matter."
