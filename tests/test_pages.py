@@ -59,6 +59,12 @@ def sheets(pdf: bytes) -> list[int]:
     return [int(size[1]) for size in sizes if size]
 
 
+@pytest.mark.parametrize("kind", PAGES)
+def test_a_page_has_no_words_of_the_derivations(kind: str) -> None:
+    seen = re.sub(r"<(script|style)>.*?</\1>|<[^>]*>", " ", PAGES[kind](), flags=re.DOTALL)
+    assert re.findall(r"(?i)\b(?:nats|floors?|excess|pulls?|boards?)\b", seen) == []
+
+
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: the pages are not opened in a browser")
 @pytest.mark.parametrize("kind", PAGES)
