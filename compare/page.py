@@ -8,23 +8,17 @@ from typing import Final
 import numpy as np
 
 from compare.cause import Cause
-from compare.differences import SIGNALS, TITLES, Differences, SignalDifference
+from compare.differences import SIGNALS, TITLES, Differences
 from compare.tracks import SLIP_S, STEP_S, Array, Track
-from spot_log.page.chart import Series, Shade, chart
-from spot_log.page.look import boxed, folded, framed, headed, listed, table
-from spot_log.page.rows import Cell, heat_map, stance
-from spot_log.page.svg import esc, legend, liveliest
+from spot_log.page.charts import liveliest, stance
+from spot_log.page.render import rendered
+from spot_log.page.sections import Beside, Cell, Chart, Fold, Head, Items, Legend, Map, Section, Series, Shade, Table
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
 CLOSE: Final = 0.10
 """Distributions that differ by less than this share of their spread are called close."""
 SPAN_S: Final = 3.0
 COLOURS: Final = ("var(--real)", "var(--nominal)", "var(--corrected)", "var(--floor)")
-_MORE: Final = """
-.joints { display: grid; grid-template-columns: repeat(3, 1fr); gap: 2px 16px; }
-.joints details[open] { grid-column: 1 / -1; }
-@media print { section:has(> .joints):not(:has(details[open])) { display: none; } }
-"""
 
 
 def comparison_page(
@@ -39,17 +33,28 @@ def comparison_page(
         cause: What the diagnosis found, in words; empty for none.
         notes: Sentences for the end of the page.
     """
-    body = [
+    lively = liveliest(np.abs(tracks[0].velocity_rad_s).sum(axis=1), round(SPAN_S / STEP_S))
+    about_map = (
+        "Distance between the distributions of each signal (1-Wasserstein, which ignores phase), in percent of the "
+        "signal's standard deviation in the first run."
+    )
+    about_velocity = f"The body's velocity.{' Shaded: where the diagnosis sees the cause at work.' if causes else ''}"
+    about_joints = (
+        f"Difference from {tracks[0].name} over time. A simulated run drifts out of phase, so it grows with time."
+    )
+    colours = _coloured(tracks)
+    feet = [Section(t.name, "", stance(t.foot_contact[lively], LEG_NAMES, colour)) for colour, t in colours]
+    parts = [
         _head(tracks, found, cause),
-        _velocity(tracks, causes),
-        _by_joint(found),
-        _worst_joint(tracks, found, causes),
-        _gait(tracks),
-        _all_joints(tracks, found, causes),
-        _figures(found),
+        Section("Velocity against command", about_velocity, _velocity(tracks, causes)),
+        Section("Where they differ", about_map, [Section(d.name, "", joint_map(d)) for d in found]),
+        _worst_joint(tracks, found, causes, lively),
+        Section("Feet on the ground", f"The same {SPAN_S:g} s.", feet),
+        Section("Every joint", about_joints, Beside(_all_joints(found, causes), 3)),
+        Section("Figures", "", Fold("Distance by joint (in brackets: rms in step)", _figures(found))),
+        Section("Notes", "", Items(notes)),
     ]
-    body.append(boxed("Notes", "", listed(notes)))
-    return framed(f"{tracks[0].name} beside {', '.join(t.name for t in tracks[1:])}", body, _MORE)
+    return rendered(f"{tracks[0].name} beside {', '.join(t.name for t in tracks[1:])}", parts)
 
 
 def sentence(reference: Track, found: Differences) -> str:
@@ -89,139 +94,89 @@ def is_close(found: Differences) -> bool:
     return found.is_known and found.largest[2] < CLOSE
 
 
-def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> str:
+def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> Head:
     reference = tracks[0]
     close, apart = ([d.name for d in found if is_close(d) == wanted] for wanted in (True, False))
     lines = [sentence(reference, d) for d in found] + ([f"The diagnosis: {cause}."] if cause else [])
     meta = f"{stretch(tracks)} The commands are the same. Simulated runs are in closed loop, with the policy that ran."
     badge, kind = ("Some close", "fair") if close and apart else ("Close", "good") if close else ("Apart", "bad")
     told = [f"{verb} {' and '.join(names)}" for verb, names in (("like", close), ("differently from", apart)) if names]
-    return headed(badge, kind, f"{reference.name} moves {', and '.join(told)}", lines, meta)
+    return Head(badge, kind, f"{reference.name} moves {', and '.join(told)}", lines, meta)
 
 
-def _key(tracks: Sequence[Track]) -> str:
-    return legend((COLOURS[i % len(COLOURS)], t.name) for i, t in enumerate(tracks))
+def _coloured(tracks: Sequence[Track]) -> list[tuple[str, Track]]:
+    return [(COLOURS[i % len(COLOURS)], t) for i, t in enumerate(tracks)]
 
 
-def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> str:
-    figures = []
+def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> list[Legend | Chart]:
+    charts = []
     for axis, title in enumerate(("forward, m/s", "left, m/s", "turning, rad/s")):
-        lines = [("var(--other)", 3.0, tracks[0].velocity_command[:, axis])]
-        lines += [(COLOURS[i % len(COLOURS)], 1.4, t.body_velocity[:, axis]) for i, t in enumerate(tracks)]
-        figures.append(over_time(lines, title, height=130, causes=causes, least_span=0.2))
-    key = legend([("var(--other)", "commanded"), *[(COLOURS[i % len(COLOURS)], t.name) for i, t in enumerate(tracks)]])
-    shaded = " Shaded: where the diagnosis sees the cause at work." if causes else ""
-    return boxed("Velocity against command", f"The body's velocity.{shaded}", key + "".join(figures))
+        chart = _over_time([(c, t.body_velocity[:, axis]) for c, t in _coloured(tracks)], title, 130, causes)
+        asked = Series("var(--other)", chart.lines[0].x, tracks[0].velocity_command[:, axis], width=3)
+        charts.append(chart._replace(lines=[asked, *chart.lines], least_span=0.2))
+    names = [("var(--other)", "commanded"), *((colour, t.name) for colour, t in _coloured(tracks))]
+    return [Legend(names), *charts]
 
 
-def _by_joint(found: Sequence[Differences]) -> str:
-    about = (
-        "Distance between the distributions of each signal (1-Wasserstein, which ignores phase), in percent of the "
-        "signal's standard deviation in the first run."
-    )
-    parts = [f"<h3>{esc(d.name)}</h3>{joint_map(d)}" for d in found]
-    return boxed("Where they differ", about, "".join(parts))
-
-
-def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause]) -> str:
+def _worst_joint(
+    tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause], rows: slice
+) -> Section:
     signal, joint, _ = max(found, key=lambda d: d.largest[2]).largest
-    rows = _shown(tracks[0])
     j, from_s = JOINT_NAMES.index(joint), rows.start * STEP_S
-    names = dict.fromkeys((signal, "position_rad", "load_nm"))
-    figures = []
-    for name in names:
-        lines = [(COLOURS[i % len(COLOURS)], 1.8, getattr(t, name)[rows, j]) for i, t in enumerate(tracks)]
-        shaded = [c for c in causes if c.end_s > from_s and c.start_s < rows.stop * STEP_S]
-        figures.append(over_time(lines, f"{TITLES[name]}, {SIGNALS[name]}", from_s=from_s, height=150, causes=shaded))
+    shaded = [c for c in causes if c.end_s > from_s and c.start_s < rows.stop * STEP_S]
+    charts = []
+    for name in dict.fromkeys((signal, "position_rad", "load_nm")):
+        lines = [(colour, getattr(t, name)[rows, j]) for colour, t in _coloured(tracks)]
+        charts.append(_over_time(lines, _title(name), 150, shaded, from_s))
     about = f"{joint}, in the {SPAN_S:g} s in which the joints move most. The gaits drift out of phase."
-    return boxed("The joint that differs most", about, _key(tracks) + "".join(figures))
+    key = Legend((colour, t.name) for colour, t in _coloured(tracks))
+    return Section("The joint that differs most", about, [key, *charts])
 
 
-def _gait(tracks: Sequence[Track]) -> str:
-    rows = _shown(tracks[0])
-    parts = []
-    for i, track in enumerate(tracks):
-        figure = stance(track.foot_contact[rows], LEG_NAMES, COLOURS[i % len(COLOURS)])
-        if figure:
-            parts.append(f"<h3>{esc(track.name)}</h3>{figure}")
-    return boxed("Feet on the ground", f"The same {SPAN_S:g} s.", "".join(parts))
+def _all_joints(found: Sequence[Differences], causes: Sequence[Cause]) -> list[Fold]:
+    def chart(name: str, j: int) -> Chart:
+        lines = [(COLOURS[(i + 1) % len(COLOURS)], d.signals[name].over_time[:, j]) for i, d in enumerate(found)]
+        return _over_time(lines, _title(name), 110, causes)
+
+    return [Fold(joint, [chart("position_rad", j), chart("load_nm", j)]) for j, joint in enumerate(JOINT_NAMES)]
 
 
-def _all_joints(tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause]) -> str:
-    parts = []
-    for j, joint in enumerate(JOINT_NAMES):
-        figures = []
-        for name in ("position_rad", "load_nm"):
-            lines = [
-                (COLOURS[(i + 1) % len(COLOURS)], 1.2, d.signals[name].over_time[:, j]) for i, d in enumerate(found)
-            ]
-            title = f"{TITLES[name]}, {SIGNALS[name]}"
-            figures.append(over_time(lines, title, height=110, causes=causes))
-        parts.append(folded(joint, "".join(figures)))
-    about = f"Difference from {tracks[0].name} over time. A simulated run drifts out of phase, so it grows with time."
-    return boxed("Every joint", about, f"<div class='joints'>{''.join(parts)}</div>")
+def _title(name: str) -> str:
+    return f"{TITLES[name]}, {SIGNALS[name]}"
 
 
-def _figures(found: Sequence[Differences]) -> str:
-    rows = [
-        (f"{d.name}: {TITLES[n]}, {unit}", *(_pair(d.signals[n], j) for j in range(len(JOINT_NAMES))))
-        for d in found
-        for n, unit in SIGNALS.items()
+def _figures(found: Sequence[Differences]) -> Table:
+    """A row each joint, a column each signal of each other run."""
+    head = ["joint", *(f"{d.name}: {_title(name)}" for d in found for name in SIGNALS)]
+    signals = [d.signals[name] for d in found for name in SIGNALS]
+    told = [
+        [f"{d:.3g} ({rms:.3g})" if np.isfinite(d) else "–" for d, rms in zip(s.distance, s.rms, strict=True)]
+        for s in signals
     ]
-    shown = f"<div style='overflow-x:auto'>{table(('', *JOINT_NAMES), rows)}</div>"
-    return boxed("Figures", "", folded("Distance by joint (in brackets: rms in step)", shown))
+    return Table(head, list(zip(JOINT_NAMES, *told, strict=True)))
 
 
-def _pair(signal: SignalDifference, joint: int) -> str:
-    if not np.isfinite(signal.distance[joint]):
-        return "–"
-    return f"{signal.distance[joint]:.3g} ({signal.rms[joint]:.3g})"
-
-
-def joint_map(found: Differences) -> str:
+def joint_map(found: Differences) -> Map:
     """Joints against signals: distance of the distributions in shares of the reference's spread; darkest at 1."""
     rows = []
     for name, unit in SIGNALS.items():
         signal, cells = found.signals[name], []
         for j, joint in enumerate(JOINT_NAMES):
-            share, title = float(signal.share[j]), f"{TITLES[name]}, {joint}"
+            percent, title = f"{100 * float(signal.share[j]):.0f}", f"{TITLES[name]}, {joint}"
             tip = (
-                f"{title}\ndistance {signal.distance[j]:.3g} {unit}, {100 * share:.0f} % of the standard deviation\n"
+                f"{title}\ndistance {signal.distance[j]:.3g} {unit}, {percent} % of the standard deviation\n"
                 f"rms in step {signal.rms[j]:.3g} {unit}"
             )
-            is_known = np.isfinite(signal.distance[j])
-            cells.append(
-                Cell(share, tip, f"{100 * share:.0f}") if is_known else Cell(None, f"{title}: not in both", "–")
-            )
+            known = Cell(float(signal.share[j]), tip, percent)
+            cells.append(known if np.isfinite(signal.distance[j]) else Cell(None, f"{title}: not in both", "–"))
         rows.append((TITLES[name], cells))
-    return heat_map(JOINT_NAMES, rows, f"Differences of {found.name} by joint")
+    return Map(JOINT_NAMES, rows, f"Differences of {found.name} by joint")
 
 
-def over_time(
-    lines: Sequence[tuple[str, float, Array]],
-    title: str,
-    *,
-    from_s: float = 0.0,
-    height: float = 190,
-    causes: Sequence[Cause] = (),
-    least_span: float = 0.0,
-) -> str:
-    """Lines on one axis of time.
-
-    Args:
-        lines: Colour, width and samples :data:`STEP_S` apart, each of shape (n,).
-        title: Of the vertical axis, with its unit.
-        from_s: Time of the first sample.
-        height: Of the plot.
-        causes: Stretches that are shaded.
-        least_span: What the vertical axis shows at least.
-    """
-    series = [Series(c, from_s + np.arange(len(v)) * STEP_S, v, width=w) for c, w, v in lines]
-    end_s = from_s + max(len(v) for _, _, v in lines) * STEP_S
-    shades = [Shade(max(c.start_s, from_s), min(c.end_s, end_s), c.text) for c in causes]
-    return chart(series, title, x_unit=" s", height=height, shades=shades, least_span=least_span)
-
-
-def _shown(track: Track) -> slice:
-    """The stretch in which the joints move most."""
-    return liveliest(np.abs(track.velocity_rad_s).sum(axis=1), round(SPAN_S / STEP_S))
+def _over_time(
+    lines: Sequence[tuple[str, Array]], title: str, height: float, causes: Sequence[Cause], from_s: float = 0.0
+) -> Chart:
+    """Samples :data:`STEP_S` apart, each of shape (n,) and with a colour, on one axis of time."""
+    series = [Series(colour, from_s + np.arange(len(v)) * STEP_S, v) for colour, v in lines]
+    shades = [Shade(c.start_s, c.end_s, c.text) for c in causes]
+    return Chart(series, title, x_unit=" s", height=height, shades=shades)

@@ -254,7 +254,7 @@ class Shrink(Settings):
     metric: Literal["w1_mmd"] = "w1_mmd"
     """The mean of two distances, 1-Wasserstein and MMD, each over its floor."""
     d0: float
-    """Distance from the robot before, in floors."""
+    """Distance from the robot before, in times what repeats explain."""
     d1: float
     """Distance after."""
     floor: float
@@ -307,8 +307,8 @@ class Verdict(Settings):
     remainder: tuple[GapLeft, ...] = ()
     """What the corrected model leaves of each gap."""
     distances: dict[str, float] = Field(default_factory=dict)
-    """Distance between closed-loop runs and the robot's, in floors. Of the nominal model, the calibrated one, the
-    corrected one, and the corrected one without each difference; empty if nothing was simulated."""
+    """Distance of closed-loop runs from the robot's, in times what repeats explain: of the nominal model, the
+    calibrated one, the corrected one, and that without each difference; empty if nothing was simulated."""
     probability_none: float = Field(ge=0.0, le=1.0)
     """Probability that nothing is there beside the robot's own calibration."""
     probability_unknown: float = Field(ge=0.0, le=1.0)

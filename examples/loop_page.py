@@ -10,10 +10,9 @@ import numpy as np
 from loop_measures import KNEES, MEAN_OVER_S, Array, Deployment, active_states, steps_of
 
 from spot_log import Run
-from spot_log.page.chart import Series, chart
-from spot_log.page.look import beside, boxed, framed, headed, table
-from spot_log.page.rows import stance
-from spot_log.page.svg import HALF, legend
+from spot_log.page.charts import stance
+from spot_log.page.render import rendered
+from spot_log.page.sections import Beside, Chart, Content, Head, Legend, Mark, Section, Series, Table
 from spot_model.effects.base import Motion
 from spot_model.effects.torque_limits import TorqueLimit, TorqueSpeedCurve
 from spot_model.io.model_file import RobotModel
@@ -53,35 +52,37 @@ def loop_page(robot: str, truth: RobotModel, walked: Sequence[Walked]) -> str:
     asked, is_met = verdict(robot, rows)
     badge = ("as asked", "good") if is_met else ("not as asked", "bad")
     if "after" not in rows:
-        badge = ("before", "no_gap")
+        badge = ("before", "none")
     before, after = rows["before"], rows.get("after")
     headline = f"{robot}: {before.held_m_s:.2f} m/s before"
     if after is not None:
         headline += f", {after.held_m_s:.2f} m/s after"
-    speeds = legend([(COLOURS[name], name) for name in rows])
+    speeds = Legend([(COLOURS[name], name) for name in rows])
     body = [
-        headed(*badge, headline, asked),
-        boxed(
+        Head(*badge, headline, asked),
+        Section(
             "Before, after, oracle",
             "Highest mean speed over the last 5 s of a step of 10 s; error and cost of transport (positive mechanical "
             "work over weight and distance) over the forward sequence; error of the turn rate, and falls, in "
             "random walks with jumps of the command.",
             _table(list(rows.values())),
         ),
-        beside(
-            boxed("Speed against command", "Dotted: as commanded.", speeds + _speeds(walked)),
-            boxed(
-                "Knee torque against knee speed",
-                "Extremes (1 and 99 %) of the load at each policy's highest speed. Dotted: what the motors can give; "
-                "the load sensor also feels the rotor's inertia.",
-                speeds + _torques(walked, truth),
-            ),
+        Beside(
+            [
+                Section("Speed against command", "Dotted: as commanded.", [speeds, _speeds(walked)]),
+                Section(
+                    "Knee torque against knee speed",
+                    "Extremes (1 and 99 %) of the load at each policy's highest speed. Dotted: what the motors can "
+                    "give; the load sensor also feels the rotor's inertia.",
+                    [speeds, _torques(walked, truth)],
+                ),
+            ]
         ),
-        boxed("Feet on the ground", "At each policy's highest speed.", "".join(map(_gait, walked))),
-        boxed(
+        Section("Feet on the ground", "At each policy's highest speed.", list(map(_gait, walked))),
+        Section(
             "In the paper, on a real Spot",
             f"{PAPER}, sections on results and robustness.",
-            table(
+            Table(
                 ["", "before", "after", "ratio"],
                 [
                     ["highest speed, m/s", PAPER_BEFORE_M_S, PAPER_AFTER_M_S, PAPER_AFTER_M_S / PAPER_BEFORE_M_S],
@@ -90,7 +91,7 @@ def loop_page(robot: str, truth: RobotModel, walked: Sequence[Walked]) -> str:
             ),
         ),
     ]
-    return framed(f"The loop: {robot}", body)
+    return rendered(f"The loop: {robot}", body)
 
 
 def verdict(robot: str, rows: dict[str, Deployment]) -> tuple[list[str], bool]:
@@ -118,9 +119,9 @@ def _ratio(over: float, under: float) -> str:
     return f"{over / under:.3f}" if under > 0.0 else "no number, as the other held no step,"
 
 
-def _table(rows: Sequence[Deployment]) -> str:
+def _table(rows: Sequence[Deployment]) -> Table:
     before = rows[0]
-    return table(
+    return Table(
         [
             "",
             "speed held, m/s",
@@ -151,7 +152,7 @@ def _table(rows: Sequence[Deployment]) -> str:
     )
 
 
-def _speeds(walked: Sequence[Walked]) -> str:
+def _speeds(walked: Sequence[Walked]) -> Chart:
     drawn, top = [], 0.0
     for one in walked:
         steps = steps_of(one.climb)
@@ -159,10 +160,10 @@ def _speeds(walked: Sequence[Walked]) -> str:
         top = max([top, *asked])
         drawn.append(Series(COLOURS[one.row.policy], asked, held, has_points=True, name=one.row.policy))
     ideal = Series("var(--ink)", [0.0, top], [0.0, top], width=1.0, is_dotted=True)
-    return chart([ideal, *drawn], "held, m/s", x_title="commanded, m/s", width=HALF, height=260, zero=True)
+    return Chart([ideal, *drawn], "held, m/s", x_title="commanded, m/s", height=260, zero=True)
 
 
-def _torques(walked: Sequence[Walked], truth: RobotModel) -> str:
+def _torques(walked: Sequence[Walked], truth: RobotModel) -> Chart:
     middle = 0.5 * (SPEEDS_RAD_S[1:] + SPEEDS_RAD_S[:-1])
     drawn = [Series("var(--ink)", middle, bound, width=1.0, is_dotted=True) for bound in knee_bounds(truth, middle)]
     for one in walked:
@@ -175,7 +176,7 @@ def _torques(walked: Sequence[Walked], truth: RobotModel) -> str:
         for percent in (1, 99):
             ends = [float(np.percentile(b, percent)) if len(b) >= FEWEST else np.nan for b in bins]
             drawn.append(Series(COLOURS[one.row.policy], middle, ends))
-    return chart(drawn, "N·m", x_title="knee speed, rad/s", width=HALF, height=260)
+    return Chart(drawn, "N·m", x_title="knee speed, rad/s", height=260)
 
 
 def knee_bounds(truth: RobotModel, speed_rad_s: Array) -> tuple[Array, Array]:
@@ -194,15 +195,15 @@ def knee_bounds(truth: RobotModel, speed_rad_s: Array) -> tuple[Array, Array]:
     return bounds[0], bounds[1]
 
 
-def _gait(one: Walked) -> str:
+def _gait(one: Walked) -> Content:
     rows, longer = _at_top(one, STRIDES_S), _at_top(one, MEAN_OVER_S)
     if rows is None or longer is None:
-        return ""
+        return None
     states = one.climb.states
     gait = measure_gait(states.robot_stamp_ns[longer] * 1e-9, states.foot_contact[longer])
-    words = f"<p class='note'>{one.row.policy}, {one.row.held_m_s:.2f} m/s: {gait.sentence()}</p>"
-    feet = stance(states.foot_contact[rows], facts.LEG_NAMES, COLOURS[one.row.policy], span_s=(0.0, STRIDES_S))
-    return words + feet
+    words = f"{one.row.policy}, {one.row.held_m_s:.2f} m/s: {gait.sentence()}"
+    feet = stance(states.foot_contact[rows], facts.LEG_NAMES, COLOURS[one.row.policy], (0.0, STRIDES_S))
+    return [Mark(words, "note"), feet]
 
 
 def _at_top(one: Walked, span_s: float) -> Array | None:

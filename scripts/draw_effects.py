@@ -12,7 +12,8 @@ import numpy as np
 from reference.effects import PICTURES
 
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
-from spot_log.page.svg import line, nice_ticks, svg, text
+from spot_log.page.picture import standing
+from spot_log.page.sections import Chart, Series
 from spot_log.read.run import Run
 from spot_model.effects.registry import BUILT_IN, make_effect
 from spot_model.io.model_file import load_model
@@ -91,53 +92,29 @@ def walk(name: str = "") -> Run:
         sizes = SIZES.get(name) or {p.name: 0.5 * (p.null + p.high) for p in BUILT_IN[name].parameters()}
         joints = ["knees"] if BUILT_IN[name].hook.value in ("torque", "sensor") else ["all"]
         model = model.with_effects(make_effect(name, {"joints": joints, **sizes}))
-    start = StartState(
-        position_rad=np.array(facts.DEFAULT_POSITION_RAD),
-        velocity_rad_s=np.zeros(12),
-        world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
-        linear_vel_of_body_in_world_m_s=np.zeros(3),
-        angular_vel_of_body_in_world_rad_s=np.zeros(3),
-        last_action=np.zeros(12, dtype=np.float32),
-    )
+    level, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    position, none = np.array(facts.DEFAULT_POSITION_RAD), np.zeros(12)
+    start = StartState(position, none, level, still, still, none.astype(np.float32))
     script = Script("walk", 0, start, np.tile([1.0, 0.0, 0.0], (round(SECONDS * 50), 1)))
-    still = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    noise = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     rng, policy = np.random.default_rng(0), load_policy(PICTURES.parents[2] / "policies/walk.onnx")
-    return simulate(model, policy, [script], rng, still)[0]
+    return simulate(model, policy, [script], rng, noise)[0]
 
 
 def picture(name: str, plain: Run, drawn: Run) -> str:
-    """Two small plots side by side."""
-    signals = (("load_nm", "load, N·m"), ("velocity_rad_s", "velocity, rad/s"))
-    parts = [panel(plain, drawn, signal, title, 370 * i) for i, (signal, title) in enumerate(signals)]
-    figure = svg(740, 150, parts, f"{name}: load and velocity of a knee, without the effect and with it")
-    style = (
-        "<style>text{fill:#5c6b78;font-family:system-ui,sans-serif}.soft{fill:#5c6b78}"
-        "svg{--line:#d5dce2;--plain:#8fa0ad;--drawn:#c8402f}</style>"
-    )
-    return figure.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).replace(">", ">" + style, 1)
-
-
-def panel(plain: Run, drawn: Run, signal: str, title: str, left: float) -> str:
-    """One signal over the last moments."""
-    x0, width, top, height = left + 44, 310, 20, 104
-    lines = []
-    for run, colour in ((plain, "var(--plain)"), (drawn, "var(--drawn)")):
-        time_s = (run.states.robot_stamp_ns - run.states.robot_stamp_ns[0]) * 1e-9
-        rows = time_s >= SECONDS - SHOWN_S
-        lines.append((time_s[rows], getattr(run.states, signal)[rows, JOINT], colour))
-    low = min(float(v.min()) for _, v, _ in lines)
-    high = max(float(v.max()) for _, v, _ in lines)
-    parts = [text(x0, 12, title, size=12)]
-    for tick in nice_ticks(low, high, 3):
-        y = top + height * (high - tick) / (high - low)
-        parts.append(line([(x0, y), (x0 + width, y)], "var(--line)", 1))
-        parts.append(text(x0 - 6, y + 4, f"{tick:g}", size=11, anchor="end"))
-    for time_s, values, colour in lines:
-        x = x0 + (time_s - (SECONDS - SHOWN_S)) / SHOWN_S * width
-        y = top + height * (high - values) / (high - low)
-        parts.append(line(list(zip(x.tolist(), y.tolist(), strict=True)), colour, 1.6))
-    parts.append(text(x0 + width, 144, f"{SHOWN_S:g} s", size=11, anchor="end"))
-    return "".join(parts)
+    """Load and velocity over the last moments, side by side."""
+    charts = []
+    for signal, title in (("load_nm", "load, N·m"), ("velocity_rad_s", "velocity, rad/s")):
+        lines = []
+        for run, colour in ((plain, "#8fa0ad"), (drawn, "#c8402f")):
+            time_s = (run.states.robot_stamp_ns - run.states.robot_stamp_ns[0]) * 1e-9 - (SECONDS - SHOWN_S)
+            rows = time_s >= 0.0
+            lines.append(Series(colour, time_s[rows], getattr(run.states, signal)[rows, JOINT]))
+        charts.append(standing(Chart(lines, title, x_unit=" s", height=104), 370))
+    left, right = charts
+    size = 'xmlns="http://www.w3.org/2000/svg" width="740" height="160" role="img"'
+    label = f"{name}: load and velocity of a knee, without the effect and with it"
+    return f'<svg {size} aria-label="{label}">{left}<svg x="370">{right}</svg></svg>'
 
 
 if __name__ == "__main__":

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from typing import Final
 
 REPLACEMENT: Final = "\N{REPLACEMENT CHARACTER}"
+_UNIT: Final = re.compile(r"(_(per|cycles|nm2?|n|kg|m2?|s2?|rad|ohm|w|v|k))+$")
 _KEPT: Final = "\n\t"
 _BAD: Final = frozenset({"Cc", "Cf", "Cs", "Co", "Zl", "Zp"})
 """Control, format (writing directions among them), half of a pair, private use, line and paragraph separators."""
@@ -31,3 +33,8 @@ def counted(n: int, word: str) -> str:
 def plain_lines(text: str) -> str:
     """Like :func:`plain`, but ends of lines and tabs stay as they are."""
     return plain(text, keep=_KEPT)
+
+
+def parameter_words(name: str) -> str:
+    """A parameter's name as words, without the unit at its end: that stands beside the value."""
+    return _UNIT.sub("", name).replace("_", " ")

@@ -203,8 +203,8 @@ def test_a_figure_of_the_page_is_one_file(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(figures, "FIGURES", dict(figures.FIGURES))
 
     @figures.figure("Thrown away", "One function.")
-    def thrown_away(run: object) -> str:
-        return ""
+    def thrown_away(run: object) -> None:
+        return None
 
     assert list(figures.FIGURES)[-1] == "thrown_away"
     assert naming("def contacts(", "spot_log") == {"spot_log/page/figures.py"}

@@ -21,7 +21,7 @@ FAULTS = r"""
     if (!box.width || e.closest('details:not([open]) > :not(summary)')) continue;
     if (box.right > wide + 1 || box.left < -1) bad.push(`${name} is outside of the window`);
     if (getComputedStyle(e).overflowX !== 'visible' && e.tagName !== 'svg' && e.scrollWidth > e.clientWidth + 1 &&
-        e.tagName !== 'PRE' && !e.closest('.odds')) bad.push(`${name} is cut`);
+        e.tagName !== 'PRE') bad.push(`${name} is cut`);
   }
   for (const svg of document.querySelectorAll('main svg:not(svg svg)')) {
     const frame = svg.getBoundingClientRect(), view = svg.viewBox.baseVal, label = svg.getAttribute('aria-label');
@@ -37,7 +37,7 @@ FAULTS = r"""
   }
   for (const mark of document.querySelectorAll('.legend i')) {
     const section = mark.closest('section'), colour = mark.getAttribute('style').split(':')[1];
-    const drawn = [...section.querySelectorAll('svg [style], .odds [style]')]
+    const drawn = [...section.querySelectorAll('svg [style], .bars [style]')]
       .some(e => e.getAttribute('style').includes(colour));
     if (!drawn) bad.push(`the legend explains ${mark.parentElement.textContent}, which is not drawn`);
   }
@@ -57,6 +57,12 @@ def sheets(pdf: bytes) -> list[int]:
     found = re.findall(rb"/Type /Page\b.*?/Contents (\d+) 0 R", pdf, re.DOTALL)
     sizes = (re.search(rb"\n%s 0 obj\s*<<[^>]*/Length (\d+)" % number, pdf) for number in found)
     return [int(size[1]) for size in sizes if size]
+
+
+@pytest.mark.parametrize("kind", PAGES)
+def test_a_page_has_no_words_of_the_derivations(kind: str) -> None:
+    seen = re.sub(r"<(script|style)>.*?</\1>|<[^>]*>", " ", PAGES[kind](), flags=re.DOTALL)
+    assert re.findall(r"(?i)\b(?:nats|floors?|excess|pulls?|boards?)\b", seen) == []
 
 
 @pytest.mark.browser

@@ -23,7 +23,7 @@ N_PERMUTATIONS: Final = 400
 BLOCK_S: Final = 1.0
 N_BLOCK_DRAWS: Final = 200
 NO_FLOOR: Final = (
-    "no command sequence was run twice: there is no real-versus-real floor and no p-value; intervals of the gap come "
+    "no command sequence was run twice: what repeats explain is not known, and no p-value; intervals of the gap come "
     "from blocks of one second"
 )
 REVERSAL_S: Final = 0.02

@@ -210,7 +210,7 @@ def compared_by_sequence(
     if repeated and len(repeated) < len(compared):
         # Without a floor of its own, a sequence's distances have another unit.
         single = ", ".join(c.sequence for c in compared if c.real.shape[0] < 2)
-        notes.append(f"there is one run alone of {single}: there is no floor, and it does not count for the shrink")
+        notes.append(f"there is one run alone of {single}: without a repeat, it does not count for the shrink")
     return repeated or compared, notes
 
 

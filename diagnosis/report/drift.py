@@ -26,6 +26,7 @@ from diagnosis.report.history import Dated
 from diagnosis.verdict.calibration import NEVER_MET, Z_90, in_model
 from spot_model.io.settings import Settings
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+from spot_model.text import parameter_words
 
 SPOT: Final = Robot(JOINT_NAMES, np.repeat(np.arange(len(LEG_NAMES)), len(JOINT_NAMES) // len(LEG_NAMES)))
 MOST: Final = 4
@@ -171,7 +172,7 @@ def _tracks(history: Sequence[Dated]) -> Iterator[Track]:
             yield Track(
                 effect=effect,
                 parameter=name,
-                title=f"{e.title or words.plain(effect)}: {words.parameter(name)}",
+                title=f"{e.title or words.plain(effect)}: {parameter_words(name)}",
                 where=words.joints_in_short(joints),
                 unit="" if number.unit == "1" else number.unit,
                 is_named=bool(dates),

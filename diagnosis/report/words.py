@@ -6,7 +6,6 @@ afterwards. ``tests/diagnosis/test_words.py`` reads the sentences back and compa
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -29,6 +28,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import size_of
 from spot_model.effects.base import Parameter
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
+from spot_model.text import parameter_words
 
 FLOOR: Final = "repeats or noise explain"
 """What a gap is at least, even of the right model."""
@@ -47,18 +47,11 @@ LEAST_WHOLE: Final = 0.1
 """Times and lengths below this are told in thousandths."""
 MOST_KINDS: Final = 2
 """Kinds of the robot's own numbers that the first sentence names."""
-UNIT: Final = re.compile(r"(_(per|cycles|nm2?|kg|m2?|s2?|rad|ohm|w|v|k))+$")
-"""At the end of a parameter's name."""
 
 
 def plain(name: str) -> str:
     """What an effect is called among people; the name as words where it is none of the library's."""
     return LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
-
-
-def parameter(name: str) -> str:
-    """A parameter's name as words, without the unit at its end: that stands beside the value."""
-    return UNIT.sub("", name).replace("_", " ")
 
 
 def number(value: float, unit: str = "", low: float | None = None, high: float | None = None) -> str:
@@ -220,7 +213,7 @@ def _size(d: Difference) -> tuple[Parameter | None, Number | None]:
 
 def size_told(name: str, p: Number) -> str:
     """A fitted number with its interval."""
-    return f"{parameter(name)} {number(p.value, p.unit, p.low, p.high)}"
+    return f"{parameter_words(name)} {number(p.value, p.unit, p.low, p.high)}"
 
 
 def place(where: str) -> str:

@@ -51,7 +51,7 @@ def advice(
     counts = [sum(r.sequence == s.sequence for r in logs.recordings) for s in logs.recordings]
     if min(counts) < MIN_REPEATS:
         times = {1: "once", 2: "twice"}.get(min(counts), f"{min(counts)} times")
-        out.append(f"Some command sequences were run {times}; five repeats give a floor and narrow intervals.")
+        out.append(f"Some command sequences were run {times}; five repeats narrow the intervals.")
     if len({r.sequence for r in logs.recordings}) < 2:
         out.append(
             "All logs are of one command sequence; record at least two more, so that a fit can be tested on others."

@@ -29,6 +29,7 @@ from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import ComOffset, PayloadMass
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
+from spot_model.text import parameter_words
 
 ZEROS: Final = frozenset({"offset_rad", "bias_nm"})
 """Set joint by joint: their mean over a type is nobody's number."""
@@ -39,9 +40,6 @@ publications do."""
 ODD: Final = 0.01
 """Share of numbers that are out of the ordinary, before anything is seen: with some eighty of them, one on most robots
 that are brought to a diagnosis."""
-UNITS: Final = ("_kg_m2", "_nm_s_per_rad", "_rad_per_nm", "_rad_s", "_m_s", "_nm", "_rad", "_kg", "_m", "_s")
-
-
 Z_90: Final = 1.645
 PROFILE_NATS: Final = 1.35
 """A shape whose value is within this of the best is within its 90 % interval."""
@@ -188,7 +186,7 @@ def _of_coefficient(
         spread = given.scales[coefficient] * max(1.0, given.alike) * (kind.at[at] if at else 1.0)
         before = in_model(nominal, robot, effect.effect, known, left @ robot.units(effect.location) > 0.5)
         alone = len(effect.coefficients) == 1 or len(kind.chosen) == 1
-        title = effect.title if alone else f"{effect.title}: {_words(known.name)}"
+        title = effect.title if alone else f"{effect.title}: {parameter_words(known.name)}"
         number = _made(effect.name, known, title, where, before, value, deviation, spread)
         if lacks_loads(effect, fit.board.views) and number.stands_out:
             number = number.model_copy(update={"probability": NAMED, "stands_out": False})
@@ -329,11 +327,6 @@ def _unit(known: Parameter) -> str:
     return "" if known.unit == "1" else known.unit
 
 
-def _words(parameter: str) -> str:
-    suffix = next((u for u in UNITS if parameter.endswith(u)), "")
-    return parameter.removesuffix(suffix).replace("_", " ")
-
-
 def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
     """Parameters of the last term beside the scorer's, each with a 90 % interval.
 
@@ -383,7 +376,6 @@ def held_sentences(board: Evidence, scored: Scored) -> tuple[str, ...]:
         effect = next(t.effect for t in scored.terms if t.effect.name == held.effect)
         known = next(p for p in effect.effect.parameters() if p.name == held.parameter)
         size = f"{held.bound:.4g} {_unit(known)}".rstrip()
-        out.append(
-            f"{effect.title} at {held.where}: the {_words(held.parameter)} is held at {size}, the end of what can be"
-        )
+        what = f"{effect.title} at {held.where}: the {parameter_words(held.parameter)}"
+        out.append(f"{what} is held at {size}, the end of what can be")
     return tuple(out)

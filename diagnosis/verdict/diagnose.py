@@ -171,7 +171,7 @@ def _about(bench: Bench, is_crossed: bool) -> list[str]:
             "model that was fitted to all logs"
         )
     if all(len(own) < 2 for own in bench.real().values()):
-        notes.append("no command sequence has two whole runs: the floor is the scatter of simulated runs")
+        notes.append("no command sequence has two whole runs: what repeats explain is taken from simulated runs")
     return notes
 
 

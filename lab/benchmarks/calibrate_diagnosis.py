@@ -132,7 +132,7 @@ def fit(given: Namespace) -> None:
     for gap in ("torque", "joint motion", "body motion"):
         own = np.exp([r["gaps"][gap] for r in rows if gap in r.get("gaps", {})])
         if len(own):
-            print(f"{gap}: {np.median(own):.2f} floors left in the median, {np.quantile(own, 0.95):.2f} in 95 of 100")
+            print(f"{gap}: {np.median(own):.2f} times what repeats explain, {np.quantile(own, 0.95):.2f} in 95 of 100")
 
 
 def robots(given: Namespace) -> None:

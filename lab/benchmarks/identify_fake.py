@@ -158,7 +158,7 @@ def table(out: Path) -> str:
         lines.append(f"  {_delay(data, number, out)}; noise over planted: {_noise(data, number, out)}")
     lines.append(
         f"{n_identified} identified of {8 * len(ratios)}: {within} within the bound, {inside} in their interval; "
-        f"score over floor at most {max(ratios, default=float('nan')):.2f}"
+        f"score at most {max(ratios, default=float('nan')):.2f}"
     )
     return "\n".join(lines)
 

@@ -184,7 +184,7 @@ def table(given: Namespace) -> None:
     told = [json.loads(file.read_text()) for file in sorted(given.folder.glob("*.json"))]
     scales, policies = [one["error_scale"] for one in told], {one["policy"] for one in told}
     words = f"{len(told)} robots under {len(policies)} policies, errors {min(scales):.1f} to {max(scales):.1f} times"
-    print(f"{words} the usual: medians, and in brackets where 95 of 100 lie, in floors")
+    print(f"{words} the usual: medians, and in brackets where 95 of 100 lie, in times what repeats explain")
     for kind, title in (("into", "with the truth of"), ("away", "the robot again, without its own")):
         print(f"\n| {title} | {' | '.join(COLUMNS)} |\n|---" + "|---" * len(COLUMNS) + "|")
         for row in told[0].get(kind, {}):

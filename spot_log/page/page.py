@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from spot_log.format.events import EventName
-from spot_log.page.figures import FIGURES, Figure
-from spot_log.page.look import Html, boxed, escaped, facts, folded, framed, headed, note, table
+from spot_log.page.figures import FIGURES
+from spot_log.page.render import rendered
+from spot_log.page.sections import Content, Fold, Head, Mark, Section, Table
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.log_info import LogInfo, log_info
@@ -17,11 +18,7 @@ from spot_model.io.whole import check_new, write_new
 
 MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000
-_MORE: Final = """
-tr.error td { color: var(--bad); } tr.warning td { color: var(--warn); } pre { max-height: 220px; overflow: auto; }
-td { overflow-wrap: anywhere; min-width: 76px; } th + td:last-child, td:nth-child(4) { min-width: 160px; }
-td:nth-child(3) { min-width: 90px; }
-"""
+_LOOKS: Final = {"error": "bad", "warning": "fair"}
 
 
 def write_page(run: Run, path: str | Path) -> Path:
@@ -40,15 +37,16 @@ def write_page(run: Run, path: str | Path) -> Path:
 def page_html(run: Run) -> str:
     """The whole page as text."""
     info = log_info(run)
-    told = dict(_summary(info))
-    parts = [_head(info, told)]
-    parts += [_section(f, run) for f in FIGURES.values()]
-    parts += [
-        boxed("Events", "", _events(info)),
-        boxed("Summary", "What 'spot-rl log info' prints.", facts(told.items())),
-        boxed("Header", "", folded("What the log says of itself", facts(_header(info)))),
+    told = _summary(info)
+    no_data = Mark("The log has no data for this.", "note")
+    parts = [
+        _head(info, told),
+        *(Section(f.heading, f.note, f.draw(run) or no_data) for f in FIGURES.values()),
+        Section("Events", "", _events(info)),
+        Section("Summary", "What 'spot-rl log info' prints.", Table((), told.items())),
+        Section("Header", "", Fold("What the log says of itself", Table((), _header(info)))),
     ]
-    return framed(_title(info), parts, _MORE)
+    return rendered(_title(info), parts)
 
 
 def _title(info: LogInfo) -> str:
@@ -58,26 +56,19 @@ def _title(info: LogInfo) -> str:
     return f"{what}: {walked}{info.motion.control_s:.0f} s"
 
 
-def _head(info: LogInfo, told: dict[str, str]) -> str:
+def _head(info: LogInfo, told: dict[str, str]) -> Head:
     falls = info.motion.falls or []
     doubts = [event["text"] for event in info.events if event["name"] == EventName.IMPORT_DOUBTED.label]
-    if info.damage:
-        badge, kind = "Log damaged", "bad"
-    elif doubts:
-        badge, kind = "Import doubted", "bad"
-    elif falls:
-        badge, kind = "Fell", "bad"
-    elif any(event["severity"] == "error" and not _is_wish(event) for event in info.events):
-        badge, kind = "Errors", "bad"
-    else:
-        badge, kind = "No fault", "good"
+    is_error = any(event["severity"] == "error" and not _is_wish(event) for event in info.events)
+    faults = ((info.damage, "Log damaged"), (doubts, "Import doubted"), (falls, "Fell"), (is_error, "Errors"))
+    badge = next((name for found, name in faults if found), "No fault")
     lines = [f"Ended: {info.outcome}.", *info.damage, *doubts, f"{told['motion'][:1].upper()}{told['motion'][1:]}."]
     walked = dict.fromkeys(span.gait.name for span in info.gaits if span.gait.name not in ("none", "stand"))
     lines += [f"Gait: {', '.join(walked)}."] if walked else []
     lines += [f"Falls: {told['falls']}."] if falls else []
     header = info.header
     meta = f"robot {header['robot_id'] or 'unnamed'} · repeat {header['repeat']} · {Path(info.file).name}"
-    return headed(badge, kind, _title(info), lines, meta)
+    return Head(badge, "good" if badge == "No fault" else "bad", _title(info), lines, meta)
 
 
 def _is_wish(event: dict[str, Any]) -> bool:
@@ -85,42 +76,29 @@ def _is_wish(event: dict[str, Any]) -> bool:
     return bool(event["name"] == "stop" and event["text"].startswith("operator_stop"))
 
 
-def _section(figure: Figure, run: Run) -> str:
-    return boxed(figure.heading, figure.note, figure.draw(run) or note("The log has no data for this."))
-
-
-def _summary(info: LogInfo) -> Iterator[tuple[str, str]]:
-    """Labels and what there is to say; the gait's rows under one label."""
-    rows: dict[str, list[str]] = {}
+def _summary(info: LogInfo) -> dict[str, str]:
+    """What there is to say by its label; the gait's rows under one label."""
+    told: dict[str, str] = {}
     for line in summary_lines(info):
         label, _, text = line.partition(" ")
         if label != "event":
-            rows.setdefault(label, []).append(text.strip())
-    for label, texts in rows.items():
-        yield label, texts[0] if len(texts) == 1 else Html("<br>".join(map(escaped, texts)))
+            told[label] = f"{told[label]}\n{text.strip()}" if label in told else text.strip()
+    return told
 
 
-def _events(info: LogInfo) -> str:
-    if not info.events:
-        return note("None.")
-    shown = info.events[:MAX_EVENT_ROWS]
-    rows = []
+def _events(info: LogInfo) -> Content:
+    shown, rows = info.events[:MAX_EVENT_ROWS], []
     for event in shown:
         values = ", ".join(f"{key} {value:g}" for key, value in event["values"].items())
         rows.append((seconds_text(event["time_s"]), event["severity"], event["name"], event["text"], values))
     left = len(info.events) - MAX_EVENT_ROWS
-    more = note(f"{left} more are in the log." if left > 0 else "")
-    head = ("time", "severity", "name", "what", "values")
-    return table(head, rows, row_classes=["info" if _is_wish(event) else event["severity"] for event in shown]) + more
+    more = f"{left} more are in the log." if left > 0 else "" if shown else "None."
+    looks = ["" if _is_wish(event) else _LOOKS.get(event["severity"], "") for event in shown]
+    return [Table(("time", "severity", "name", "what", "values"), rows, looks), Mark(more, "note")]
 
 
-def _header(info: LogInfo) -> Iterator[tuple[str, str]]:
+def _header(info: LogInfo) -> Iterator[tuple[str, Mark | str]]:
     for key, value in info.header.items():
-        text = _words(value)[:MAX_HEADER_TEXT]
-        yield key, Html(f"<pre>{escaped(text)}</pre>") if key.endswith("_json") else text
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{name}: {item}" for name, item in value.items())
-    return ", ".join(value) if isinstance(value, tuple) else str(value)
+        parts = tuple(f"{name}: {item}" for name, item in value.items()) if isinstance(value, dict) else value
+        text = (", ".join(parts) if isinstance(parts, tuple) else str(parts))[:MAX_HEADER_TEXT]
+        yield key, Mark(text, "pre") if key.endswith("_json") else text

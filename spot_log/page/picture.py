@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
-from spot_log.page.chart import Series, chart
-from spot_log.page.svg import text
+from spot_log.page.draw import RIGHT, drawn, words
+from spot_log.page.sections import Chart, Series
 
 COLOURS: Final = ("#2f6fb5", "#c8402f", "#1f8a5b", "#8446a8")
-_STYLE: Final = (
-    "<style>svg{--line:#dbe2e8}text{fill:#1d2730;font-family:system-ui,sans-serif}.soft{fill:#5c6b78}</style>"
-)
-_MARGINS: Final = re.compile(r'style="height:([\d.]+)px;padding:0 ([\d.]+)px 0 ([\d.]+)px"')
-_TOP: Final = 24
+_LEGEND_PX: Final = 24
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A picture that a notebook shows, and that can be saved."""
+class Picture(NamedTuple):
+    """A picture that a notebook shows, and that can be saved: an SVG document."""
 
     svg: str
-    """An SVG document."""
 
     def _repr_svg_(self) -> str:
         return self.svg
@@ -43,18 +35,24 @@ def plot(lines: Mapping[str, Any], y_title: str, *, width: int = 760, height: in
     """
     if len(lines) > len(COLOURS):
         raise ValueError(f"{len(lines)} lines: at most {len(COLOURS)} can be told apart")
-    coloured = list(zip(lines.items(), COLOURS, strict=False))
-    drawn = [Series(colour, values.index.to_numpy(), values.to_numpy()) for (_, values), colour in coloured]
-    body = chart(drawn, y_title, x_unit=" s", width=width, height=height)
-    if not body:
-        raise ValueError(f"{', '.join(lines) or 'no line'}: nothing to draw, no value is finite")
-    # A chart takes the width of its place, and leaves its margins to the style of a page; here both are fixed.
-    tall, right, left = map(float, _MARGINS.findall(body)[0])
-    inside = body[body.index(">") + 1 : body.rindex("</svg>")]
-    names = [text(left + 180 * i, 14, name, size=12.5, fill=colour) for i, ((name, _), colour) in enumerate(coloured)]
-    size = f'width="{width}" height="{tall + _TOP:g}" viewBox="0 0 {width} {tall + _TOP:g}"'
-    place = f'x="{left:g}" y="{_TOP}" width="{width - left - right:g}" height="{tall:g}" overflow="visible"'
-    return Picture(
-        f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{_STYLE}<rect width="100%" height="100%" fill="#fff"/>'
-        f"{''.join(names)}<svg {place}>{inside}</svg></svg>"
+    found = [Series(c, v.index.to_numpy(), v.to_numpy()) for c, v in zip(COLOURS, lines.values(), strict=False)]
+    looks = zip(lines, COLOURS, range(62, width, 180), strict=False)
+    names = [words(x, 14, name, anchor="start", more=f' style="fill:{colour}"') for name, colour, x in looks]
+    return Picture(standing(Chart(found, y_title, x_unit=" s", height=height), width, names))
+
+
+def standing(chart: Chart, width: int, names: Sequence[str] = ()) -> str:
+    """A chart with a size of its own on white, below its legend.
+
+    Raises:
+        ValueError: It has no finite value.
+    """
+    left, height, inside = drawn(chart, 8 if width > 700 else 5)
+    if not inside:
+        raise ValueError("nothing to draw, no value is finite")
+    place = f'x="{left}" y="{_LEGEND_PX}" width="{width - left - RIGHT}" height="{height:g}" overflow="visible"'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height + _LEGEND_PX:g}" color="#1d2730" '
+        f'font-family="system-ui,sans-serif"><rect width="100%" height="100%" fill="#fff"/>{"".join(names)}'
+        f"<svg {place}>{inside}</svg></svg>"
     )

@@ -18,7 +18,7 @@ from diagnosis.report.headline import headline, is_good, next_step
 from diagnosis.report.output import check_free, write_all
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
-from spot_log.page.svg import heat, nice_ticks
+from spot_log.page.draw import heat, nice_ticks
 from spot_model.errors import BadInputError
 
 from .report_case import a_diagnosis, change, consequences, verdict
@@ -37,8 +37,7 @@ for (const svg of document.querySelectorAll('svg')) {
     if (p.left < frame.left - 2 || p.right > frame.right + 2 || p.bottom > frame.bottom + 2)
       bad.push(`${svg.getAttribute('aria-label')}: ${a} is cut`);
     for (const [b, q] of boxes)
-      if (a < b && p.left < q.right - 2 && q.left < p.right - 2 && p.top < q.bottom - 4 && q.top < p.bottom - 4 &&
-          !svg.getAttribute('aria-label').startsWith('Gap by signal'))
+      if (a < b && p.left < q.right - 2 && q.left < p.right - 2 && p.top < q.bottom - 4 && q.top < p.bottom - 4)
         bad.push(`${svg.getAttribute('aria-label')}: ${a} on ${b}`);
   }
 }

@@ -6,10 +6,10 @@ import io
 
 import pytest
 
-from spot_log.page.look import escaped
+from spot_log.page.draw import esc
 from spot_model.console.command_line import error_line
 from spot_model.errors import BadInputError
-from spot_model.text import plain, plain_lines
+from spot_model.text import parameter_words, plain, plain_lines
 from spot_protos import operator_pb2
 from spot_runtime.host.journal import Console
 from spot_tools.checks import Check, ok
@@ -53,7 +53,7 @@ def test_every_way_out_uses_it(text: str) -> None:
     for shown in (
         stream.getvalue().removesuffix("\n"),
         error_line(BadInputError(text), "run", is_debug=False),
-        escaped(text),
+        esc(text),
         told.found,
         status.robot,
         status.run.faults[0],
@@ -61,3 +61,17 @@ def test_every_way_out_uses_it(text: str) -> None:
         status.last.sentence,
     ):
         assert shown.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("copper_w_per_nm2", "copper"),
+        ("torque_max_nm", "torque max"),
+        ("drag_n_s_per_m", "drag"),
+        ("cycles_per_rad", "cycles"),
+        ("gain", "gain"),
+    ],
+)
+def test_a_parameter_is_named_without_its_unit(name: str, words: str) -> None:
+    assert parameter_words(name) == words

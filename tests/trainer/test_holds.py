@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spot_log.page.render import as_html
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.rotation import projected_gravity
@@ -102,9 +103,9 @@ def test_the_page_colours_by_how_many_hold() -> None:
         "progress_needed": 0.7,
         "conditions": [condition("5° up", 95, 0.87), condition("10° up", 94, None)],
     }
-    page = _holds(figures)
+    page = as_html(_holds(figures))
     assert page.index("5° up") < page.index("10° up")
-    good, bad = page.split("<rect")[1:]
+    good, bad = page.split("<i ")[1:]
     assert "95 of 100 · 87 %" in good
     assert "var(--good)" in good
     assert "94 of 100<" in bad

@@ -188,7 +188,7 @@ def test_the_page_shows_each_policy_and_its_gait(parts: dict[str, ModuleType], p
     walked = [page.Walked(row(measures, name, 3.0), climb) for name in ("before", "after")]
     text = page.loop_page("weak_knees", parts["loop_robots"].robot_of("weak_knees").truth(), walked)
     assert "weak_knees: 3.00 m/s before, 3.00 m/s after" in text
-    assert text.count("fl on the ground") > 2
+    assert text.count(">fl</text>") == 2
     assert "oracle, 3" not in text
 
 

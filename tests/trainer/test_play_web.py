@@ -138,7 +138,7 @@ def test_the_figures_beside_the_robot_are_those_of_the_walk() -> None:
     assert asked.tolist() == [1.0] * len(times)
     assert measured[-1] == walk.velocity[0]
     page = live_html(walk, times, asked, measured)
-    assert f"<td>forward</td><td>{walk.velocity[0]:.2f}</td><td>of 1.00 m/s</td>" in page
+    assert f"<th>forward</th><td>{walk.velocity[0]:.2f}</td><td>of 1.00 m/s</td>" in page
     assert "of 0.25 rad/s" in page
     assert walk.gait is not None
     assert f"{walk.gait.name}, {walk.gait.stride_hz:.1f} strides" in page

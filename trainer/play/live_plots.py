@@ -6,22 +6,20 @@ from typing import Final
 
 import numpy as np
 
-from spot_log.page.chart import Series, chart
-from spot_log.page.rows import stance
-from spot_log.page.svg import legend
+from spot_log.page.charts import stance
+from spot_log.page.render import as_html
+from spot_log.page.sections import Chart, Content, Legend, Section, Series, Table
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from trainer.play.walk import SEEN_S, Walk
 
-WIDTH: Final = 360
 ASKED, MEASURED, STANDS = "#9aa7b2", "#2f6fb5", "#e2a21b"
-STYLE: Final = (
-    "<style>.spot{--empty:#e6ebef;--line:#dbe2e8;padding:0 8px;font-size:13px}.spot .wide{display:block;width:100%}"
-    ".spot .wide,.spot .wide svg{overflow:visible}.spot .plot *{vector-effect:non-scaling-stroke}"
-    ".spot svg text{fill:#1d2730}.spot svg .soft{fill:#5c6b78}.spot p{margin:6px 0 2px}"
-    ".spot .legend span{margin-right:14px;color:#5c6b78}.spot .legend i{display:inline-block;width:10px;height:10px;"
-    "border-radius:2px;margin-right:5px}.spot table{width:100%}.spot td{padding:0 6px 0 0}"
-    ".spot td+td{text-align:right;font-variant-numeric:tabular-nums}</style>"
+_STYLE: Final = (
+    "<style>.spot{padding:0 8px;font-size:13px;color:#1d2730}.spot .wide{display:block;width:100%}"
+    ".spot .wide,.spot .wide svg{overflow:visible}.spot h3{font-size:13px;font-weight:400;margin:6px 0 2px}"
+    ".spot p{margin:6px 0 2px}.spot .legend span{margin-right:14px;color:#5c6b78}"
+    ".spot .legend i{display:inline-block;width:10px;height:10px;border-radius:2px;margin-right:5px}"
+    ".spot table{width:100%}.spot th{text-align:left;font-weight:400}.spot td{text-align:right}</style>"
 )
 """What the pages' own style does for these figures, within the frame of viser's."""
 UNITS: Final = (("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s"))
@@ -29,36 +27,25 @@ UNITS: Final = (("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s"))
 
 def live_html(walk: Walk, times_s: Array, asked_m_s: Array, measured_m_s: Array) -> str:
     """Figures, the feet on the ground over the last seconds, and the forward speed; arrays of shape (n,)."""
-    gait = walk.gait
+    gait, contact = walk.gait, walk.contact
     rows = [
-        f"<tr><td>{name}</td><td>{_two(is_)}</td><td>of {_two(wanted)} {unit}</td></tr>"
+        (name, _two(is_), f"of {_two(wanted)} {unit}")
         for (name, unit), is_, wanted in zip(UNITS, walk.velocity, walk.command, strict=True)
     ]
-    told = "—" if gait is None else f"{gait.name}, {gait.stride_hz:.1f} strides a second"
-    rows.append(f"<tr><td>gait</td><td colspan=2>{told}</td></tr>")
-    rows.append(f"<tr><td>time, falls</td><td>{walk.time_s:.0f} s</td><td>{walk.falls}</td></tr>")
-    contact = walk.contact
-    feet = stance(contact, facts.LEG_NAMES, STANDS, width=WIDTH, span_s=(-len(contact) * walk.plant.timestep_s, 0.0))
-    speed = (
-        chart(
-            [
-                Series(ASKED, times_s, asked_m_s, is_stepped=True),
-                Series(MEASURED, times_s, measured_m_s),
-            ],
-            width=WIDTH,
-            height=90,
-            x_unit=" s",
-            least_span=1.0,
-        )
-        if len(times_s) > 1
-        else ""
-    )
-    return (
-        f"{STYLE}<div class='spot'><table>{''.join(rows)}</table>"
-        f"<p>Feet on the ground, last {SEEN_S:g} s (front, hind; left, right)</p>{feet}"
-        f"<p>Forward speed, m/s</p>{speed}"
-        f"{legend([(ASKED, 'commanded'), (MEASURED, 'measured')])}</div>"
-    )
+    rows.append(("gait", "", "—" if gait is None else f"{gait.name}, {gait.stride_hz:.1f} strides a second"))
+    rows.append(("time, falls", f"{walk.time_s:.0f} s", str(walk.falls)))
+    feet = stance(contact, facts.LEG_NAMES, STANDS, (-len(contact) * walk.plant.timestep_s, 0.0))
+    lines = [Series(ASKED, times_s, asked_m_s, is_stepped=True), Series(MEASURED, times_s, measured_m_s)]
+    speed = Chart(lines if len(times_s) > 1 else (), x_unit=" s", height=90, least_span=1.0)
+    key = Legend([(ASKED, "commanded"), (MEASURED, "measured")])
+    about = f"Feet on the ground, last {SEEN_S:g} s (front, hind; left, right)"
+    parts = [Table((), rows), Section(about, "", feet), Section("Forward speed, m/s", "", [speed, key])]
+    return beside_robot(parts)
+
+
+def beside_robot(parts: Content) -> str:
+    """Parts of a page in the browser's window of the robot."""
+    return f"{_STYLE}<div class='spot'>{as_html(parts, columns=4, is_within=True)}</div>"
 
 
 def _two(value: float) -> str:

@@ -13,16 +13,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.page.chart import Series, Shade, chart
-from spot_log.page.rows import stance
-from spot_log.page.svg import esc
+from spot_log.page.charts import stance
+from spot_log.page.sections import Chart, Content, Legend, Section, Series, Shade
 from spot_model.effects.base import Effect
 from spot_model.errors import SpotRlError
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import spot_mjcf
 from spot_model.robot.rotation import yaw_rad
-from trainer.play.live_plots import STYLE, WIDTH
+from trainer.play.live_plots import beside_robot
 from trainer.play.scene import DrawnRobot, Scene, Server, offer
 from trainer.play.switches import Switch, Switched
 
@@ -198,22 +197,21 @@ class ReplayPage:
         self._frames += 1
 
     def _figures(self, time_s: float) -> str:
-        parts = []
+        parts: list[Content] = []
         for walked, colour in zip(self._walks, COLOURS, strict=False):
-            about = f"<b style='color:{colour}'>{esc(walked.words)}</b>{'. ' if walked.told else ''}"
-            parts.append(f"<p>{about}{esc(walked.told)}</p>")
+            parts += [Legend([(colour, walked.words)]), walked.told]
             rows = np.arange(round((time_s - SEEN_S) / walked.step_s), round((time_s + SEEN_S) / walked.step_s))
             is_in = (rows >= 0) & (rows < len(walked.foot_contact))
-            feet = walked.foot_contact[np.clip(rows, 0, len(walked.qpos) - 1)] & is_in[:, None]
             if walked.foot_contact.shape[1]:
-                parts.append(stance(feet, facts.LEG_NAMES, colour, width=WIDTH, span_s=(-SEEN_S, SEEN_S)))
+                feet = walked.foot_contact[np.clip(rows, 0, len(walked.qpos) - 1)] & is_in[:, None]
+                parts.append(stance(feet, facts.LEG_NAMES, colour, (-SEEN_S, SEEN_S)))
         lines = [
             Series(colour, np.arange(len(walked.forward_m_s)) * walked.step_s, walked.forward_m_s)
             for walked, colour in zip(self._walks, COLOURS, strict=False)
         ]
         now = Shade(time_s, time_s + 0.005 * self._end_s, "now", "#8446a8")
-        speed = chart(lines, width=WIDTH, height=90, x_unit=" s", least_span=0.5, shades=[now])
-        return f"{STYLE}<div class='spot'>{''.join(parts)}<p>Forward speed, m/s</p>{speed}</div>"
+        speed = Chart(lines, x_unit=" s", height=90, least_span=0.5, shades=[now])
+        return beside_robot([*parts, Section("Forward speed, m/s", "", speed)])
 
     def _build(self, offered: Sequence[Switch]) -> None:
         gui = self._server.gui

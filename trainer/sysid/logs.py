@@ -142,7 +142,7 @@ def choose_compared(runs: Sequence[Run], policy: Policy) -> tuple[tuple[Run, ...
             warnings.append(f"sequence {name}: {others} had other velocity commands than the first run; not compared")
         if len(same) == 1:
             warnings.append(
-                f"sequence {name} has one run: there is no real-versus-real floor and no interval from its "
+                f"sequence {name} has one run: how far two real runs differ is not known, nor an interval from its "
                 "distributions; record at least two, better five repeats"
             )
         chosen.extend(replace(run, ticks=run.ticks.rows(slice(length))) for run in same)

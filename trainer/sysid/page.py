@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.page.chart import Series, chart
-from spot_log.page.look import Html, boxed, folded, framed, headed, listed, table
-from spot_log.page.svg import HALF, esc, legend, liveliest
+from spot_log.page.charts import liveliest
+from spot_log.page.render import rendered
+from spot_log.page.sections import Beside, Chart, Content, Fold, Head, Items, Legend, Mark, Section, Series, Table
 from spot_model.robot import facts
 from spot_model.robot.arrays import on_host
-from spot_model.text import counted
+from spot_model.text import counted, parameter_words
 from trainer.sysid.identify import Identification
 from trainer.sysid.logs import sequence_of
 from trainer.sysid.result import ResultData
@@ -25,47 +25,39 @@ OVERLAY_S: Final = 3.0
 """Length of the stretch that the overlay shows."""
 RUNS: Final = (("var(--real)", "robot"), ("var(--nominal)", "simulation, before"), ("var(--corrected)", "identified"))
 NEAR: Final = 1.2
-"""Floors up to which the simulated runs count as near to the robot's."""
+"""Distances of two real runs up to which the simulated runs count as near to the robot's."""
 
 Traces = Sequence[tuple[NDArray[Any], NDArray[Any]]]
 """Action and torque, each of shape (ticks, 12), of robot, initial and identified simulation."""
+Overlay = tuple[str, slice, float, Traces]
+"""Command sequence, a stretch of its ticks, their rate in Hz, and traces."""
 
 
-def report_page(found: Identification, data: ResultData) -> str:
-    """A page that opens from disk, with all it needs inside."""
-    return identification_page(data, list(_overlays(found)))
-
-
-def identification_page(data: ResultData, overlays: Sequence[tuple[str, slice, float, Traces]] = ()) -> str:
-    """The page's text.
-
-    Args:
-        data: The result.
-        overlays: Sequence, stretch of its ticks, rate in Hz, and traces.
-    """
+def identification_page(data: ResultData, overlays: Iterable[Overlay] = ()) -> str:
+    """The page's text."""
     known = [p for p in data.parameters if p.identified]
     unknown = [p for p in data.parameters if not p.identified]
-    body = [
+    held = "For these, the model file holds values that the logs do not contradict."
+    searched = "Distance between simulated and real runs for the best model of each generation; less is closer."
+    searched += " 1 is the distance between two real runs." if data.score_is_over_floor else ""
+    nothing = "Nothing; the other box gives the reasons."
+    rows = [(_plain(p.name), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}", p.source) for p in known]
+    values = Table(("parameter", "value", "90 % interval", "from"), rows)
+    parts = [
         _head(data, known),
-        "<div class='two'>",
-        boxed("Identified", "", _values(known) or "<p>Nothing; the other box gives the reasons.</p>"),
-        boxed(
-            "Not identified",
-            "For these, the model file holds values that the logs do not contradict.",
-            _reasons(unknown),
+        Beside(
+            [Section("Identified", "", values if rows else nothing), Section("Not identified", held, _reasons(unknown))]
         ),
-        "</div>",
-        boxed("Measured directly", "Measured from the logs, without a search.", _measured(data)),
+        Section("Measured directly", "Measured from the logs, without a search.", _measured(data)),
         *(_overlay(*overlay) for overlay in overlays),
-        boxed("Search", _score_about(data), _score(data)),
-        boxed("Details", "", _details(data)),
+        Section("Search", searched, _score(data)),
+        Section("Details", "", _details(data)),
     ]
-    return framed("Identification", body)
+    return rendered("Identification", parts)
 
 
-def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
+def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> Head:
     end = data.score.get("identified")
-    is_near = end is not None and data.score_is_over_floor and end <= NEAR
     badge, kind = ("Identified", "good") if len(known) == len(data.parameters) else ("In part", "fair")
     if not known:
         badge, kind = "Not identified", "bad"
@@ -75,64 +67,46 @@ def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
     if end is not None and data.score_is_over_floor:
         start = data.score.get("initial")
         before = "" if start is None else f", {start:.2f} before"
-        near = (
-            "as close to the robot as another real run, or nearly"
-            if is_near
-            else "still farther from the robot than a real run"
-        )
+        near = "as close to the robot as another real run, or nearly"
+        near = near if end <= NEAR else "still farther from the robot than a real run"
         told.append(f"Simulated runs are {near}: {end:.2f} times the distance of two real runs{before}.")
     elif not data.score_is_over_floor:
         told.append(
             "Record each sequence at least twice. Without repeats, it is not known how close the simulation is."
         )
-    return headed(badge, kind, headline, told)
+    return Head(badge, kind, headline, told)
 
 
-def _values(parameters: Sequence[ParameterVerdict]) -> str:
-    rows = [(_plain(p.name), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}", p.source) for p in parameters]
-    return table(("parameter", "value", "90 % interval", "from"), rows)
-
-
-def _reasons(parameters: Sequence[ParameterVerdict]) -> str:
+def _reasons(parameters: Sequence[ParameterVerdict]) -> Content:
     by_reason: dict[str, list[str]] = {}
     for p in parameters:
         by_reason.setdefault(p.reason, []).append(_plain(p.name))
-    items = (Html(f"<b>{esc('; '.join(names))}</b>: {esc(why)}") for why, names in by_reason.items())
-    return listed(items) or "<p>Every parameter is identified.</p>"
+    items = [(Mark("; ".join(names)), f": {why}") for why, names in by_reason.items()]
+    return Items(items) if items else "Every parameter is identified."
 
 
-def _measured(data: ResultData) -> str:
-    return listed(Html(f"{esc(m.what)}: <b>{_amount(m.value, m.unit)}</b> ({esc(m.source)})") for m in data.measured)
+def _measured(data: ResultData) -> Items:
+    """What was measured; times in milliseconds."""
+    told = ((m, f"{1e3 * m.value:.3g} ms" if m.unit == "s" else f"{m.value:.4g} {m.unit}") for m in data.measured)
+    return Items((f"{m.what}: ", Mark(amount), f" ({m.source})") for m, amount in told)
 
 
-def _amount(value: float, unit: str) -> str:
-    """A value with its unit; times in milliseconds."""
-    return f"{1e3 * value:.3g} ms" if unit == "s" else f"{value:.4g} {esc(unit)}"
-
-
-def _score_about(data: ResultData) -> str:
-    told = "Distance between simulated and real runs for the best model of each generation; less is closer."
-    return f"{told} 1 is the distance between two real runs." if data.score_is_over_floor else told
-
-
-def _score(data: ResultData) -> str:
+def _score(data: ResultData) -> Content:
     best = np.array([np.nan if v is None else v for v in data.score_by_generation])
     if np.isfinite(best).sum() < 2:
-        return ""
+        return None
     x = np.arange(1, len(best) + 1)
     lines = [
         Series("var(--other)", x, best, width=0.0, has_points=True, name="score"),
         Series("var(--corrected)", x, np.fmin.accumulate(best), width=2.0),
+        *([Series("var(--floor)", x, np.ones(len(x)), is_dotted=True)] if data.score_is_over_floor else []),
     ]
-    if data.score_is_over_floor:
-        lines.append(Series("var(--floor)", x, np.ones(len(x)), is_dotted=True))
-    names = [("var(--other)", "best of the generation"), ("var(--corrected)", "best so far")]
-    names += [("var(--floor)", "two real runs")] if data.score_is_over_floor else []
-    key = legend(names)
-    return key + chart(lines, "score", x_title="generation", height=150)
+    names = ("best of the generation", "best so far", "two real runs")
+    key = Legend((line.colour, name) for line, name in zip(lines, names, strict=False))
+    return [key, Chart(lines, "score", x_title="generation", height=150)]
 
 
-def _details(data: ResultData) -> str:
+def _details(data: ResultData) -> list[Fold]:
     rows = [
         (
             _plain(p.name),
@@ -144,28 +118,24 @@ def _details(data: ResultData) -> str:
         for p in data.parameters
     ]
     head = ("parameter", "initial", "value", "90 % interval", "by the search alone")
-    floors = [(s.name, s.repeats, s.floor_w1_nm, s.floor_mmd) for s in data.sequences]
-    floor_head = ("sequence", "repeats", "floor: Wasserstein, N·m", "MMD")
-    parts = [
-        folded("Every parameter", table(head, rows)),
-        folded("Command sequences, and how far two real runs differ", table(floor_head, floors)),
-        folded("Logs", listed(data.logs)),
+    runs = [(s.name, s.repeats, s.floor_w1_nm, s.floor_mmd) for s in data.sequences]
+    runs_head = ("sequence", "repeats", "Wasserstein distance of two real runs, N·m", "MMD")
+    return [
+        Fold("Every parameter", Table(head, rows)),
+        Fold("Command sequences, and how far two real runs differ", Table(runs_head, runs)),
+        Fold("Logs", Items(data.logs)),
+        Fold("What was cut or left out", Items(data.warnings)),
     ]
-    parts.append(folded("What was cut or left out", listed(data.warnings)))
-    return "".join(parts)
 
 
 def _plain(name: str) -> str:
     """``coulomb_friction[hips].level_nm`` as words; the unit stands beside the value."""
     effect, _, parameter = name.partition("].")
-    if not parameter:
-        return name.replace("_", " ")
-    for unit in ("_nm_s_per_rad", "_kg_m2", "_rad_s", "_nm", "_rad", "_kg", "_m_s", "_m", "_s"):
-        parameter = parameter.removesuffix(unit)
-    return f"{effect.replace('[', ', ')}: {parameter}".replace("_", " ")
+    told = f"{effect.replace('[', ', ')}: {parameter_words(parameter)}" if parameter else name
+    return told.replace("_", " ")
 
 
-def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces]]:
+def overlays_of(found: Identification) -> Iterator[Overlay]:
     """For each sequence, action and torque: the robot, and simulations before and after."""
     problem = found.preparation.problem
     space = problem.space
@@ -188,19 +158,17 @@ def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces
         case += len(cases)
 
 
-def _overlay(sequence: str, stretch: slice, rate_hz: float, traces: Traces) -> str:
-    figures = []
+def _overlay(sequence: str, stretch: slice, rate_hz: float, traces: Traces) -> Section:
+    charts = []
     for kind, title in enumerate(("action", "torque, N·m")):
         for joint in OVERLAY_JOINTS:
             lines = []
             for (colour, _), pair in zip(RUNS, traces, strict=True):
                 shown = pair[kind][stretch, facts.JOINT_NAMES.index(joint)]
-                x = (stretch.start + np.arange(len(shown))) / rate_hz
-                lines.append(Series(colour, x, shown, width=1.5))
-            figures.append(f"<div>{chart(lines, f'{joint} {title}', x_unit=' s', width=HALF, height=150)}</div>")
+                lines.append(Series(colour, (stretch.start + np.arange(len(shown))) / rate_hz, shown))
+            charts.append(Chart(lines, f"{joint} {title}", x_unit=" s", height=150))
     about = "Two knees, in the seconds with the largest commanded velocities. The gaits drift out of phase."
-    content = legend(RUNS) + f"<div class='two' style='margin:0'>{''.join(figures)}</div>"
-    return boxed(f"Robot and simulation: {_plain(sequence)}", about, content)
+    return Section(f"Robot and simulation: {_plain(sequence)}", about, [Legend(RUNS), Beside(charts)])
 
 
 def _at_ticks(tick_ns: NDArray[np.int64], state_ns: NDArray[np.int64], values: NDArray[Any]) -> NDArray[Any]:

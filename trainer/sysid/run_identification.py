@@ -16,7 +16,7 @@ from trainer.simulate.generations import Generation
 from trainer.sysid.config import SysidConfig
 from trainer.sysid.identify import identify, prepare
 from trainer.sysid.logs import LogSet
-from trainer.sysid.page import report_page
+from trainer.sysid.page import identification_page, overlays_of
 from trainer.sysid.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result
 from trainer.sysid.search import (
     CandidateResult,
@@ -31,7 +31,7 @@ CHECKPOINT_NAME = "search.jsonl"
 def summary(data: ResultData) -> str:
     """What was found, in two or three sentences."""
     found = [p for p in data.parameters if p.identified]
-    unit = " (1 is the real-versus-real floor)" if data.score_is_over_floor else " (no floor: repeats are missing)"
+    unit = " (1: two real runs)" if data.score_is_over_floor else " (without repeats, it has no scale)"
     score = ", ".join(f"{name} {'diverged' if value is None else f'{value:.2f}'}" for name, value in data.score.items())
     are = "is" if len(found) == 1 else "are"
     return (
@@ -88,7 +88,7 @@ def run_identification(
         found = identify(preparation, config, engine, checkpoint, show)
     with whole_folder(out) as part:
         data = write_result(found, config, part)
-        (part / REPORT_NAME).write_text(report_page(found, data), encoding="utf-8")
+        (part / REPORT_NAME).write_text(identification_page(data, overlays_of(found)), encoding="utf-8")
     say(text_table(data.parameters))
     say(summary(data))
     say(f"model {out / MODEL_NAME}  report {out / REPORT_NAME}")

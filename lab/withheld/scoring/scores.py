@@ -44,7 +44,7 @@ def does(o: Outcome, number: int) -> str:
     """What one of a case's faults does, in words."""
     moved = o.moved[number] if number < len(o.moved) else None
     own = o.consequences[number] if number < len(o.consequences) else None
-    words = ["" if moved is None else f"moves the robot by {moved:.1f} floors"]
+    words = ["" if moved is None else f"moves the robot by {moved:.1f} times what repeats explain"]
     if own is not None:
         units = (("top speed", own.top_speed, "m/s"), ("mean speed", own.mean_speed, "m/s"), ("power", own.power, "W"))
         words += [f"{name} {c.of:+.2g} {unit}" for name, c, unit in units if c.of is not None]

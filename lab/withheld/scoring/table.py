@@ -59,7 +59,8 @@ def _faultless(none: Sequence[Outcome]) -> list[Row]:
         for low, high in SCALES
     ]
     gaps = [s.d0 / s.floor for o in none if o.case.repeats > 1 and (s := _shrink(o)) and s.floor > 0.0]
-    rows.append(estimate("faultless_gap", "no fault: gap of the nominal model, in floors", Estimate.of(gaps, median)))
+    title = "no fault: gap of the nominal model, in times what repeats explain"
+    rows.append(estimate("faultless_gap", title, Estimate.of(gaps, median)))
     called = [o.status == "no_gap" for o in none]
     return [*rows, share("no_gap", "no fault: called no gap, not calibration", called)]
 

@@ -127,7 +127,7 @@ def test_short_runs_and_other_commands_are_not_compared(long_run: Run, policy: P
 def test_one_run_of_a_sequence_has_no_floor_and_that_is_said(long_run: Run, policy: Policy) -> None:
     _, warnings = choose_compared([long_run], policy)
     assert len(warnings) == 1
-    assert warnings[0].startswith("sequence a has one run: there is no real-versus-real floor")
+    assert warnings[0].startswith("sequence a has one run: how far two real runs differ is not known")
     assert warnings[0].endswith("record at least two, better five repeats")
 
 
