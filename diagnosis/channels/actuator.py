@@ -4,9 +4,8 @@ Time convention: the load at a state's stamp was asked for a short time earlier,
 the steps that new set-points make, of which the log knows the instant, and the servo law is evaluated at the stamp less
 the lag: joints interpolated between states, and the command that was in effect then.
 
-A lag cannot be told from viscous friction and inertia by anything smooth, since the servo law itself is smooth in
-position and velocity. A new set-point is a step at a known instant, and before it nothing can show, whatever the joint
-does afterwards. Set-points arrive at all phases of the state stream, so the lag is found more finely than its period.
+A lag cannot be told from viscous friction and inertia by anything smooth. A new set-point is a step at a known instant,
+before which nothing can show. Set-points arrive at all phases of the states, so the lag is found below their period.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
 COMMANDED: Final = ("position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad", "kd_nm_s_per_rad")
 STOP_MARGIN_RAD: Final = 0.02
-BEFORE_FLAG: Final = 5
-AFTER_FLAG: Final = 2
+BEFORE_FLAG, AFTER_FLAG = 5, 2
 """States around a change of the contact flag that are left out: flags come late."""
 RATTLE_REACH: Final = 9
 """States over which rattling is averaged, the reach of the smoothing filter."""
@@ -71,7 +69,6 @@ class ActuatorSignals:
     """Effects of the nominal model."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
     """Columns that are expensive to compute, by who computed them."""
-
     stride: int = STRIDE
     """Every so many rows one is kept."""
 
@@ -122,7 +119,7 @@ class ActuatorSignals:
         )
 
     def added_nm(self, effect: TorqueEffect) -> Array:
-        """What one more effect changes in the nominal motor torque, at every joint, as the channel's rows have it."""
+        """What one more effect changes in the nominal motor torque, at every joint and row of the channel."""
         run, period_s = self.stack.run, self.period_s
 
         def changed(*motion: Array) -> Array:

@@ -1,7 +1,7 @@
 """What an unmodelled effect is, and the places in the plant where one can act.
 
-An effect is a frozen dataclass. Each parameter is one physical number with a null value at which the effect vanishes
-bit for bit. A formula is written once against the array-API standard and serves NumPy and torch.
+An effect is a frozen dataclass. At its null value a parameter's effect vanishes bit for bit. A formula is written once,
+against the array-API standard, for NumPy and torch.
 """
 
 from __future__ import annotations
@@ -174,10 +174,7 @@ class Effect(ABC):
         return self.mask if type(like) is np.ndarray else _mask_on(self.joints, namespace_of(like), device(like))
 
     def arrays_like(self, like: AnyArray) -> Self:
-        """The same effect with every parameter as an array of ``like``'s library, dtype and device.
-
-        A float becomes shape (1, 1); arrays keep their shape. Formulas rely on this.
-        """
+        """The same effect with every parameter as an array of ``like``'s kind; a float becomes shape (1, 1)."""
         xp = namespace_of(like)
 
         def as_array(value: Any) -> AnyArray:
@@ -210,8 +207,7 @@ class TorqueEffect(Effect):
     def idle_box(self) -> IdleBox | None:
         """Where :meth:`torque` returns its input bit for bit and leaves its memory unchanged; None if nowhere.
 
-        A hint for stepping a single simulation: while all its joints stay inside, the call can be left out. Only
-        for effects with plain numbers as parameters.
+        While all joints of a single simulation stay inside, the call can be left out. For plain numbers alone.
         """
         return None
 
