@@ -11,11 +11,12 @@ from google.protobuf.message import DecodeError
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from spot_model.errors import BadInputError
+from spot_model.robot.arm import N_ARM_JOINTS
 from spot_model.robot.facts import N_JOINTS, N_LEGS, NS_PER_S
 from spot_model.robot.state import ImuPacket, RobotState
 from spot_protos import log_pb2
 
-N_JOINTS_WITH_ARM: Final = 19
+N_JOINTS_WITH_ARM: Final = N_JOINTS + N_ARM_JOINTS
 _CONTACT_MADE: Final = robot_state_pb2.FootState.CONTACT_MADE
 _ARRAYS: Final = (
     "position_rad",
@@ -53,8 +54,7 @@ class _ImuPackets(Sequence[ImuPacket]):
 def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]) -> RobotState:
     """Decode the wire bytes of a RobotStateStreamResponse.
 
-    The state's stamp is the joints' acquisition stamp. The seven arm joints, where there are any, are left out. No
-    value is checked here, so NaN passes through. A robot that reports no contacts touches the ground with no foot.
+    The state's stamp is the joints' acquisition stamp. An arm's joints, where there are any, stand apart. No value is checked here, so NaN passes through. A robot that reports no contacts touches the ground with no foot.
 
     Args:
         wire: The message as it came from the network.
@@ -76,12 +76,20 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
     ):
         if n not in (N_JOINTS, N_JOINTS_WITH_ARM):
             raise _wrong_length(name, n)
+    if not len(joints.position) == len(joints.velocity) == len(joints.load):
+        raise StateMessageError("state message has positions, velocities and loads of unequal numbers of joints")
     if n_contacts not in (0, N_LEGS):
         raise StateMessageError(f"state message has {n_contacts} contact states; Spot sends {N_LEGS}, or none")
     values = _with_arrays(_values(message), _ARRAYS)
     values["foot_contact"] = np.array(values["foot_contact"] or [False] * N_LEGS, dtype=np.bool_)
     received_ns = host_stamp_ns if isinstance(host_stamp_ns, int) else host_stamp_ns(values["robot_stamp_ns"])
-    return RobotState(host_stamp_ns=received_ns, imu=_ImuPackets(message.inertial_state.packets), **values)
+    return RobotState(
+        host_stamp_ns=received_ns,
+        imu=_ImuPackets(message.inertial_state.packets),
+        arm_position_rad=joints.position[N_JOINTS:],
+        arm_load_nm=joints.load[N_JOINTS:],
+        **values,
+    )
 
 
 def state_record_from_wire(wire: bytes, host_stamp_ns: int) -> log_pb2.State:
