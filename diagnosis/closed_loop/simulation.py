@@ -184,7 +184,7 @@ def merged(models: Sequence[RobotModel]) -> RobotModel | None:
             row.append(model.effects[at] if there else None)
             at += there
         rows.append(row)
-    return RobotModel(tuple(_merged_effect(column) for column in zip(*rows, strict=True)), first.robot)
+    return RobotModel(tuple(_merged_effect(column) for column in zip(*rows, strict=True)))
 
 
 def _key(effect: Effect) -> Hashable:

@@ -47,23 +47,24 @@ class Arm:
             self.velocity_rad_s, self.torque_nm = np.zeros(N_ARM_JOINTS), np.zeros(N_ARM_JOINTS)
             self._hold_rad = self.position_rad
             return
-        kp, kd = ARM_KP_NM_PER_RAD * bool(legs.kp_nm_per_rad.any()), ARM_KD_NM_S_PER_RAD
-        setpoint_rad, setpoint_rad_s, load_nm = self._hold_rad, 0.0, 0.0
+        is_damped = not np.any(legs.kp_nm_per_rad)
+        kp, kd = ARM_KP_NM_PER_RAD * (not is_damped), ARM_KD_NM_S_PER_RAD
+        push = kp * (self._hold_rad - self.position_rad)
         if command is not None:
-            kp, kd, setpoint_rad = command.kp_nm_per_rad[0], command.kd_nm_s_per_rad[0], command.position_rad[0]
-            setpoint_rad_s, load_nm = command.velocity_rad_s[0], command.load_nm[0]
+            kp, kd = np.asarray(command.kp_nm_per_rad)[0], np.asarray(command.kd_nm_s_per_rad)[0]
+            push = kp * (command.position_rad[0] - self.position_rad)
+            push = push + np.asarray(kd * command.velocity_rad_s + command.load_nm)[0]
         # Implicit in position and velocity, so that no gain makes it diverge.
-        push = kp * (setpoint_rad - self.position_rad) + kd * setpoint_rad_s + load_nm
         velocity = (INERTIA_KG_M2 * self.velocity_rad_s + dt_s * push) / (INERTIA_KG_M2 + dt_s * kd + dt_s * dt_s * kp)
         torque = INERTIA_KG_M2 * (velocity - self.velocity_rad_s) / dt_s
         self.torque_nm = np.clip(torque, -ARM_TORQUE_LIMIT_NM, ARM_TORQUE_LIMIT_NM)
         reached = self.position_rad + dt_s * (self.velocity_rad_s + dt_s * self.torque_nm / INERTIA_KG_M2)
         before, self.position_rad = self.position_rad, np.clip(reached, ARM_LOW_RAD, ARM_HIGH_RAD)
         self.velocity_rad_s = (self.position_rad - before) / dt_s
-        if command is not None or not legs.kp_nm_per_rad.any():
+        if command is not None or is_damped:
             self._hold_rad = self.position_rad
 
     def report(self) -> Array:
         """Measured positions, velocities and loads, shape (3, 7)."""
         noise = self._rng.standard_normal((3, N_ARM_JOINTS)) * self._sigma
-        return np.array([self.position_rad, self.velocity_rad_s, self.torque_nm]) + noise
+        return np.asarray(np.array([self.position_rad, self.velocity_rad_s, self.torque_nm]) + noise)

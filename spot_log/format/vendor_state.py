@@ -54,7 +54,8 @@ class _ImuPackets(Sequence[ImuPacket]):
 def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]) -> RobotState:
     """Decode the wire bytes of a RobotStateStreamResponse.
 
-    The state's stamp is the joints' acquisition stamp. An arm's joints, where there are any, stand apart. No value is checked here, so NaN passes through. A robot that reports no contacts touches the ground with no foot.
+    The state's stamp is the joints' acquisition stamp. An arm's joints, where there are any, stand apart. No value
+    is checked here, so NaN passes through. A robot that reports no contacts touches the ground with no foot.
 
     Args:
         wire: The message as it came from the network.
@@ -95,7 +96,7 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
 def state_record_from_wire(wire: bytes, host_stamp_ns: int) -> log_pb2.State:
     """Decode the same bytes into the log's record, without arrays, which would cost three times as much.
 
-    What is missing in the message is missing in the record.
+    What is missing in the message is missing in the record. An arm's joints go with it to the writer.
 
     Raises:
         google.protobuf.message.DecodeError: The bytes are no such message.
@@ -107,9 +108,16 @@ def state_record_from_wire(wire: bytes, host_stamp_ns: int) -> log_pb2.State:
         raise _wrong_length("position", n_joints)
     try:
         imu = [log_pb2.ImuPacket(**_packet_values(packet)) for packet in message.inertial_state.packets]
-        return log_pb2.State(host_stamp_ns=host_stamp_ns, imu=imu, **_values(message))
+        record = log_pb2.State(host_stamp_ns=host_stamp_ns, imu=imu, **_values(message))
     except ValueError as error:  # a stamp that no clock shows
         raise StateMessageError(f"state message cannot be kept: {error}") from error
+    if n_joints == N_JOINTS_WITH_ARM:
+        joints, arm = message.joint_states, record.arm
+        arm.robot_stamp_ns, arm.host_stamp_ns = record.robot_stamp_ns, host_stamp_ns
+        arm.position_rad[:] = joints.position[N_JOINTS:]
+        arm.velocity_rad_s[:] = joints.velocity[N_JOINTS:]
+        arm.load_nm[:] = joints.load[N_JOINTS:]
+    return record
 
 
 def _wrong_length(name: str, n: int) -> StateMessageError:

@@ -12,11 +12,11 @@ from google.protobuf.message import DecodeError, Message
 
 from spot_log.errors import LogReadError, ManyRunsError, MissingHeaderError, NotAnMcapError, SchemaVersionError
 from spot_log.format import codec
-from spot_log.format.codec import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
+from spot_log.format.codec import ARM, COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.format.records import SCHEMA_NAME, RunHeader
 from spot_log.read.columns import UnusualError, gather, widest, wire_columns
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
-from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.read.run import ArmTable, CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
 from spot_log.write.run_writer import HEADER_ATTACHMENT
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
@@ -116,6 +116,7 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
         ticks=gather(TickTable, ticks, {**widths, "joints": widest(ticks, "action") or len(joints)}),
         slow_states=_slow_table(slow_states, joints),
         events=tuple(codec.event_from_proto(message) for message in events),
+        arm=gather(ArmTable, _parse(path, topics, ARM, log_pb2.Arm)[0], {}),
         footer=_footer(footers[-1]) if footers else None,
         damage=_damage_text(scan, footers[-1] if footers else None),
     )

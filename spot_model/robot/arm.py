@@ -66,7 +66,7 @@ HAND_FROM_WRIST_M: Final = (0.19557, 0.0, 0.0)
 
 
 def arm_frames(position_rad: Array) -> list[tuple[Array, Array]]:
-    """Rotation (3, 3) and origin (3,) of each link of the arm in the body's frame, at these joint angles, shape (7,)."""
+    """Rotation (3, 3) and origin (3,) of each of the arm's links in the body's frame, at these angles, shape (7,)."""
     frames, rotation, origin = [], np.eye(3), np.zeros(3)
     for angle, axis, place in zip(position_rad, ARM_AXES, ARM_PLACES_M, strict=True):
         origin = origin + rotation @ np.array(place)

@@ -63,10 +63,10 @@ def refuse_arm_out(position_rad: Mapping[str, float]) -> None:
 class ArmCommand(NamedTuple):
     """What is asked of the arm's joints, in lists that are put behind the legs'; empty without an arm."""
 
-    position_rad: list[float] = []
-    load_nm: list[float] = []
-    kp_nm_per_rad: list[float] = []
-    kd_nm_s_per_rad: list[float] = []
+    position_rad: list[float]
+    load_nm: list[float]
+    kp_nm_per_rad: list[float]
+    kd_nm_s_per_rad: list[float]
 
     @property
     def velocity_rad_s(self) -> list[float]:
@@ -74,7 +74,7 @@ class ArmCommand(NamedTuple):
         return [0.0] * len(self.position_rad)
 
 
-_NO_ARM: Final = ArmCommand()
+NO_ARM: Final = ArmCommand([], [], [], [])
 
 
 class Arm:
@@ -88,9 +88,9 @@ class Arm:
         self._n_joints: int | None = None
         self._position_rad: Sequence[float] = ()
         self._loads_nm: deque[Sequence[float]] = deque(maxlen=_LOADS)
-        self._held = _NO_ARM
+        self._held = NO_ARM
         self._legs: Gains | None = None
-        self._command = _NO_ARM
+        self._command = NO_ARM
         self._share, self._away, self._is_stopped = 0.0, 0, False
 
     def refuse_out(self) -> None:
@@ -125,12 +125,12 @@ class Arm:
         if self._position_rad:
             position_rad = np.clip(self._position_rad, ARM_LOW_RAD, ARM_HIGH_RAD)
             position_rad[-1] = ARM_HIGH_RAD[-1]
-            self._held = ArmCommand(position_rad.tolist(), np.mean(self._loads_nm, axis=0).tolist())
+            self._held = ArmCommand(position_rad.tolist(), np.mean(self._loads_nm, axis=0).tolist(), [], [])
         return True
 
     def let_go(self) -> None:
         """The joints are not ours any more."""
-        self._held = _NO_ARM
+        self._held = NO_ARM
 
     def command(self, legs: Gains) -> ArmCommand:
         """What is asked of the arm beside legs with these gains.
@@ -139,7 +139,7 @@ class Arm:
         """
         held = self._held
         if not held.position_rad or legs is self._legs:
-            return self._command if held.position_rad else _NO_ARM
+            return self._command if held.position_rad else NO_ARM
         self._legs, kd = legs, ARM_KD_NM_S_PER_RAD.tolist()
         if legs.kp_nm_per_rad.any():
             stiffness = float((legs.kp_nm_per_rad / STAND_KP_NM_PER_RAD).max())

@@ -12,7 +12,7 @@ from bosdyn.api import robot_command_pb2
 
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array, Gains, JointCommand
-from spot_runtime.hal.spot.arm import Arm, ArmCommand
+from spot_runtime.hal.spot.arm import NO_ARM, Arm
 from spot_runtime.hal.spot.vendor_errors import describe, enum_word
 
 COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
@@ -27,7 +27,7 @@ class CommandEncoder:
     """
 
     def __init__(self, client_name: str, velocity_safety_limit_rad_s: float, arm: Arm | None = None) -> None:
-        self._arm, self._arm_command = arm or Arm(deque()), ArmCommand()
+        self._arm, self._arm_command = arm or Arm(deque()), NO_ARM
         self._message = robot_command_pb2.JointControlStreamRequest()
         self._message.header.client_name = client_name
         self._message.joint_command.velocity_safety_limit.value = velocity_safety_limit_rad_s

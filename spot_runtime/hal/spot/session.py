@@ -39,7 +39,7 @@ from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, enum_word, translate
 from spot_runtime.hal.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.stops import CRITICAL
+from spot_runtime.stops import CRITICAL, Stop, StopReason
 
 SYNC_ROUND_TRIPS: Final = 12
 LATER_SYNC_TIMEOUT_S: Final = 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from bosdyn.api import robot_state_pb2, service_fault_pb2
 
 from spot_model.robot.facts import NS_PER_S
