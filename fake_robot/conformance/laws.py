@@ -352,11 +352,8 @@ def goes_as_far_as_it_is_told(recording: Recording) -> str:
     """The goal ahead in the body's frame is reached, to a third of the way."""
     position_m = recording.streamed.body["odom"].position_m
     ahead = rotate_inverse_wxyz(recording.streamed.body["odom"].wxyz[0], position_m[-1] - position_m[0])
-    return (
-        ""
-        if math.dist(ahead[:2], (motions.WAY_M, 0.0)) < motions.WAY_M / 3.0
-        else f"{ahead[0]:.2f} m ahead, {ahead[1]:.2f} m left"
-    )
+    is_there = math.dist(ahead[:2], (motions.WAY_M, 0.0)) < motions.WAY_M / 3.0
+    return "" if is_there else f"{ahead[0]:.2f} m ahead, {ahead[1]:.2f} m left"
 
 
 @law("StandCommand.Feedback: status", "it stands when it says so", motions.SETTLING, source="basic_command.proto")
