@@ -260,4 +260,5 @@ class RunWriter:
 
 
 def _by_topic(counts: Mapping[int, int]) -> dict[str, int]:
-    return {topic.name[1:]: counts[topic.channel_id] for topic in OWN_TOPICS if topic not in (HEADER, FOOTER)}
+    told = [topic for topic in OWN_TOPICS if topic not in (HEADER, FOOTER, *(() if counts[ARM.channel_id] else (ARM,)))]
+    return {topic.name[1:]: counts[topic.channel_id] for topic in told}

@@ -70,7 +70,7 @@ def arm_frames(position_rad: Array) -> list[tuple[Array, Array]]:
     frames, rotation, origin = [], np.eye(3), np.zeros(3)
     for angle, axis, place in zip(position_rad, ARM_AXES, ARM_PLACES_M, strict=True):
         origin = origin + rotation @ np.array(place)
-        cross = np.cross(np.eye(3), -np.array(axis, dtype=float))
+        cross = np.cross(np.eye(3), np.array(axis, dtype=float))
         rotation = rotation @ (np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
         frames.append((rotation, origin))
     return frames

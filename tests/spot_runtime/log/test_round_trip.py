@@ -28,7 +28,7 @@ def test_header_and_footer(synthetic_run, synthetic_log):
     assert run.header == synthetic_run().header
     assert run.footer is not None
     assert run.footer.outcome == run.outcome == "completed"
-    assert run.footer.messages == {"state": 667, "command": 100, "tick": 100, "slow_state": 10, "event": 3, "arm": 0}
+    assert run.footer.messages == {"state": 667, "command": 100, "tick": 100, "slow_state": 10, "event": 3}
     assert not run.truncated
     assert run.duration_s == pytest.approx(666 * 0.003)
 
