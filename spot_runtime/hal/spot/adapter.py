@@ -135,7 +135,8 @@ class BosdynHal:
         if self._states is None:
             raise HalError("there is no state stream; connect first")
         self._tell_events()
-        return self._arm.watch(self._pace.receive(self._states.states, until_robot_ns, timeout_s))
+        states = self._pace.receive(self._states.states, until_robot_ns, timeout_s)
+        return states if self._arm.n_joints == 0 else self._arm.watch(states)
 
     def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
         """See the protocol."""

@@ -85,7 +85,8 @@ class Arm:
 
     def __init__(self, problems: deque[Stop]) -> None:
         self._problems = problems
-        self._n_joints: int | None = None
+        self.n_joints: int | None = None
+        """As the first state has; None before it."""
         self._position_rad: Sequence[float] = ()
         self._loads_nm: deque[Sequence[float]] = deque(maxlen=_LOADS)
         self._held = NO_ARM
@@ -101,9 +102,9 @@ class Arm:
         """Take note of states, and tell once of an arm that is lost or away. Returns the states."""
         for state in states:
             n_joints = len(state.arm_position_rad)
-            self._n_joints = n_joints if self._n_joints is None else self._n_joints
-            if n_joints != self._n_joints:
-                self._stop(StopReason.ARM_LOST, f"{n_joints} of the arm's joints come, before it were {self._n_joints}")
+            self.n_joints = n_joints if self.n_joints is None else self.n_joints
+            if n_joints != self.n_joints:
+                self._stop(StopReason.ARM_LOST, f"{n_joints} of the arm's joints come, before it were {self.n_joints}")
             elif n_joints:
                 self._position_rad = state.arm_position_rad
                 self._loads_nm.append(state.arm_load_nm)

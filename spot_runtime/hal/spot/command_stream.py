@@ -42,7 +42,7 @@ class CommandEncoder:
         stamp.seconds, stamp.nanos = divmod(host_stamp_ns, NS_PER_S)
         joint = self._message.joint_command
         joint.end_time.seconds, joint.end_time.nanos = divmod(command.end_robot_stamp_ns, NS_PER_S)
-        arm = self._arm.command(command.gains)
+        arm = self._arm.command(command.gains) if self._arm.n_joints else NO_ARM
         is_new = arm is not self._arm_command
         self._arm_command = arm
         joint.position[:] = command.position_rad.tolist() + arm.position_rad
