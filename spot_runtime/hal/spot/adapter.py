@@ -341,11 +341,11 @@ class BosdynHal:
 
     def _stop_commands(self) -> None:
         self._joint_control = JointControl.OFF
-        self._arm.let_go()
         commands, self._commands = self._commands, None
         if commands is not None:
             commands.stop()
             self._pace.released()
+        self._arm.let_go()  # last: what still goes out has all joints
 
     def _commands_ended(self, verdict: str) -> None:
         # The robot ends the stream by itself when the vendor's stand takes over.
