@@ -44,6 +44,11 @@ NO_MODEL: Final = (
     "no model file: only Spot can be simulated here; verdict.json has the numbers for a simulator of your own"
 )
 
+WITHOUT_ARM: Final = (
+    "the robot has an arm, and the nominal model has none, so that its weight shows as a payload; give --nominal "
+    "spot_with_arm, or a model file with 'robot: spot_with_arm'"
+)
+
 
 class Inputs(Settings):
     """The words of a ``spot-rl diagnose``, kept beside its result so that it can be repeated with more logs."""
@@ -146,6 +151,8 @@ def run_session(
     if policy is not None:
         runs, at_other_gains = apart_by_gains(runs, policy)
         notes = (*notes, *at_other_gains)
+    if nominal.robot == "spot" and any(len(run.arm) for run in runs):
+        notes = (*notes, WITHOUT_ARM)
     for text in notes:
         say(f"note: {text}")
     with nullcontext() if policy is None else rollouts_under(policy, place) as engine:

@@ -63,7 +63,7 @@ class ImuPacket(_message.Message):
     def __init__(self, robot_stamp_ns: _Optional[int] = ..., acceleration_of_imu_in_link_m_s2: _Optional[_Iterable[float]] = ..., angular_vel_of_link_in_link_rad_s: _Optional[_Iterable[float]] = ..., odom_from_link_wxyz: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class State(_message.Message):
-    __slots__ = ("robot_stamp_ns", "host_stamp_ns", "position_rad", "velocity_rad_s", "load_nm", "position_of_body_in_odom_m", "odom_from_body_wxyz", "linear_vel_of_body_in_odom_m_s", "angular_vel_of_body_in_odom_rad_s", "foot_contact", "last_command_key", "last_command_robot_stamp_ns", "imu")
+    __slots__ = ("robot_stamp_ns", "host_stamp_ns", "position_rad", "velocity_rad_s", "load_nm", "position_of_body_in_odom_m", "odom_from_body_wxyz", "linear_vel_of_body_in_odom_m_s", "angular_vel_of_body_in_odom_rad_s", "foot_contact", "last_command_key", "last_command_robot_stamp_ns", "imu", "arm")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     HOST_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     POSITION_RAD_FIELD_NUMBER: _ClassVar[int]
@@ -77,6 +77,7 @@ class State(_message.Message):
     LAST_COMMAND_KEY_FIELD_NUMBER: _ClassVar[int]
     LAST_COMMAND_ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     IMU_FIELD_NUMBER: _ClassVar[int]
+    ARM_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     host_stamp_ns: int
     position_rad: _containers.RepeatedScalarFieldContainer[float]
@@ -90,7 +91,22 @@ class State(_message.Message):
     last_command_key: int
     last_command_robot_stamp_ns: int
     imu: _containers.RepeatedCompositeFieldContainer[ImuPacket]
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., host_stamp_ns: _Optional[int] = ..., position_rad: _Optional[_Iterable[float]] = ..., velocity_rad_s: _Optional[_Iterable[float]] = ..., load_nm: _Optional[_Iterable[float]] = ..., position_of_body_in_odom_m: _Optional[_Iterable[float]] = ..., odom_from_body_wxyz: _Optional[_Iterable[float]] = ..., linear_vel_of_body_in_odom_m_s: _Optional[_Iterable[float]] = ..., angular_vel_of_body_in_odom_rad_s: _Optional[_Iterable[float]] = ..., foot_contact: _Optional[_Iterable[bool]] = ..., last_command_key: _Optional[int] = ..., last_command_robot_stamp_ns: _Optional[int] = ..., imu: _Optional[_Iterable[_Union[ImuPacket, _Mapping]]] = ...) -> None: ...
+    arm: Arm
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., host_stamp_ns: _Optional[int] = ..., position_rad: _Optional[_Iterable[float]] = ..., velocity_rad_s: _Optional[_Iterable[float]] = ..., load_nm: _Optional[_Iterable[float]] = ..., position_of_body_in_odom_m: _Optional[_Iterable[float]] = ..., odom_from_body_wxyz: _Optional[_Iterable[float]] = ..., linear_vel_of_body_in_odom_m_s: _Optional[_Iterable[float]] = ..., angular_vel_of_body_in_odom_rad_s: _Optional[_Iterable[float]] = ..., foot_contact: _Optional[_Iterable[bool]] = ..., last_command_key: _Optional[int] = ..., last_command_robot_stamp_ns: _Optional[int] = ..., imu: _Optional[_Iterable[_Union[ImuPacket, _Mapping]]] = ..., arm: _Optional[_Union[Arm, _Mapping]] = ...) -> None: ...
+
+class Arm(_message.Message):
+    __slots__ = ("robot_stamp_ns", "host_stamp_ns", "position_rad", "velocity_rad_s", "load_nm")
+    ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
+    HOST_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
+    POSITION_RAD_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_RAD_S_FIELD_NUMBER: _ClassVar[int]
+    LOAD_NM_FIELD_NUMBER: _ClassVar[int]
+    robot_stamp_ns: int
+    host_stamp_ns: int
+    position_rad: _containers.RepeatedScalarFieldContainer[float]
+    velocity_rad_s: _containers.RepeatedScalarFieldContainer[float]
+    load_nm: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., host_stamp_ns: _Optional[int] = ..., position_rad: _Optional[_Iterable[float]] = ..., velocity_rad_s: _Optional[_Iterable[float]] = ..., load_nm: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Command(_message.Message):
     __slots__ = ("key", "host_stamp_ns", "robot_stamp_ns", "state_robot_stamp_ns", "end_robot_stamp_ns", "requested_position_rad", "position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad", "kd_nm_s_per_rad")

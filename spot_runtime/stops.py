@@ -81,6 +81,8 @@ class StopReason(Enum):
     BODY_LOW = StopRule(Reaction.DAMP, 29, "the body is too low", "check policy, ground and payload")
     JOINT_VELOCITY = StopRule(Reaction.DAMP, 27, "a joint is measured too fast", "check policy, ground and sensors")
     JOINT_POSITION = StopRule(Reaction.DAMP, 28, "a joint is measured beyond its stop", "check the robot's calibration")
+    ARM_LOST = StopRule(Reaction.DAMP, 54, "the states lack the arm's joints", "see the robot's own page")
+    ARM_AWAY = StopRule(Reaction.DAMP, 55, "the arm has left its stowed pose", "see what moved it, then stow it")
     POLICY_NOT_FINITE = StopRule(Reaction.DAMP, 30, "the policy gave a non-finite value", "check the policy file")
     SETPOINT_STEP = StopRule(Reaction.DAMP, 31, "set-points keep jumping", "check the policy's scale and joint order")
     SETPOINT_OVERSHOOT = StopRule(

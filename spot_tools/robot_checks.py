@@ -26,12 +26,12 @@ from spot_runtime.hal.address import (
 )
 from spot_runtime.hal.credentials import trusted_certificates
 from spot_runtime.hal.errors import HalError, NoServiceError
+from spot_runtime.hal.spot.arm import polled_arm_rad, refuse_arm_out
 from spot_runtime.hal.spot.estop import is_alive
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import (
     charge_percent,
     pressed_estops,
-    refuse_arm,
     reporting_battery,
     slow_state_from_message,
 )
@@ -216,13 +216,15 @@ def clock(reader: Reader, _: RunConfig) -> Finding:
 
 
 def joints(reader: Reader, _: RunConfig) -> Finding:
-    """Those that policies drive, and no arm's."""
+    """Those that policies drive, and those of an arm, which must be stowed."""
     message = reader.state()
+    arm_rad = polled_arm_rad(message)
     try:
-        refuse_arm(message)
+        refuse_arm_out(arm_rad)
     except HalError as error:
         return fail(*str(error).rsplit("; ", 1))
-    return ok(f"{len(message.kinematic_state.joint_states)}, no arm")
+    n_joints = len(message.kinematic_state.joint_states)
+    return ok(f"{n_joints}, with an arm, stowed: it is held while the legs walk" if arm_rad else f"{n_joints}, no arm")
 
 
 def faults(reader: Reader, _: RunConfig) -> Finding:

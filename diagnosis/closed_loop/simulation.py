@@ -181,7 +181,7 @@ def merged(models: Sequence[RobotModel]) -> RobotModel | None:
         return None
     apart = list({id(m): m for m in models}.values())
     which = np.array([next(i for i, other in enumerate(apart) if other is m) for m in models])
-    return RobotModel(side_by_side([m.effects for m in apart], which), first.robot)
+    return RobotModel(side_by_side([m.effects for m in apart], which))
 
 
 def run_all(

@@ -37,7 +37,7 @@ class _LimitEntry(LibraryEffect):
         """A bound that is looser than the nominal one of the same kind and place replaces it."""
         new = self.make(values, joints)
         kept = tuple(e for e in model.effects if not (isinstance(e, self.effect) and np.array_equal(e.mask, new.mask)))
-        return RobotModel(effects=(*kept, new), robot=model.robot)
+        return RobotModel((*kept, new))
 
 
 def largest_nm(views: Views, joints: Flags) -> tuple[Array, float]:

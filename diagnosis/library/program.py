@@ -64,7 +64,7 @@ class CommandDelayEntry(_LinkEntry):
         """One delay in place of the nominal ones, longer or shorter by what was found, at least none."""
         others = tuple(e for e in model.effects if not isinstance(e, CommandDelay))
         total_s = max(0.0, nominal_delay_s(model.effects) + values["delay_s"])
-        return RobotModel(effects=(*others, CommandDelay(delay_s=total_s)), robot=model.robot)
+        return RobotModel((*others, CommandDelay(delay_s=total_s)))
 
 
 class CommandJitterEntry(_LinkEntry):

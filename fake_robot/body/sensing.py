@@ -74,6 +74,8 @@ class Report(NamedTuple):
     imu_angular_velocity_rad_s: Array
     imu_wxyz: Array
     """Attitude at each packet, shape (3, 4)."""
+    arm: Array = np.empty((3, 0))
+    """Positions, velocities and loads of an arm's joints, shape (3, 7); without one, (3, 0)."""
 
 
 class Sensing:

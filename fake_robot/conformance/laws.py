@@ -17,12 +17,12 @@ from fake_robot.conformance.paths import angle, edges, late_s, slope, strays, tu
 from fake_robot.conformance.power import has_power
 from fake_robot.conformance.recording import AT_REST, FRAMES, G_M_S2, NAMES, Recording, axes, is_unit, record_rest
 from fake_robot.conformance.server import OpenError, Server, stamp_ns
+from spot_model.robot.arm import ARM_JOINT_NAMES
 from spot_model.robot.facts import LEG_NAMES
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
 
-_STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
-_PROTO = "robot_state.proto"
+_STREAM, _POLL, _PROTO = "GetRobotStateStream", "RobotState.GetRobotState", "robot_state.proto"
 _STILL_RAD_S = 0.2
 _NEAR_RAD, _NEAR_M, _NEAR_NM, _NEAR_RAD_S, _NEAR_M_S = 0.1, 0.1, 10.0, 0.4, 0.15
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
@@ -38,12 +38,11 @@ _OLD_S, _CLOCK_RATE = 0.025, 0.01
 _SLOWEST = 0.2
 """Share of a commanded way that a robot makes at least."""
 _SIGNS = {robot_state_pb2.BatteryState.STATUS_CHARGING: 1, robot_state_pb2.BatteryState.STATUS_DISCHARGING: -1}
-_CELSIUS = (-40.0, 150.0)
-_VOLTS = (10.0, 100.0)
+_CELSIUS, _VOLTS = (-40.0, 150.0), (10.0, 100.0)
 """Far around a Spot's 42 to 58.8 V, so that only another unit lies beyond."""
-_N_JOINTS, _N_ARM_JOINTS = 12, 19
 _TREE = ("odom", "vision", "body", "flat_body", "gpe")
-"""Frame tree of a robot at rest. Source: frame_helpers of the SDK."""
+_WITH_ARM = (*NAMES, *(n.replace("_", ".") for n in ARM_JOINT_NAMES)), (*_TREE, "hand", "arm0.link_wr1")
+"""Frame tree of a robot at rest; names and tree with an arm. Source: the SDK's frame_helpers, robot_state.proto."""
 _CONTACTS = {robot_state_pb2.FootState.CONTACT_MADE, robot_state_pb2.FootState.CONTACT_LOST}
 
 Judge = Callable[[Recording], str]
@@ -85,7 +84,7 @@ def stream_is_complete(recording: Recording) -> str:
     for state in recording.states:
         joints, body = state.joint_states, state.kinematic_state
         sizes = {len(joints.position), len(joints.velocity), len(joints.load)}
-        if not (sizes <= {_N_JOINTS} or sizes <= {_N_ARM_JOINTS}):
+        if not (sizes <= {len(NAMES)} or sizes <= {len(_WITH_ARM[0])}):
             return f"joints: {sorted(sizes)}"
         if len(state.contact_states) != 4 or not set(state.contact_states) <= _CONTACTS:
             return f"feet: {list(state.contact_states)}"
@@ -101,19 +100,22 @@ def stream_is_complete(recording: Recording) -> str:
 
 @law(f"{_POLL}", "complete", AT_REST, motions.WALKING)
 def polled_state_is_complete(recording: Recording) -> str:
-    """Power, battery, e-stops, the legs' joints by name, frames and feet."""
+    """Power, battery, e-stops, joints by name, frames and feet; with a manipulator, its joints in the stream, too."""
     state = recording.polls[-1]
+    joints, tree = _WITH_ARM if state.HasField("manipulator_state") else (NAMES, _TREE)
     frames = state.kinematic_state.transforms_snapshot.child_to_parent_edge_map
-    edges = frames.values()
     names = [joint.name for joint in state.kinematic_state.joint_states]
     estops = state.estop_states
     wanted: dict[str, Any] = {
         "motor power": state.power_state.motor_power_state,
         "batteries": len(state.battery_states),
         "e-stops with a name, a type and a state": estops and all(e.name and e.type and e.state for e in estops),
-        **{f"joint {name} once": names.count(name) == 1 for name in NAMES},
-        **{f"frame {name}": name in frames for name in _TREE},
-        "rotations of length 1": all(is_unit(e.parent_tform_child.rotation) for e in edges if e.parent_frame_name),
+        **{f"joint {name} once": names.count(name) == 1 for name in joints},
+        f"{len(joints)} streamed joints": len(recording.states[-1].joint_states.position) == len(joints),
+        **{f"frame {name}": name in frames for name in tree},
+        "rotations of length 1": all(
+            is_unit(e.parent_tform_child.rotation) for e in frames.values() if e.parent_frame_name
+        ),
         "four feet, made or lost": [foot.contact in _CONTACTS for foot in state.foot_state] == [True] * 4,
     }
     missing = [name for name, is_there in wanted.items() if not is_there]
@@ -350,11 +352,8 @@ def goes_as_far_as_it_is_told(recording: Recording) -> str:
     """The goal ahead in the body's frame is reached, to a third of the way."""
     position_m = recording.streamed.body["odom"].position_m
     ahead = rotate_inverse_wxyz(recording.streamed.body["odom"].wxyz[0], position_m[-1] - position_m[0])
-    return (
-        ""
-        if math.dist(ahead[:2], (motions.WAY_M, 0.0)) < motions.WAY_M / 3.0
-        else f"{ahead[0]:.2f} m ahead, {ahead[1]:.2f} m left"
-    )
+    is_there = math.dist(ahead[:2], (motions.WAY_M, 0.0)) < motions.WAY_M / 3.0
+    return "" if is_there else f"{ahead[0]:.2f} m ahead, {ahead[1]:.2f} m left"
 
 
 @law("StandCommand.Feedback: status", "it stands when it says so", motions.SETTLING, source="basic_command.proto")

@@ -22,6 +22,8 @@ from fake_robot.conformance.server import (
     header,
     status_of,
 )
+from spot_model.robot.arm import ARM_KD_NM_S_PER_RAD, ARM_KP_NM_PER_RAD
+from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.state import Array
 
 POLL_S = 0.1
@@ -69,13 +71,19 @@ def send(
 
 
 def joint_request(server: Server, setpoints: Array, kp: Array, kd: Array, *, key: int = 1) -> Any:
-    """A message of joint control for half a second: positions, velocities and loads, shape (3, 12)."""
+    """A message of joint control for half a second: positions, velocities and loads, shape (3, 12).
+
+    An arm's joints are held where they were at rest, by the vendor's gains.
+    """
     request = robot_command_pb2.JointControlStreamRequest(header=header())
     command = request.joint_command
     command.end_time.CopyFrom(server.robot_stamp(0.5))
     parts = (command.position, command.velocity, command.load, command.gains.k_q_p, command.gains.k_qd_p)
-    for field, values in zip(parts, (*setpoints, kp, kd), strict=True):
-        field.extend(values.tolist())
+    arm_rad = server.once(record_rest).states[-1].joint_states.position[N_JOINTS:]
+    zeros = [0.0] * len(arm_rad)
+    gains = [of.tolist() if arm_rad else [] for of in (ARM_KP_NM_PER_RAD, ARM_KD_NM_S_PER_RAD)]
+    for field, values, arm in zip(parts, (*setpoints, kp, kd), (arm_rad, zeros, zeros, *gains), strict=True):
+        field.extend(values.tolist() + arm)
     command.user_command_key = key
     return request
 

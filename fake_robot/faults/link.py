@@ -111,11 +111,11 @@ class BackDatedStates(Fault):
 
 
 class MalformedStates(Fault):
-    """State messages arrive that are no states of a Spot: without a joint, cut, noise, or empty."""
+    """State messages arrive that are no states of this Spot: without a joint, without its arm, cut, noise, or empty."""
 
     name: ClassVar[str] = "malformed_states"
-    kind: Literal["eleven_joints", "cut", "noise", "empty"] = Field(
-        default="eleven_joints", description="eleven_joints, cut, noise or empty"
+    kind: Literal["eleven_joints", "no_arm", "cut", "noise", "empty"] = Field(
+        default="eleven_joints", description="eleven_joints, no_arm, cut, noise or empty"
     )
 
     @override

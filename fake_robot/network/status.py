@@ -123,6 +123,8 @@ class Snapshot:
     stance_progress: StanceProgress = StanceProgress.MOVING
     stand_height_m: float = 0.52
     """Height of the body's origin over the ground in the nominal stand."""
+    arm: Array = field(default_factory=lambda: np.empty((3, 0)))
+    """Positions, velocities and loads of an arm's joints, shape (3, 7); without one, (3, 0)."""
 
 
 @dataclass(frozen=True)

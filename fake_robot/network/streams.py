@@ -12,6 +12,7 @@ import numpy as np
 from bosdyn.api import robot_state_pb2
 
 from fake_robot.scenario.parts import ChannelConfig
+from spot_model.robot.facts import N_JOINTS
 
 MessageT = TypeVar("MessageT")
 
@@ -111,11 +112,15 @@ class StateSubscription:
 
 
 def spoil(message: bytes, kind: str) -> bytes:
-    """A state message, spoilt: ``eleven_joints``, ``cut`` in the middle, ``noise`` of the same length, or ``empty``."""
-    if kind == "eleven_joints":
+    """A state message, spoilt.
+
+    It lacks joints (``eleven_joints``, or those of an arm: ``no_arm``), is ``cut`` in the middle, ``noise`` of the same
+    length, or ``empty``.
+    """
+    if kind in ("eleven_joints", "no_arm"):
         state = robot_state_pb2.RobotStateStreamResponse.FromString(message)
         for values in (state.joint_states.position, state.joint_states.velocity, state.joint_states.load):
-            del values[11:]
+            del values[11 if kind == "eleven_joints" else N_JOINTS :]
         wire: bytes = state.SerializeToString()
         return wire
     if kind == "cut":

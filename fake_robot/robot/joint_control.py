@@ -18,14 +18,14 @@ from fake_robot.robot.streamed_command import (
 )
 from fake_robot.scenario.parts import JointControlConfig
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import JOINT_NAMES, NS_PER_S, Array
+from spot_model.robot.facts import JOINT_NAMES, N_JOINTS, NS_PER_S, Array
 
 
 class Stream:
     """The body's end of one joint-control stream."""
 
-    def __init__(self, opened_ns: int, on_failure: Callable[[], None]) -> None:
-        self.grammar = StreamGrammar()
+    def __init__(self, opened_ns: int, on_failure: Callable[[], None], n_joints: int = N_JOINTS) -> None:
+        self.grammar = StreamGrammar(n_joints)
         self.inactive_since_ns = opened_ns
         self.failure: StreamFailure | None = None
         self._on_failure = on_failure
@@ -148,6 +148,10 @@ class JointControl:
             late_ms = (stamp_ns - command.end_stamp_ns) * 1e-6
             return Expiry(f"command {command.key} ended {late_ms:.1f} ms ago, and no newer one has arrived")
         return command.servo_at(stamp_ns)
+
+    def arm_servo(self) -> ServoCommand | None:
+        """What the newest command asks of the arm; None without a command, or an arm."""
+        return None if self._newest is None else self._newest.arm
 
     def excess_velocity(self, velocity_rad_s: Array) -> str | None:
         """How the command's velocity safety limit is exceeded; None while it holds."""

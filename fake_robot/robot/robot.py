@@ -230,7 +230,7 @@ class Robot:
     def open_command_stream(self, on_failure: Callable[[], None]) -> CommandStream:
         """Open a joint-control stream; ``on_failure`` is called, and must not block, when it has to end."""
         with self._changed:
-            stream = Stream(self._simulation.now_ns, on_failure)
+            stream = Stream(self._simulation.now_ns, on_failure, self._simulation.n_joints)
             self._simulation.joint_control.streams.append(stream)
         return CommandStream(self, stream)
 

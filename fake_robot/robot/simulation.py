@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fake_robot.body.arm import Arm
 from fake_robot.body.body import Body
 from fake_robot.body.clock import RobotClock
 from fake_robot.body.energy import Energy
-from fake_robot.body.sensing import Frame, Sensing
+from fake_robot.body.sensing import Frame, Report, Sensing
 from fake_robot.body.truth import Extremes
 from fake_robot.faults.active_faults import ActiveFaults, active_system_faults
 from fake_robot.faults.fault import Fault
@@ -28,7 +29,8 @@ from fake_robot.robot.streamed_command import StreamedCommand
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
+from spot_model.robot.arm import N_ARM_JOINTS
+from spot_model.robot.facts import N_JOINTS, NS_PER_S, STATE_PERIOD_NS
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 
 _STAND_FEET_M = stand_feet_m(0.5)[:, :2]
@@ -45,12 +47,14 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario, clock: RobotClock, deliver: Callable[[int, bytes], None]) -> None:
-        seeds = np.random.SeedSequence(scenario.seed).spawn(6)
+        seeds = np.random.SeedSequence(scenario.seed).spawn(7)
         rngs = [np.random.default_rng(seed) for seed in seeds]
         self.scenario = scenario
         self.now_ns = 0
         self.body = Body(scenario, rngs[0])
         self.sensing = Sensing(scenario, self.body, rngs[1])
+        self._arm = Arm(np.array(scenario.arm.position_rad), scenario.sensors, rngs[6]) if scenario.has_arm else None
+        self.n_joints = N_JOINTS + (N_ARM_JOINTS if scenario.has_arm else 0)
         self.joint_control = JointControl(scenario.joint_control, clock.stamp_ns)
         self.walker = Walker(
             None if scenario.motion.walking_policy is None else Path(scenario.motion.walking_policy),
@@ -84,7 +88,7 @@ class Simulation:
         like = np.zeros((1, 12))
         self._software = [e.arrays_like(like) for e in effects if isinstance(e, SoftwareEffect)]
         self._command_effects = [e.arrays_like(like) for e in effects if isinstance(e, CommandEffect)]
-        self.report = self.sensing.report(0, self.faults.effects)
+        self.report = self._report()
 
     # Commands ---------------------------------------------------------------------------------------------------------
 
@@ -151,7 +155,10 @@ class Simulation:
         if self._commands.next_arrival_ns is not None:
             for arrival_ns, _, (stream, command) in self._commands.receive(now_ns):
                 self.joint_control.receive(stream, command, arrival_ns, self.body.joint_position_rad)
-        self.body.step(self.modes.servo(now_ns))
+        servo = self.modes.servo(now_ns)
+        self.body.step(servo)
+        if self._arm is not None:
+            self._arm.step(servo, self.joint_control.arm_servo(), self._step_ns * 1e-9)
         self.sensing.sample(self._substep)
         self._substep += 1
         self.now_ns = now_ns = now_ns + self._step_ns
@@ -178,8 +185,12 @@ class Simulation:
         self.energy.step(body.motor_torque_nm, body.joint_velocity_rad_s, period_s, is_powered=is_powered)
         self._count(period_s, is_powered=is_powered)
         self.extremes.note(body)
-        self.report = self.sensing.report(now_ns, self.faults.effects)
+        self.report = self._report()
         self._send_state(now_ns)
+
+    def _report(self) -> Report:
+        report = self.sensing.report(self.now_ns, self.faults.effects)
+        return report if self._arm is None else report._replace(arm=self._arm.report())
 
     def _send_state(self, now_ns: int) -> None:
         fault_effects, stamp_ns = self.faults.effects, self._clock.stamp_ns(now_ns)

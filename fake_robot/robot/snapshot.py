@@ -33,6 +33,7 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
         position_rad=report.position_rad,
         velocity_rad_s=report.velocity_rad_s,
         load_nm=report.load_nm,
+        arm=report.arm,
         position_of_body_in_odom_m=np.array(odom.point(position)),
         odom_from_body_wxyz=np.array(odom.rotation(attitude)),
         position_of_body_in_vision_m=np.array(vision.point(position)),

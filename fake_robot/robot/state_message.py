@@ -76,9 +76,10 @@ class StateMessageBuilder:
         for stamp in self._stamps:
             stamp.seconds, stamp.nanos = seconds, nanos
         position, velocity, load = self._joints
-        position[:] = report.position_rad.tolist()
-        velocity[:] = report.velocity_rad_s.tolist()
-        load[:] = report.load_nm.tolist()
+        arm = report.arm.tolist()
+        position[:] = report.position_rad.tolist() + arm[0]
+        velocity[:] = report.velocity_rad_s.tolist() + arm[1]
+        load[:] = report.load_nm.tolist() + arm[2]
         self._fill_packets(report, stamp_ns)
         self._fill_kinematics(report)
         # CONTACT_MADE is 1, CONTACT_LOST 2.

@@ -13,6 +13,7 @@ from fake_robot.body.drive import LOAD_LIMIT_NM
 from fake_robot.network.status import StreamFailure
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot import facts
+from spot_model.robot.arm import ARM_HIGH_RAD, ARM_LOW_RAD
 from spot_model.robot.facts import NS_PER_S, Array
 
 INVALID_REQUEST: int = robot_command_pb2.JointControlStreamResponse.STATUS_INVALID_REQUEST
@@ -36,6 +37,8 @@ class StreamedCommand:
     key: int
     servo: ServoCommand
     """Set-points at the reference time, saturated; arrays of shape (1, 12)."""
+    arm: ServoCommand | None
+    """Likewise for an arm, arrays of shape (1, 7); None on a robot without one."""
     end_stamp_ns: int
     reference_stamp_ns: int | None
     """None until it is received, if the message names no reference time."""
@@ -62,7 +65,8 @@ class StreamedCommand:
 class StreamGrammar:
     """Reads the messages of one stream; remembers what holds from one to the next: the gains."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_joints: int = facts.N_JOINTS) -> None:
+        self._n_joints = n_joints
         self._gains: tuple[Array, Array] | None = None
         self._sent_gains: tuple[list[float], list[float]] = ([], [])
 
@@ -77,8 +81,12 @@ class StreamGrammar:
         command = request.joint_command
         if not command.HasField("end_time"):
             raise _invalid("end_time is missing; give the robot time after which the command is void")
-        position, velocity, load = (_values(name, getattr(command, name)) for name in ("position", "velocity", "load"))
-        kp, kd = self._read_gains(command)
+        values = [self._values(name, getattr(command, name)) for name in ("position", "velocity", "load")]
+        values += self._read_gains(command)
+        position, velocity, load, kp, kd = (of_joints[:, : facts.N_JOINTS] for of_joints in values)
+        arm = [of_joints[:, facts.N_JOINTS :] for of_joints in values] if self._n_joints > facts.N_JOINTS else []
+        if arm:
+            arm[0] = np.clip(arm[0], ARM_LOW_RAD, ARM_HIGH_RAD)
         extrapolation_ns = _duration_ns(command.extrapolation_duration)
         if extrapolation_ns < 0:
             raise _invalid(f"extrapolation_duration = {extrapolation_ns * 1e-9:g} s; allowed: 0 and above")
@@ -88,6 +96,7 @@ class StreamGrammar:
         return StreamedCommand(
             key=command.user_command_key,
             servo=ServoCommand(saturated_rad(position), velocity, _saturated_nm(load), kp, kd),
+            arm=ServoCommand(*arm) if arm else None,
             end_stamp_ns=_stamp_ns(command.end_time),
             reference_stamp_ns=_stamp_ns(command.reference_time) if command.HasField("reference_time") else None,
             extrapolation_ns=extrapolation_ns,
@@ -101,7 +110,7 @@ class StreamGrammar:
             if not (sent[0] and sent[1]):
                 missing = "k_qd_p" if sent[0] else "k_q_p"
                 raise _invalid(f"gains are given in part: {missing} is missing; give k_q_p and k_qd_p, or neither")
-            gains = _values("gains.k_q_p", sent[0]), _values("gains.k_qd_p", sent[1])
+            gains = self._values("gains.k_q_p", sent[0]), self._values("gains.k_qd_p", sent[1])
             for name, values in zip(("k_q_p", "k_qd_p"), gains, strict=True):
                 if values.min() < 0.0:
                     raise _invalid(f"gains.{name} holds {values.min():g}; allowed: 0 and above")
@@ -109,6 +118,17 @@ class StreamGrammar:
         if self._gains is None:
             raise _invalid("the first message has no gains; give k_q_p and k_qd_p there")
         return self._gains
+
+    def _values(self, name: str, field: Any) -> Array:
+        # By way of a list, which is several times as fast as the field itself.
+        values = np.array(field[:], dtype=np.float64)
+        if values.size != self._n_joints:
+            arm = "an arm" if self._n_joints > facts.N_JOINTS else "no arm"
+            raise _invalid(f"{name} has {values.size} values; allowed: {self._n_joints}, one a joint (with {arm})")
+        # The sum is finite only if every value is, for what fits into a float32.
+        if not math.isfinite(values.sum()):
+            raise _invalid(f"{name} holds a value that is no finite number")
+        return values[np.newaxis]
 
 
 def saturated_rad(position_rad: Array) -> Array:
@@ -118,20 +138,6 @@ def saturated_rad(position_rad: Array) -> Array:
 
 def _saturated_nm(load_nm: Array) -> Array:
     return np.asarray(np.minimum(np.maximum(load_nm, -LOAD_LIMIT_NM), LOAD_LIMIT_NM))
-
-
-def _values(name: str, field: Any) -> Array:
-    # By way of a list, which is several times as fast as the field itself.
-    values = np.array(field[:], dtype=np.float64)
-    if values.size != facts.N_JOINTS:
-        raise _invalid(
-            f"{name} has {values.size} values; allowed: {facts.N_JOINTS}, one a joint (19 on a robot with an arm; "
-            "this one has none)"
-        )
-    # The sum is finite only if every value is, for what fits into a float32.
-    if not math.isfinite(values.sum()):
-        raise _invalid(f"{name} holds a value that is no finite number")
-    return values[np.newaxis]
 
 
 def _read_velocity_limit(command: Any) -> float | None:

@@ -8,6 +8,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from spot_model.io.settings import Settings
 from spot_model.plant.delay import Delay, LogNormalDelay
+from spot_model.robot.arm import ARM_HIGH_RAD, ARM_JOINT_NAMES, ARM_LOW_RAD, STOWED_RAD
 from spot_model.robot.facts import JOINT_NAMES, ROBOT_CLOCK_SKEW_S, STATE_PERIOD_NS
 
 JointName = Literal[
@@ -82,6 +83,20 @@ class PayloadConfig(Part):
     """Its mass."""
     com_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.12)
     """Its centre of mass in the body frame: forward, left, up."""
+
+
+class ArmConfig(Part):
+    """The arm of a robot with ``model: {robot: spot_with_arm}``; without meaning for others."""
+
+    position_rad: tuple[float, float, float, float, float, float, float] = tuple(STOWED_RAD.tolist())
+    """Where its joints are at the start: sh0, sh1, el0, el1, wr0, wr1, f1x; stowed by default."""
+
+    @model_validator(mode="after")
+    def _is_within_stops(self) -> ArmConfig:
+        for name, at, low, high in zip(ARM_JOINT_NAMES, self.position_rad, ARM_LOW_RAD, ARM_HIGH_RAD, strict=True):
+            if not low <= at <= high:
+                raise ValueError(f"position_rad of {name} = {at:g}; allowed: {low:g} to {high:g}")
+        return self
 
 
 class ChannelConfig(Part):

@@ -19,6 +19,7 @@ from pydantic import BaseModel, Field, PrivateAttr, ValidationError
 from fake_robot.scenario.parts import (
     COMMAND_CHANNEL,
     STATE_CHANNEL,
+    ArmConfig,
     BatteryConfig,
     ChannelConfig,
     ClockConfig,
@@ -36,7 +37,7 @@ from fake_robot.scenario.parts import (
     TerrainConfig,
 )
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import RobotModel, model_from_data
+from spot_model.io.model_file import RobotModel, RobotName, model_from_data
 from spot_model.io.settings import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.plant.delay import read_delay_csv
@@ -66,8 +67,8 @@ DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
 class ModelConfig(Part):
     """The robot's hidden truth, as in a model file, without its key ``schema``."""
 
-    robot: Literal["spot"] = "spot"
-    """The robot's body."""
+    robot: RobotName = "spot"
+    """The robot's body: `spot`, or `spot_with_arm`, whose streams have 19 joints."""
     effects: tuple[dict[str, Any], ...] = DEFAULT_EFFECTS
     """As in a [model file](files.md#model-file); they replace the default ones."""
 
@@ -86,6 +87,7 @@ class Scenario(Part):
     physics: PhysicsConfig = PhysicsConfig()
     terrain: TerrainConfig = TerrainConfig()
     payload: PayloadConfig = PayloadConfig()
+    arm: ArmConfig = ArmConfig()
     state_channel: ChannelConfig = STATE_CHANNEL
     command_channel: ChannelConfig = COMMAND_CHANNEL
     sensors: SensorConfig = SensorConfig()
@@ -111,6 +113,11 @@ class Scenario(Part):
     def robot_model(self) -> RobotModel:
         """The effects of the hidden truth, built."""
         return self._robot_model
+
+    @property
+    def has_arm(self) -> bool:
+        """Whether the robot has an arm."""
+        return self._robot_model.robot == "spot_with_arm"
 
     @property
     def is_lock_step(self) -> bool:

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from spot_log.format.records import EventRecord, RunHeader
-from spot_log.format.tables import CommandTable, ImuTable, SlowTable, StateTable, TickTable
+from spot_log.format.tables import ArmTable, CommandTable, ImuTable, SlowTable, StateTable, TickTable
 from spot_log.read.run import RunFooter
 
 from .words import attribute_docs, page, table
@@ -21,6 +21,7 @@ AS_READ: dict[str, type] = {
     "Header": RunHeader,
     "ImuPacket": ImuTable,
     "State": StateTable,
+    "Arm": ArmTable,
     "Command": CommandTable,
     "Tick": TickTable,
     "SlowState": SlowTable,

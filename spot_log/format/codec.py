@@ -46,7 +46,8 @@ TICK: Final = Topic(4, "/tick", log_pb2.Tick)
 SLOW_STATE: Final = Topic(5, "/slow_state", log_pb2.SlowState)
 EVENT: Final = Topic(6, "/event", log_pb2.Event)
 FOOTER: Final = Topic(7, "/footer", log_pb2.Footer)
-OWN_TOPICS: Final = (HEADER, STATE, COMMAND, TICK, SLOW_STATE, EVENT, FOOTER)
+ARM: Final = Topic(8, "/arm", log_pb2.Arm)
+OWN_TOPICS: Final = (HEADER, STATE, COMMAND, TICK, SLOW_STATE, EVENT, FOOTER, ARM)
 
 JOINT_STATES: Final = Topic(11, "/joint_states", JointStates)
 TRANSFORMS: Final = Topic(12, "/tf", FrameTransforms)
@@ -78,7 +79,8 @@ def header_from_proto(message: log_pb2.Header) -> RunHeader:
 
 def state_to_proto(state: RobotState) -> log_pb2.State:
     """Convert a state."""
-    return log_pb2.State(**{**_fields(state), "imu": [log_pb2.ImuPacket(**_fields(packet)) for packet in state.imu]})
+    fields = {name: value for name, value in _fields(state).items() if not name.startswith("arm_")}
+    return log_pb2.State(**{**fields, "imu": [log_pb2.ImuPacket(**_fields(packet)) for packet in state.imu]})
 
 
 def slow_state_to_proto(state: SlowState) -> log_pb2.SlowState:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from typing_extensions import Self
 
+from spot_model.robot.arm import ARM_JOINT_NAMES
 from spot_model.robot.state import Array, RobotState
 
 AXES: Final = ("x", "y", "z")
@@ -133,6 +134,22 @@ class ImuTable(Table):
     """Turning rate of that link, in its own frame. Shape (m, 3)."""
     odom_from_link_wxyz: Array = column(np.float64, WXYZ)
     """Orientation of that link in odom, scalar first. Shape (m, 4)."""
+
+
+@dataclass(frozen=True)
+class ArmTable(Table):
+    """The joints of an arm, one row a state; no rows for a robot without one."""
+
+    robot_stamp_ns: Ints = column(np.int64)
+    """Stamp of the state, robot clock. Shape (n,)."""
+    host_stamp_ns: Ints = column(np.int64)
+    """When the state was received, host clock. Shape (n,)."""
+    position_rad: Array = column(np.float64, ARM_JOINT_NAMES)
+    """Shape (n, 7)."""
+    velocity_rad_s: Array = column(np.float64, ARM_JOINT_NAMES)
+    """Shape (n, 7)."""
+    load_nm: Array = column(np.float64, ARM_JOINT_NAMES)
+    """Torque measured at the joints, shape (n, 7)."""
 
 
 @dataclass(frozen=True)

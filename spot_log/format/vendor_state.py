@@ -11,11 +11,12 @@ from google.protobuf.message import DecodeError
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from spot_model.errors import BadInputError
+from spot_model.robot.arm import N_ARM_JOINTS
 from spot_model.robot.facts import N_JOINTS, N_LEGS, NS_PER_S
 from spot_model.robot.state import ImuPacket, RobotState
 from spot_protos import log_pb2
 
-N_JOINTS_WITH_ARM: Final = 19
+N_JOINTS_WITH_ARM: Final = N_JOINTS + N_ARM_JOINTS
 _CONTACT_MADE: Final = robot_state_pb2.FootState.CONTACT_MADE
 _ARRAYS: Final = (
     "position_rad",
@@ -51,8 +52,8 @@ class _ImuPackets(Sequence[ImuPacket]):
 def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]) -> RobotState:
     """Decode the wire bytes of a RobotStateStreamResponse.
 
-    The state's stamp is the joints' acquisition stamp. The seven arm joints, where there are any, are left out. No
-    value is checked here, so NaN passes through. A robot that reports no contacts touches the ground with no foot.
+    The state's stamp is the joints' acquisition stamp. An arm's joints, where there are any, stand apart. No value
+    is checked here, so NaN passes through. A robot that reports no contacts touches the ground with no foot.
 
     Args:
         wire: The message as it came from the network.
@@ -74,6 +75,8 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
     ):
         if n not in (N_JOINTS, N_JOINTS_WITH_ARM):
             raise _wrong_length(name, n)
+    if not len(joints.position) == len(joints.velocity) == len(joints.load):
+        raise StateMessageError("state message has positions, velocities and loads of unequal numbers of joints")
     if n_contacts not in (0, N_LEGS):
         raise StateMessageError(f"state message has {n_contacts} contact states; Spot sends {N_LEGS}, or none")
     values = _values(message)
@@ -81,13 +84,19 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
         values[name] = np.array(values[name], dtype=np.float64)
     values["foot_contact"] = np.array(values["foot_contact"] or [False] * N_LEGS, dtype=np.bool_)
     received_ns = host_stamp_ns if isinstance(host_stamp_ns, int) else host_stamp_ns(values["robot_stamp_ns"])
-    return RobotState(host_stamp_ns=received_ns, imu=_ImuPackets(message.inertial_state.packets), **values)
+    return RobotState(
+        host_stamp_ns=received_ns,
+        imu=_ImuPackets(message.inertial_state.packets),
+        arm_position_rad=joints.position[N_JOINTS:],
+        arm_load_nm=joints.load[N_JOINTS:],
+        **values,
+    )
 
 
 def state_record_from_wire(wire: bytes, host_stamp_ns: int) -> log_pb2.State:
     """Decode the same bytes into the log's record, without arrays, which would cost three times as much.
 
-    What is missing in the message is missing in the record.
+    What is missing in the message is missing in the record. An arm's joints go with it to the writer.
 
     Raises:
         google.protobuf.message.DecodeError: The bytes are no such message.
@@ -99,9 +108,16 @@ def state_record_from_wire(wire: bytes, host_stamp_ns: int) -> log_pb2.State:
         raise _wrong_length("position", n_joints)
     try:
         imu = [log_pb2.ImuPacket(**_packet_values(packet)) for packet in message.inertial_state.packets]
-        return log_pb2.State(host_stamp_ns=host_stamp_ns, imu=imu, **_values(message))
+        record = log_pb2.State(host_stamp_ns=host_stamp_ns, imu=imu, **_values(message))
     except ValueError as error:  # a stamp that no clock shows
         raise StateMessageError(f"state message cannot be kept: {error}") from error
+    if n_joints == N_JOINTS_WITH_ARM:
+        joints, arm = message.joint_states, record.arm
+        arm.robot_stamp_ns, arm.host_stamp_ns = record.robot_stamp_ns, host_stamp_ns
+        arm.position_rad[:] = joints.position[N_JOINTS:]
+        arm.velocity_rad_s[:] = joints.velocity[N_JOINTS:]
+        arm.load_nm[:] = joints.load[N_JOINTS:]
+    return record
 
 
 def _wrong_length(name: str, n: int) -> StateMessageError:

@@ -84,7 +84,7 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
         return
     readings = {f"unit: {unit}": position * f for unit, f in _units(recording, "position")}
     if set(names) == set(JOINT_NAMES):
-        source = position[:, [names.index(joint) for joint in recording.mapping.source_joints]]
+        source = position[:, [names.index(joint) for joint in recording.mapping.source_joints if joint in names]]
         order = f"source_joint_names: [{', '.join(BREADTH_FIRST)}]"
         readings[order] = source[:, [BREADTH_FIRST.index(name) for name in names]]
     fitting = [how for how, values in readings.items() if ours and outside(values).max() < 0.01]

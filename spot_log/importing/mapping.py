@@ -133,7 +133,7 @@ class Mapping(_Strict):
     joint_names: tuple[str, ...] = JOINT_NAMES
     """Joints in the log's order."""
     source_joint_names: tuple[str, ...] | None = None
-    """The same joints in the source's order, where that is another."""
+    """The joints in the source's order, where that is another or has more, such as an arm's, which are left out."""
     names_in_source: dict[str, str] = {}
     """What the source calls a joint or a foot, where it has another name: the text for `{joint}` or `{foot}`."""
     foot_names: tuple[str, ...] = LEG_NAMES
@@ -164,8 +164,8 @@ class Mapping(_Strict):
         names = self.source_joint_names
         if len(set(self.joint_names)) != len(self.joint_names):
             raise ValueError("joint_names has a name twice")
-        if names is not None and sorted(names) != sorted(self.joint_names):
-            raise ValueError("source_joint_names must hold the same names as joint_names, in the source's order")
+        if names is not None and (len(set(names)) != len(names) or not set(names) >= set(self.joint_names)):
+            raise ValueError("source_joint_names must hold the names of joint_names, each once, in the source's order")
         return self
 
     @property

@@ -209,7 +209,7 @@ class Recording:
         spec = self.mapping.signals[name]
         where = f"signal {name}"
         signal, per_joint = SIGNALS[name], SIGNALS[name].width == JOINTS
-        width = len(self.mapping.joint_names) if per_joint else signal.width
+        width = len(self.mapping.source_joints) if per_joint else signal.width
         factor = factor_of(spec.unit, signal.quantity, where)
         raw = self._constant(spec, width) if spec.source is None else self._columns(spec, where)
         if width and raw.shape[1] != width:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from spot_log.importing.bag import Topic, is_bag, read_topics
 from spot_log.importing.mapping import SCHEMA
 from spot_log.importing.recording import UNITS, read_arrays
+from spot_model.robot.arm import ARM_JOINT_NAMES
 from spot_model.robot.facts import JOINT_NAMES
 
 _KINDS: Final = {
@@ -79,7 +80,8 @@ def _of_arrays(arrays: dict[str, NDArray[Any]]) -> Iterator[str]:
     sizes = {s: sum(arrays[n][:1].size for n in columns) for s, columns in signals.items()}
     found, size = signals["position"], sizes["position"]
     named = ["_".join(word for word in _words(name) if not re.fullmatch(_FILLERS, word)) for name in found]
-    usual = JOINT_NAMES if size == len(JOINT_NAMES) else [f"joint_{i}" for i in range(size)]
+    spots = {len(names): names for names in (JOINT_NAMES, (*JOINT_NAMES, *ARM_JOINT_NAMES))}
+    usual = spots.get(size) or [f"joint_{i}" for i in range(size)]
     yield from _names(named if len(set(named)) == size and all(named) else usual)
     stamps = next((name for name in arrays if _has(name, _TIMES)), "")
     yield _time(stamps, arrays[stamps]) if stamps else "time: {rate_hz: RATE}  # no array is named as stamps are"
@@ -101,6 +103,8 @@ def _names(joints: Sequence[str]) -> Iterator[str]:
     if set(ours.values()) >= set(JOINT_NAMES):
         other = [f"{text}: {joint}" for joint, text in ours.items() if text in JOINT_NAMES and text != joint]
         yield from [f"names_in_source: {{{', '.join(other)}}}"] if other else []
+        # What is more, such as an arm's, is left out.
+        yield from [f"source_joint_names: {_listed(list(ours.values()))}"] if len(ours) > len(JOINT_NAMES) else []
     else:
         yield from [f"joint_names: {_listed(joints)}", "foot_names: []"]
 

@@ -85,9 +85,11 @@ def _falls_text(info: LogInfo) -> str:
 
 def _states_text(info: LogInfo) -> str:
     states = info.states
+    arm = f"; it has an arm, of {info.arm_joints} joints" if info.arm_joints else ""
     return (
         f"{info.state_count} at {number(states.rate_hz, '.2f')} Hz of robot time, longest step "
-        f"{number(states.period_ms.largest, '.1f')} ms, {states.gaps} gaps, {states.backward} repeated or back-dated"
+        f"{number(states.period_ms.largest, '.1f')} ms, {states.gaps} gaps, {states.backward} repeated or "
+        f"back-dated{arm}"
     )
 
 

@@ -13,13 +13,13 @@ from mcap.reader import SeekingReader
 
 from spot_log.errors import LogReadError, ManyRunsError, MissingHeaderError, NotAnMcapError, SchemaVersionError
 from spot_log.format import codec
-from spot_log.format.codec import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
+from spot_log.format.codec import ARM, COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.format.records import SCHEMA_NAME, RunHeader
 from spot_log.format.tables import Table
 from spot_log.read.chunks import PARSE_ERRORS
 from spot_log.read.columns import Parsed, UnusualError, Wire
 from spot_log.read.mcap_scan import Scan, scan_mcap
-from spot_log.read.run import CommandTable, ImuTable, Ints, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.read.run import ArmTable, CommandTable, ImuTable, Ints, Run, RunFooter, SlowTable, StateTable, TickTable
 from spot_log.write.mcap_file import MAGIC
 from spot_log.write.run_writer import HEADER_ATTACHMENT
 from spot_model.policy.observation import N_OBSERVATION
@@ -149,6 +149,7 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
         ticks=_table(path, scan, TICK, lambda source: _tick_table(source, len(joints))),
         slow_states=_slow_table(_parsed(path, scan, SLOW_STATE), joints),
         events=tuple(codec.event_from_proto(message) for message in _parsed(path, scan, EVENT).messages),
+        arm=_table(path, scan, ARM, lambda source: source.table(ArmTable, {})),
         footer=_footer(footers[-1]) if footers else None,
         damage=_damage_text(scan, footers[-1] if footers else None),
     )

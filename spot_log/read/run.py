@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from spot_log.format import events
 from spot_log.format.records import EventRecord, RunHeader
-from spot_log.format.tables import CommandTable, ImuTable, Ints, SlowTable, StateTable, TickTable
+from spot_log.format.tables import ArmTable, CommandTable, ImuTable, Ints, SlowTable, StateTable, TickTable
 from spot_model.errors import BadInputError
 from spot_model.policy.observation import N_OBSERVATION
 
-__all__ = ["CommandTable", "ImuTable", "Ints", "Run", "RunFooter", "SlowTable", "StateTable", "TickTable"]
+__all__ = ["ArmTable", "CommandTable", "ImuTable", "Ints", "Run", "RunFooter", "SlowTable", "StateTable", "TickTable"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,8 @@ class Run:
     """Counts, and how the run ended; None if the log was not closed."""
     damage: tuple[str, ...] = field(default_factory=tuple)
     """What could not be read, a sentence each; empty for a whole log."""
+    arm: ArmTable = field(default_factory=lambda: ArmTable.of(0, {}))
+    """The joints of an arm in each of the states; no rows for a robot without one."""
 
     def __repr__(self) -> str:
         """In one line: the arrays would fill a screen."""
@@ -83,7 +85,7 @@ class Run:
         ``velocity_command.x_m_s`` (``y_m_s``, ``yaw_rad_s``), ``observation.00``.
 
         Args:
-            topic: state, imu, command, tick, slow_state or event.
+            topic: state, imu, arm, command, tick, slow_state or event.
 
         Raises:
             FrameError: The topic is unknown, or pandas is not installed.
@@ -140,11 +142,12 @@ Table = dict[str, NDArray[Any]]
 
 
 def tables_of(run: Run) -> dict[str, Table]:
-    """All tables of a run by topic: state, imu, command, tick, slow_state, event."""
+    """All tables of a run by topic: state, imu, arm, command, tick, slow_state, event."""
     names = {"joints": tuple(run.header.joint_names), "feet": tuple(run.header.foot_names)}
     return {
         "state": run.states.flat(names),
         "imu": run.states.imu.flat(names),
+        "arm": run.arm.flat(names),
         "command": run.commands.flat(names),
         "tick": run.ticks.flat(names),
         "slow_state": {**run.slow_states.flat(names), **_lists(run)},

@@ -107,6 +107,8 @@ class LogInfo:
     dropped: dict[str, int]
     states: Steps
     state_count: int
+    arm_joints: int
+    """Joints of an arm that the states have beside the legs'; 0 for a robot without one."""
     receive_ms: Spread
     """Steps between receipts, host clock."""
     ticks: TickInfo
@@ -152,6 +154,7 @@ def log_info(run: Run) -> LogInfo:
         dropped=measures.dropped(run),
         states=measures.steps(run.states.robot_stamp_ns),
         state_count=len(run.states),
+        arm_joints=run.arm.position_rad.shape[1] if len(run.arm) else 0,
         receive_ms=Spread.of(np.diff(run.states.host_stamp_ns), 1e-6),
         ticks=_ticks(run),
         commands=_commands(run),

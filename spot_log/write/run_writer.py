@@ -15,6 +15,7 @@ from spot_log.errors import DiskSpaceError, LogError, LogExistsError
 from spot_log.format import codec, viewer
 from spot_log.format.codec import (
     ALL_TOPICS,
+    ARM,
     COMMAND,
     EVENT,
     EVENT_TEXT,
@@ -217,6 +218,9 @@ class RunWriter:
         if self._robot_minus_host_ns is None:
             self._robot_minus_host_ns = state.robot_stamp_ns - state.host_stamp_ns
         acquired_ns = self._to_host(state)
+        if state.HasField("arm"):
+            self._put(ARM, state.arm, sequence, state.host_stamp_ns, acquired_ns)
+            state.ClearField("arm")
         self._put(STATE, state, sequence, state.host_stamp_ns, acquired_ns)
         slot = state.robot_stamp_ns // viewer.VIEWER_PERIOD_NS
         if slot == self._viewer_slot or not self._for_viewers:
@@ -256,4 +260,5 @@ class RunWriter:
 
 
 def _by_topic(counts: Mapping[int, int]) -> dict[str, int]:
-    return {topic.name[1:]: counts[topic.channel_id] for topic in OWN_TOPICS if topic not in (HEADER, FOOTER)}
+    told = [topic for topic in OWN_TOPICS if topic not in (HEADER, FOOTER, *(() if counts[ARM.channel_id] else (ARM,)))]
+    return {topic.name[1:]: counts[topic.channel_id] for topic in told}

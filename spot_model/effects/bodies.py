@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from spot_model.effects.base import ModelEffect, ModelFields, legs_of, parameter, per_sim
+from spot_model.robot.arm import ARM_MASS_KG, STOWED_RAD, arm_as_one_body
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
 
 
@@ -24,19 +25,53 @@ class PayloadMass(ModelEffect):
     z_m: Any = parameter(null=0.0, low=-0.3, high=0.5, unit="m", source="rails on the back")
 
     def edit(self, fields: ModelFields) -> None:
-        """Add the mass, shift the centre of mass, add the inertia about the principal axes (parallel-axis theorem)."""
-        body = fields.body_id("body")
-        mass, com, inertia = fields["body_mass"], fields["body_ipos"], fields["body_inertia"]
-        old = mass[:, body] + 0.0
-        added = per_sim(self.mass_kg) + 0.0 * old
-        new = old + added
-        reduced = old * added / new
-        offsets = [per_sim(v) - com[:, body, axis] for axis, v in enumerate((self.x_m, self.y_m, self.z_m))]
-        for axis in range(3):
-            others = [offsets[k] for k in range(3) if k != axis]
-            inertia[:, body, axis] += reduced * (others[0] * others[0] + others[1] * others[1])
-            com[:, body, axis] += offsets[axis] * added / new
-        mass[:, body] += added
+        """Add the mass."""
+        _add_to_body(fields, self.mass_kg, (self.x_m, self.y_m, self.z_m))
+
+
+def _add_to_body(
+    fields: ModelFields, added_kg: Any, place_m: tuple[Any, Any, Any], own_m2: tuple[float, ...] = (0.0, 0.0, 0.0)
+) -> None:
+    """Add a mass at a place and its own inertia, m² a kilogram, about the principal axes (parallel-axis theorem)."""
+    body = fields.body_id("body")
+    mass, com, inertia = fields["body_mass"], fields["body_ipos"], fields["body_inertia"]
+    old = mass[:, body] + 0.0
+    added = per_sim(added_kg) + 0.0 * old
+    new = old + added
+    reduced = old * added / new
+    offsets = [per_sim(v) - com[:, body, axis] for axis, v in enumerate(place_m)]
+    for axis in range(3):
+        others = [offsets[k] for k in range(3) if k != axis]
+        inertia[:, body, axis] += reduced * (others[0] * others[0] + others[1] * others[1]) + added * own_m2[axis]
+        com[:, body, axis] += offsets[axis] * added / new
+    mass[:, body] += added
+
+
+_STOWED = arm_as_one_body(STOWED_RAD)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StowedArm(ModelEffect):
+    """Spot's arm, stowed, as a rigid part of the body: its mass, with its inertia, over the front of the back.
+
+    Stiff servos hold its joints, so that it moves with the body. A model of ``robot: spot_with_arm`` has it.
+
+    Source: the links of the vendor's published model, 7.47 kg; data sheet 8 kg with the gripper.
+    """
+
+    name: ClassVar[str] = "stowed_arm"
+
+    mass_kg: Any = parameter(null=0.0, low=0.0, high=15.0, unit="kg", source="published model 7.47 kg")
+
+    def edit(self, fields: ModelFields) -> None:
+        """Add the arm; its products of inertia, under 2 % of its moments, are left out."""
+        own_m2 = tuple(moment / ARM_MASS_KG for moment in _STOWED.inertia_kg_m2[:3])
+        _add_to_body(fields, self.mass_kg, _STOWED.com_m, own_m2)
+
+    @staticmethod
+    def published() -> StowedArm:
+        """The arm as it is published."""
+        return StowedArm(mass_kg=round(ARM_MASS_KG, 3))
 
 
 @dataclass(frozen=True, kw_only=True)

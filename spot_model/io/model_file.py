@@ -20,6 +20,7 @@ import yaml
 from pydantic import Field, ValidationError
 
 from spot_model.effects.base import Effect
+from spot_model.effects.bodies import StowedArm
 from spot_model.effects.commands import CommandDelay
 from spot_model.effects.friction import CoulombFriction
 from spot_model.effects.registry import make_effect, reference_of
@@ -32,14 +33,15 @@ from spot_model.robot import facts
 from spot_model.robot.facts import KNEE_MOTOR_TORQUE_NM
 
 SCHEMA: Final = "spot-rl/model/1"
+RobotName = Literal["spot", "spot_with_arm"]
 
 
 class ModelFileData(Settings):
     """The file's keys; each entry of ``effects`` has ``effect``, ``joints`` and the effect's parameters."""
 
     schema_name: Literal["spot-rl/model/1"] = Field(default=SCHEMA, alias="schema")
-    robot: Literal["spot"] = "spot"
-    """The robot's body."""
+    robot: RobotName = "spot"
+    """The robot's body. One of `spot_with_arm` has the effect `stowed_arm`, as published unless `effects` names it."""
     effects: tuple[dict[str, Any], ...] = ()
     """Each has `effect` (its name), `joints`, and the effect's parameters; missing parameters are at null."""
 
@@ -50,8 +52,11 @@ class RobotModel:
 
     effects: tuple[Effect, ...] = ()
     """The effects, in that order."""
-    robot: str = "spot"
-    """The robot's body; always `spot`."""
+
+    @property
+    def robot(self) -> RobotName:
+        """The robot's body: with the arm's weight, or without."""
+        return "spot_with_arm" if any(isinstance(effect, StowedArm) for effect in self.effects) else "spot"
 
     def with_effects(self, *effects: Effect) -> RobotModel:
         """The same model with more effects at the end.
@@ -101,11 +106,17 @@ def model_from_data(data: Any, *, source: str = "model") -> RobotModel:
             effects.append(make_effect(name, fields))
         except BadInputError as error:
             raise BadInputError(f"{source}: effects.{index}: {error}") from error
-    return RobotModel(effects=tuple(effects), robot=parsed.robot)
+    model = RobotModel(tuple(effects))
+    return with_arm(model) if parsed.robot == "spot_with_arm" and model.robot == "spot" else model
+
+
+def with_arm(model: RobotModel) -> RobotModel:
+    """The same robot with its arm stowed on its back, as published."""
+    return RobotModel((*model.effects, StowedArm.published()))
 
 
 def load_model(name_or_path: str) -> RobotModel:
-    """A built-in model (``ideal``, ``paper_initial``, ``paper_identified``) or one from a YAML file.
+    """A built-in model (``ideal``, ``paper_initial``, ``paper_identified``, ``spot_with_arm``) or a YAML file's.
 
     Raises:
         BadInputError: No such model, or the file is not valid.
@@ -156,6 +167,7 @@ BUILT_IN: Final = {
     "ideal": RobotModel(),
     "paper_initial": paper_model(facts.PAPER_INITIAL),
     "paper_identified": paper_model(facts.PAPER_IDENTIFIED),
+    "spot_with_arm": with_arm(paper_model(facts.PAPER_IDENTIFIED)),
 }
 
 

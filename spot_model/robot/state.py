@@ -64,6 +64,10 @@ class RobotState(Measured):
     last_command_robot_stamp_ns: int
     """When the robot received that command, robot clock; 0 before the first."""
     imu: Sequence[ImuPacket] = ()
+    arm_position_rad: Sequence[float] = ()
+    """Of the seven joints of an arm, as of :mod:`spot_model.robot.arm`; empty for a robot without one."""
+    arm_load_nm: Sequence[float] = ()
+    """Likewise."""
 
 
 @dataclass(frozen=True)

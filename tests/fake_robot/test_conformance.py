@@ -43,6 +43,7 @@ from fake_robot.conformance.power import has_power, held, is_off
 from fake_robot.conformance.recording import Recorder, Recording
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server
 from fake_robot.conformance.session import EXPIRED, HOLDING, Session, drive
+from fake_robot.network.streams import StateSubscription, spoil
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
 from fake_robot.services.auth import Credentials
@@ -78,6 +79,7 @@ BIASED: dict[str, Any] = BRISK | {
     "clock": {"skew_s": 86400.0, "drift_ppm": 60.0},
 }
 """A right robot with a payload, noisy sensors and another clock."""
+WITH_ARM: dict[str, Any] = BRISK | {"model": {"robot": "spot_with_arm"}}
 
 PROGRAM = [str(Path(sys.executable).with_name("spot-rl")), "fake-robot", "conformance"]
 LOGIN = {"BOSDYN_CLIENT_USERNAME": "user", "BOSDYN_CLIENT_PASSWORD": "horse"}
@@ -143,12 +145,27 @@ def checks(*names: str) -> list[Check]:
 
 
 @IN_REAL_TIME
-@pytest.mark.parametrize("keys", [BRISK, OTHER_SWITCHES, BIASED], ids=["default", "other switches", "biased"])
+@pytest.mark.parametrize(
+    "keys", [BRISK, OTHER_SWITCHES, BIASED, WITH_ARM], ids=["default", "other switches", "biased", "with an arm"]
+)
 def test_a_right_robot_conforms(start: Start, keys: dict[str, Any]) -> None:
     results = list(run_checks(start(keys)[0], Needs.MOTION))
     assert wrong(results) == []
-    assert {r.check.name for r in results if r.verdict is Verdict.SKIPPED} == {"power_while_stopped"}
+    skipped = {"power_while_stopped"} | ({"arm_command"} if keys is WITH_ARM else set())
+    assert {r.check.name for r in results if r.verdict is Verdict.SKIPPED} == skipped
     assert exit_code(results) == 0
+
+
+def test_a_robot_with_an_arm_conforms_at_rest(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By states of nineteen joints; one that is polled with a manipulator and streams twelve does not."""
+    names = ("stream_is_complete", "polled_state_is_complete", "stream_expired", "stream_of_eleven_loads")
+    server, _ = start(WITH_ARM)
+    assert {r.verdict for r in run_checks(server, Needs.LEASE, names)} == {Verdict.PASS}
+    take = StateSubscription.get
+    monkeypatch.setattr(StateSubscription, "get", lambda own, wait_s: spoil(take(own, wait_s) or b"", "no_arm"))
+    server, _ = start(WITH_ARM)
+    told = {r.check.name: r.seen for r in run_checks(server, Needs.LEASE, names[:2])}
+    assert told == {"stream_is_complete": "complete", "polled_state_is_complete": "missing: 19 streamed joints"}
 
 
 # ---- nobody gets power ----

@@ -29,6 +29,7 @@ from spot_model.effects.bodies import (
     GroundFriction,
     LegMass,
     PayloadMass,
+    StowedArm,
 )
 from spot_model.effects.commands import ActionScale, CommandDelay, CommandDrop, CommandJitter, DefaultPose, JointSwap
 from spot_model.effects.drivetrain import Backlash, TorqueBandwidth, TorqueDelay, TorqueGain, TorqueOffset, TorqueRipple
@@ -222,6 +223,7 @@ ACTIVE = (
     ),
     Backlash(gap_rad=0.01, rotor_inertia_kg_m2=0.04),
     PayloadMass(mass_kg=3.0, x_m=0.1, y_m=0.05, z_m=0.1),
+    StowedArm(mass_kg=7.467),
     ComOffset(x_m=0.02, y_m=0.01, z_m=0.01),
     BodyInertia(scale=1.2),
     LegMass(scale=1.2, down_m=0.25),

@@ -101,7 +101,7 @@ ILL = [
     ("licence", "license_invalid", {"state": "expired"}, "expired", "joint control"),
 ]
 APART = {"joints", "lease"}
-"""No fault of the fake robot's gives it an arm; who holds the lease is tested with a client that does."""
+"""No fault of the fake robot's moves an arm; who holds the lease is tested with a client that does."""
 
 
 def test_every_check_has_a_robot_that_does_not_pass() -> None:
@@ -135,11 +135,15 @@ def test_an_arm_is_told_before_a_run_is_refused_for_it() -> None:
     reader: Any = SimpleNamespace(state=lambda: message)
     message.kinematic_state.joint_states.add(name="hr.kn")
     assert LOOKS["joints"](reader, CONFIG).verdict is Verdict.OK
-    message.kinematic_state.joint_states.add(name="arm0.sh0")
+    shoulder = message.kinematic_state.joint_states.add(name="arm0.sh1")
+    shoulder.position.value = -3.1
+    told = LOOKS["joints"](reader, CONFIG)
+    assert (told.verdict, told.found) == (Verdict.OK, "2, with an arm, stowed: it is held while the legs walk")
+    shoulder.position.value = -1.0
     told = LOOKS["joints"](reader, CONFIG)
     assert told.verdict is Verdict.FAIL
-    assert told.found.startswith("the robot has an arm (1 joints, arm0.sh0 to arm0.sh0)")
-    assert told.advice == "take the arm off, or use a robot without one"
+    assert told.found == "the robot's arm is not stowed: arm0_sh1 at -1.00 rad (allowed: -3.3 to -2.8)"
+    assert told.advice == "stow it, with its gripper closed, then start again"
 
 
 def test_a_robot_without_a_licence_service_may_run_and_one_whose_service_is_silent_is_not_fit() -> None:

@@ -255,7 +255,7 @@ def test_the_charge_is_the_summary_of_the_robot_else_that_of_the_emptiest_batter
     assert slow_state_from_message(message, STAMP_NS).battery_charge_percent == 61.0
 
 
-def test_a_robot_with_an_arm_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_whose_arm_is_out_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = HostClock()
     session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
     state = robot_state_pb2.RobotState()
@@ -264,9 +264,11 @@ def test_a_robot_with_an_arm_is_refused_before_anything_moves(monkeypatch: pytes
         state.kinematic_state.joint_states.add(name=name)
     monkeypatch.setattr(session, "_state", lambda: state)
     assert session.check_faults(LIMITS, lambda _: None).battery_charge_percent == 80.0
-    for name in ("arm0.sh0", "arm0.f1x"):
-        state.kinematic_state.joint_states.add(name=name)
-    with pytest.raises(HalError, match=r"an arm \(2 joints, arm0.sh0 to arm0.f1x\).* take the arm off"):
+    shoulder = state.kinematic_state.joint_states.add(name="arm0.sh1")
+    shoulder.position.value = -3.12
+    assert session.check_faults(LIMITS, lambda _: None).battery_charge_percent == 80.0
+    shoulder.position.value = -2.5
+    with pytest.raises(HalError, match=r"arm0_sh1 at -2.50 rad \(allowed: -3.3 to -2.8\); stow it"):
         session.check_faults(LIMITS, lambda _: None)
 
 

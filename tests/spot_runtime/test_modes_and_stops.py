@@ -217,6 +217,8 @@ TABLE = {
     "tilt": (DAMP, 26, False),
     "joint_velocity": (DAMP, 27, False),
     "joint_position": (DAMP, 28, False),
+    "arm_lost": (DAMP, 54, False),
+    "arm_away": (DAMP, 55, False),
     "body_low": (DAMP, 29, False),
     "policy_not_finite": (DAMP, 30, False),
     "setpoint_step": (DAMP, 31, False),

@@ -149,10 +149,10 @@ class Meddling:
 
 
 @contextmanager
-def running(folder: Path) -> Iterator[tuple[FakeAddress, Any]]:
-    """A robot's process: its address, and its admin service."""
+def running(folder: Path, more: str = "") -> Iterator[tuple[FakeAddress, Any]]:
+    """A robot's process, with more keys of its scenario: its address, and its admin service."""
     scenario = folder / "brisk.yaml"
-    scenario.write_text(BRISK, encoding="utf-8")
+    scenario.write_text(BRISK + more, encoding="utf-8")
     with (
         FakeProcess(scenario=str(scenario), is_lock_step=True, state_dir=folder / "state") as process,
         grpc.insecure_channel(process.address.admin) as channel,

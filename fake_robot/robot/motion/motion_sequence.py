@@ -19,6 +19,7 @@ from fake_robot.robot.motion.walker import Walker
 from fake_robot.robot.streamed_command import EXPIRED
 from fake_robot.scenario.scenario import Scenario
 from spot_model.plant.command_channel import ServoCommand
+from spot_model.robot.arm import ARM_MASS_KG
 from spot_model.robot.facts import NS_PER_S, TOTAL_MASS_KG, Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 
@@ -86,7 +87,7 @@ class MotionSequence:
         self._joint_control, self._walker = joint_control, walker
         self._body_on_ground = body_on_ground
         self._falls = FallWatch(body, scenario.motion.fall_tilt_rad)
-        self._mass_kg = TOTAL_MASS_KG + scenario.payload.mass_kg
+        self._mass_kg = TOTAL_MASS_KG + scenario.payload.mass_kg + (ARM_MASS_KG if scenario.has_arm else 0.0)
         self.mode = Mode.LIMP
         self.stance_progress = StanceProgress.MOVING
         self.now_ns = 0

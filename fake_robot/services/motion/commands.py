@@ -89,7 +89,9 @@ def parse(command: robot_command_pb2.RobotCommand, config: ServicesConfig) -> Co
         )
     for part in ("arm_command", "gripper_command"):
         if command.synchronized_command.HasField(part):
-            raise RefusedCommandError("UNSUPPORTED", f"the robot has no arm, so it cannot follow {part}")
+            raise RefusedCommandError(
+                "UNSUPPORTED", f"there is no arm that follows {part}; one of a fake robot follows joint control"
+            )
     mobility = command.synchronized_command.mobility_command
     verb = _verb(mobility.WhichOneof("command"), kind, _MOBILITY)
     params = mobility.params if mobility.HasField("params") else None

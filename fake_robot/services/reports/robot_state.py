@@ -15,7 +15,8 @@ from bosdyn.api import robot_state_pb2, robot_state_service_pb2
 from fake_robot.services.calls import Service, refuse, timestamp_from_ns
 from fake_robot.services.reports.state_message import fill_state
 from fake_robot.services.world import World
-from spot_model.robot import facts
+from spot_model.robot import arm, facts
+from spot_model.robot.arm import ARM_LINK_NAMES
 from spot_model.robot.mjcf import BODY_HALF_SIZE_M
 
 _Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
@@ -23,6 +24,7 @@ _Vector = tuple[float, float, float]
 
 _HALF_HIP_M = (0.11, 0.05, 0.05)
 _HALF_THIGH_M = 0.05
+_HALF_ARM_M = (0.08, 0.06, 0.06)
 _FACES = ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
 """Corners of each side, seen from outside against the clock; corner 1 has the least x, y, z, and z changes first."""
 
@@ -51,6 +53,14 @@ _BOXES: dict[str, _Corners] = {
 }
 LINK_NAMES = tuple(_BOXES)
 """The links, as the vendor's published URDF names them."""
+ARM_LINKS = {f"arm0.{name}": link for name, link in zip(ARM_LINK_NAMES, arm.ARM_LINKS, strict=True)}
+"""Those of an arm."""
+_BOXES |= {name: _around(_HALF_ARM_M) for name in ARM_LINKS}
+
+
+def link_names(*, has_arm: bool) -> tuple[str, ...]:
+    """The links of a robot."""
+    return (*LINK_NAMES, *ARM_LINKS) if has_arm else LINK_NAMES
 
 
 def outline_obj(link: str) -> str:
@@ -60,7 +70,7 @@ def outline_obj(link: str) -> str:
     return "\n".join([f"o {link}", *corners, *faces, ""])
 
 
-def urdf() -> str:
+def urdf(*, has_arm: bool = False) -> str:
     """The nominal robot; meshes are those that ``GetRobotLinkModel`` gives."""
     parts = ['<robot name="spot">', _link(BASE, facts.BODY)]
     for leg in facts.LEG_NAMES:
@@ -76,8 +86,15 @@ def urdf() -> str:
         parent = BASE
         for joint, part, place_m, inertia in zip(facts.JOINT_TYPES, _OF_LEG, places_m, inertias, strict=True):
             child = f"{leg}.{part}"
-            parts += [_link(child, inertia), _joint(f"{leg}.{joint}", parent, child, place_m)]
+            index, axis = facts.JOINT_NAMES.index(f"{leg}_{joint}"), (1, 0, 0) if joint == "hx" else (0, 1, 0)
+            limits = facts.POSITION_LOW_RAD[index], facts.POSITION_HIGH_RAD[index]
+            parts += [_link(child, inertia), _joint(f"{leg}.{joint}", parent, child, place_m, axis, limits)]
             parent = child
+    parent = BASE
+    for i, (child, inertia) in enumerate(ARM_LINKS.items() if has_arm else ()):
+        name, limits = arm.ARM_JOINT_NAMES[i].replace("_", "."), (arm.ARM_LOW_RAD[i], arm.ARM_HIGH_RAD[i])
+        parts += [_link(child, inertia), _joint(name, parent, child, arm.ARM_PLACES_M[i], arm.ARM_AXES[i], limits)]
+        parent = child
     return "\n".join([*parts, "</robot>", ""])
 
 
@@ -90,12 +107,10 @@ def _link(name: str, inertia: facts.LinkInertia) -> str:
   </link>"""
 
 
-def _joint(name: str, parent: str, child: str, place_m: _Vector) -> str:
-    index = facts.JOINT_NAMES.index(name.replace(".", "_"))
-    low, high = float(facts.POSITION_LOW_RAD[index]), float(facts.POSITION_HIGH_RAD[index])
-    axis = "1 0 0" if name.endswith("hx") else "0 1 0"
+def _joint(name: str, parent: str, child: str, place_m: _Vector, axis: _Vector, limits_rad: tuple[float, float]) -> str:
+    low, high = map(float, limits_rad)
     return f"""  <joint name="{name}" type="revolute">
-    <origin xyz="{_text(place_m)}"/><axis xyz="{axis}"/><parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="{_text(place_m)}"/><axis xyz="{_text(axis)}"/><parent link="{parent}"/><child link="{child}"/>
     <limit lower="{low!r}" upper="{high!r}" effort="1000" velocity="1000"/>
   </joint>"""
 
@@ -116,6 +131,7 @@ class RobotStateService(Service):
     def __init__(self, world: World) -> None:
         super().__init__()
         self._world = world
+        self._has_arm = bool(world.robot.snapshot().arm.size)
 
     def GetRobotState(self, request: Any, response: Any) -> None:  # noqa: N802
         """The state of one instant."""
@@ -139,17 +155,18 @@ class RobotStateService(Service):
     def GetRobotHardwareConfiguration(self, request: Any, response: Any) -> None:  # noqa: N802
         """The links and a URDF, of our own numbers: the vendor's URDF and meshes are not ours to give out."""
         hardware = response.hardware_configuration
-        for name in LINK_NAMES:
+        for name in link_names(has_arm=self._has_arm):
             hardware.skeleton.links.add(name=name)
-        hardware.skeleton.urdf = urdf()
+        hardware.skeleton.urdf = urdf(has_arm=self._has_arm)
         for what in ("off_robot", "cycle_robot", "payload_ports", "wifi_radio"):
             setattr(hardware, f"can_power_command_request_{what}", True)
 
     def GetRobotLinkModel(self, request: Any, response: Any) -> None:  # noqa: N802
         """A link's outline: a box."""
         name = request.link_name
-        if name not in LINK_NAMES:
-            refuse(response, f"no model of link {name!r}; links: {', '.join(LINK_NAMES)}")
+        names = link_names(has_arm=self._has_arm)
+        if name not in names:
+            refuse(response, f"no model of link {name!r}; links: {', '.join(names)}")
             return
         response.link_model.file_name, response.link_model.file_contents = f"{name}.obj", outline_obj(name)
 

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import numpy as np
 from bosdyn.api import geometry_pb2, robot_state_pb2
+from bosdyn.client.frame_helpers import HAND_FRAME_NAME, WR1_FRAME_NAME
 from bosdyn.client.math_helpers import Quat, SE3Pose
 
 from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, Snapshot, SystemFault
 from fake_robot.services.calls import duration_from_ns, timestamp_from_ns
-from spot_model.robot.facts import JOINT_NAMES, NS_PER_S
+from spot_model.robot.arm import (
+    ARM_JOINT_NAMES,
+    ARM_LINK_NAMES,
+    ARM_LOW_RAD,
+    HAND_FROM_WRIST_M,
+    STOWED_HIGH_RAD,
+    STOWED_LOW_RAD,
+    arm_frames,
+)
+from spot_model.robot.facts import JOINT_NAMES, NS_PER_S, Array
 
 BATTERY_IDENTIFIER = "fake-battery"
 ROOT_FRAME = "body"
@@ -27,7 +38,7 @@ _BEHAVIOR = {
 def fill_state(
     state: robot_state_pb2.RobotState, snapshot: Snapshot, *, is_wifi_on: bool, are_payload_ports_on: bool
 ) -> None:
-    """Everything that ``GetRobotState`` tells of a base robot; there is no manipulator state, hence no arm."""
+    """Everything that ``GetRobotState`` tells; a robot without a manipulator state has no arm."""
     _fill_power(state.power_state, snapshot, is_wifi_on=is_wifi_on, are_payload_ports_on=are_payload_ports_on)
     if not snapshot.is_battery_missing:
         _fill_battery(state.battery_states.add(), snapshot)
@@ -37,6 +48,8 @@ def fill_state(
     _fill_faults(state, snapshot)
     fill_kinematics(state.kinematic_state, snapshot)
     _fill_feet(state, snapshot)
+    if snapshot.arm.size:
+        _fill_manipulator(state.manipulator_state, snapshot.arm[0])
     for name, temperature_c in snapshot.motor_temperature_c.items():
         state.system_state.motor_temperatures.add(name=_vendor_joint(name), temperature=temperature_c)
     state.terrain_state.is_unsafe_to_sit = False
@@ -102,6 +115,13 @@ def _fill_battery(battery: robot_state_pb2.BatteryState, snapshot: Snapshot) -> 
     battery.status = battery.STATUS_DISCHARGING
 
 
+def _fill_manipulator(manipulator: robot_state_pb2.ManipulatorState, position_rad: Array) -> None:
+    is_stowed = bool(((position_rad >= STOWED_LOW_RAD) & (position_rad <= STOWED_HIGH_RAD))[:-1].all())
+    manipulator.stow_state = manipulator.STOWSTATE_STOWED if is_stowed else manipulator.STOWSTATE_DEPLOYED
+    manipulator.gripper_open_percentage = 100.0 * max(0.0, float(position_rad[-1] / ARM_LOW_RAD[-1]))
+    manipulator.carry_state = manipulator.CARRY_STATE_NOT_CARRIABLE
+
+
 def _fill_estops(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:
     stamp = timestamp_from_ns(snapshot.robot_stamp_ns)
     kinds = robot_state_pb2.EStopState
@@ -130,14 +150,10 @@ def _fill_faults(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:
 def fill_kinematics(kinematics: robot_state_pb2.KinematicState, snapshot: Snapshot) -> None:
     """Joints, velocities and frames of one instant."""
     kinematics.acquisition_timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
-    rows = zip(
-        JOINT_NAMES,
-        snapshot.position_rad.tolist(),
-        snapshot.velocity_rad_s.tolist(),
-        snapshot.load_nm.tolist(),
-        strict=True,
-    )
-    for name, position_rad, velocity_rad_s, load_nm in rows:
+    measured = np.array([snapshot.position_rad, snapshot.velocity_rad_s, snapshot.load_nm])
+    names = (*JOINT_NAMES, *ARM_JOINT_NAMES) if snapshot.arm.size else JOINT_NAMES
+    values = np.concatenate([measured, snapshot.arm], axis=1).T.tolist()
+    for name, (position_rad, velocity_rad_s, load_nm) in zip(names, values, strict=True):
         joint = kinematics.joint_states.add(name=_vendor_joint(name))
         joint.position.value, joint.velocity.value, joint.load.value = position_rad, velocity_rad_s, load_nm
         joint.acceleration.value = 0.0
@@ -160,7 +176,7 @@ def _fill_velocity(velocity: geometry_pb2.SE3Velocity, linear: list[float], angu
 
 
 def frame_tree(snapshot: Snapshot) -> geometry_pb2.FrameTreeSnapshot:
-    """The tree of a real robot: the body is the root; odom, vision and flat_body hang from it, the ground from odom."""
+    """The tree of a real robot: the body is the root; odom, vision, flat_body and an arm's hand hang from it."""
     frames = geometry_pb2.FrameTreeSnapshot()
     edges = frames.child_to_parent_edge_map
     edges[ROOT_FRAME].SetInParent()
@@ -178,6 +194,12 @@ def frame_tree(snapshot: Snapshot) -> geometry_pb2.FrameTreeSnapshot:
     center = snapshot.foot_position_in_body_m.mean(axis=0).tolist()
     edges["feet_center"].parent_frame_name = ROOT_FRAME
     edges["feet_center"].parent_tform_child.CopyFrom(SE3Pose(*center, Quat()).to_proto())
+    if snapshot.arm.size:
+        rotation, origin = arm_frames(snapshot.arm[0])[ARM_LINK_NAMES.index("link_wr1")]
+        wrist = SE3Pose(*origin.tolist(), Quat.from_matrix(rotation))
+        for name, pose in ((WR1_FRAME_NAME, wrist), (HAND_FRAME_NAME, wrist * SE3Pose(*HAND_FROM_WRIST_M, Quat()))):
+            edges[name].parent_frame_name = ROOT_FRAME
+            edges[name].parent_tform_child.CopyFrom(pose.to_proto())
     return frames
 
 

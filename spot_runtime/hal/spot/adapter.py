@@ -23,6 +23,7 @@ from spot_runtime.hal.base import Hal, JointControl, RobotInfo
 from spot_runtime.hal.credentials import find_credentials
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.registry import Adapter, HalRequest
+from spot_runtime.hal.spot.arm import Arm
 from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream
 from spot_runtime.hal.spot.keepalive import watch_for_silence
 from spot_runtime.hal.spot.lock_step import LockStep
@@ -85,7 +86,8 @@ class BosdynHal:
         self._commands: CommandStream | None = None
         self._send: Callable[[int, bytes], None] = lambda _key, _wire: None
         self._command_channel: Any = None
-        self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
+        self._arm = Arm(self._problems)
+        self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s, self._arm)
         self._joint_control = JointControl.OFF
         self._gains: Gains | None = None
         self._is_closed = False
@@ -125,14 +127,16 @@ class BosdynHal:
         self._motions().stand()
         # States have piled up meanwhile; the loop starts with the present.
         if self._states is not None:
-            take_all(self._states.states)
+            self._arm.watch(take_all(self._states.states))
+        self._arm.refuse_out()
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """See the protocol."""
         if self._states is None:
             raise HalError("there is no state stream; connect first")
         self._tell_events()
-        return self._pace.receive(self._states.states, until_robot_ns, timeout_s)
+        states = self._pace.receive(self._states.states, until_robot_ns, timeout_s)
+        return states if self._arm.n_joints == 0 else self._arm.watch(states)
 
     def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
         """See the protocol."""
@@ -148,6 +152,9 @@ class BosdynHal:
 
     def begin_joint_control(self, first: JointCommand) -> None:
         """See the protocol. The stream is opened first, then joint control is asked for, as in the vendor's example."""
+        if not self._arm.take_hold():
+            self._joint_control = JointControl.FAILED
+            return
         self._joint_control = JointControl.PENDING
         wire = (first.key, self._encoder.encode(first, self._pace.host_now_ns()))
         self._commands = CommandStream(
@@ -338,6 +345,7 @@ class BosdynHal:
         if commands is not None:
             commands.stop()
             self._pace.released()
+        self._arm.let_go()  # last: what still goes out has all joints
 
     def _commands_ended(self, verdict: str) -> None:
         # The robot ends the stream by itself when the vendor's stand takes over.
@@ -345,21 +353,7 @@ class BosdynHal:
             return
         self._joint_control = JointControl.FAILED
         self._pace.released()
-        self._problems.append(self._why_refused(verdict))
-
-    def _why_refused(self, verdict: str) -> Stop:
-        """The cause behind the end of the command stream, which the robot's state tells best."""
-        try:
-            slow = self._session.poll()
-        except HalError:
-            slow = None
-        if slow is not None and slow.estopped:
-            return Stop(StopReason.ESTOPPED, verdict)
-        if slow is not None and slow.behavior_faults:
-            return Stop(StopReason.BEHAVIOR_FAULT, f"{', '.join(slow.behavior_faults)}: {verdict}")
-        if slow is not None and not slow.motors_powered:
-            return Stop(StopReason.MOTORS_OFF, verdict)
-        return Stop(StopReason.COMMAND_REFUSED, verdict, {"clock_skew_s": self._skew_s()})
+        self._problems.append(self._session.why_refused(verdict, self._skew_s()))
 
     def _skew_s(self) -> float:
         """Robot clock minus host clock; known once connected."""

@@ -12,6 +12,7 @@ from bosdyn.api import robot_command_pb2
 
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array, Gains, JointCommand
+from spot_runtime.hal.spot.arm import NO_ARM, Arm
 from spot_runtime.hal.spot.vendor_errors import describe, enum_word
 
 COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
@@ -25,7 +26,8 @@ class CommandEncoder:
     gets lost must not leave the robot with the gains of another.
     """
 
-    def __init__(self, client_name: str, velocity_safety_limit_rad_s: float) -> None:
+    def __init__(self, client_name: str, velocity_safety_limit_rad_s: float, arm: Arm | None = None) -> None:
+        self._arm, self._arm_command = arm or Arm(deque()), NO_ARM
         self._message = robot_command_pb2.JointControlStreamRequest()
         self._message.header.client_name = client_name
         self._message.joint_command.velocity_safety_limit.value = velocity_safety_limit_rad_s
@@ -35,22 +37,25 @@ class CommandEncoder:
         self._load: Array | None = None
 
     def encode(self, command: JointCommand, host_stamp_ns: int) -> bytes:
-        """The wire bytes of one command, which is sent at this instant of the host's clock."""
+        """The wire bytes of one command, which is sent at this instant of the host's clock; the arm's joints last."""
         stamp = self._message.header.request_timestamp
         stamp.seconds, stamp.nanos = divmod(host_stamp_ns, NS_PER_S)
         joint = self._message.joint_command
         joint.end_time.seconds, joint.end_time.nanos = divmod(command.end_robot_stamp_ns, NS_PER_S)
-        joint.position[:] = command.position_rad.tolist()
-        if command.velocity_rad_s is not self._velocity:
+        arm = self._arm.command(command.gains) if self._arm.n_joints else NO_ARM
+        is_new = arm is not self._arm_command
+        self._arm_command = arm
+        joint.position[:] = command.position_rad.tolist() + arm.position_rad
+        if is_new or command.velocity_rad_s is not self._velocity:
             self._velocity = command.velocity_rad_s
-            joint.velocity[:] = self._velocity.tolist()
-        if command.load_nm is not self._load:
+            joint.velocity[:] = self._velocity.tolist() + arm.velocity_rad_s
+        if is_new or command.load_nm is not self._load:
             self._load = command.load_nm
-            joint.load[:] = self._load.tolist()
-        if command.gains is not self._gains:
+            joint.load[:] = self._load.tolist() + arm.load_nm
+        if is_new or command.gains is not self._gains:
             self._gains = command.gains
-            joint.gains.k_q_p[:] = command.gains.kp_nm_per_rad.tolist()
-            joint.gains.k_qd_p[:] = command.gains.kd_nm_s_per_rad.tolist()
+            joint.gains.k_q_p[:] = command.gains.kp_nm_per_rad.tolist() + arm.kp_nm_per_rad
+            joint.gains.k_qd_p[:] = command.gains.kd_nm_s_per_rad.tolist() + arm.kd_nm_s_per_rad
         joint.user_command_key = command.key
         wire: bytes = self._message.SerializeToString()
         return wire

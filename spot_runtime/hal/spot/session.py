@@ -30,15 +30,16 @@ from spot_runtime.config import RobotConfig
 from spot_runtime.hal.address import Address, explain_no_connection
 from spot_runtime.hal.credentials import Credentials, find_credentials, trusted_certificates
 from spot_runtime.hal.errors import ClockError, CredentialsError, EstopError, FaultError, HalError
+from spot_runtime.hal.spot.arm import polled_arm_rad, refuse_arm_out
 from spot_runtime.hal.spot.calls import BODY, Acquisition, Calls, newest_lease, patiently, retain
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
 from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Pause
-from spot_runtime.hal.spot.slow_state import pressed_estops, refuse_arm, slow_state_from_message
+from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, enum_word, translate
 from spot_runtime.hal.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.stops import CRITICAL
+from spot_runtime.stops import CRITICAL, Stop, StopReason
 
 SYNC_ROUND_TRIPS: Final = 12
 LATER_SYNC_TIMEOUT_S: Final = 1.0
@@ -134,7 +135,7 @@ class Session:
         return self._estimate.add(self.calls.make("syncing clocks", self._time_sync.round_trip))
 
     def check_faults(self, limits: SafetyLimits, pause: Pause) -> SlowState:
-        """Refuse a robot that must not move, has an arm, or too little charge. Returns its slow state.
+        """Refuse a robot that must not move, whose arm is out, or with too little charge. Returns its slow state.
 
         A charge that is missing is asked for again, as long as it may be missing later.
         """
@@ -151,7 +152,7 @@ class Session:
 
     def _slow_without_faults(self) -> SlowState:
         state = self._state()
-        refuse_arm(state)
+        refuse_arm_out(polled_arm_rad(state))
         slow = slow_state_from_message(state, self._host_now_ns())
         critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
         if critical:
@@ -162,6 +163,20 @@ class Session:
                 f"it is never cleared by this program"
             )
         return slow
+
+    def why_refused(self, verdict: str, clock_skew_s: float) -> Stop:
+        """The cause behind the end of the command stream, which the robot's state tells best."""
+        try:
+            slow = self.poll()
+        except HalError:
+            slow = None
+        if slow is not None and slow.estopped:
+            return Stop(StopReason.ESTOPPED, verdict)
+        if slow is not None and slow.behavior_faults:
+            return Stop(StopReason.BEHAVIOR_FAULT, f"{', '.join(slow.behavior_faults)}: {verdict}")
+        if slow is not None and not slow.motors_powered:
+            return Stop(StopReason.MOTORS_OFF, verdict)
+        return Stop(StopReason.COMMAND_REFUSED, verdict, {"clock_skew_s": clock_skew_s})
 
     def set_up_estop(self) -> bool:
         """Make sure that an e-stop endpoint answers. Returns whether it is our own, which then needs check-ins."""

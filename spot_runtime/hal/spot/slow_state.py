@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from bosdyn.api import robot_state_pb2, service_fault_pb2
 
-from spot_model.robot.facts import N_JOINTS, NS_PER_S
+from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import SlowState
-from spot_runtime.hal.errors import HalError
 from spot_runtime.hal.spot.vendor_errors import enum_word
 from spot_runtime.stops import CRITICAL
 
@@ -37,21 +35,6 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
         behavior_faults=tuple(_behavior_fault(f) for f in message.behavior_fault_state.faults),
         service_faults=tuple(_service_fault(f) for f in message.service_fault_state.faults),
     )
-
-
-ARM_PREFIX: Final = "arm"
-"""Beginning of the names of an arm's joints: arm0.sh0, arm0.sh1, ..."""
-
-
-def refuse_arm(message: robot_state_pb2.RobotState) -> None:
-    """Raise HalError if the robot has an arm."""
-    names = [joint.name for joint in message.kinematic_state.joint_states]
-    arm = [name for name in names if name.startswith(ARM_PREFIX)]
-    if arm:
-        raise HalError(
-            f"the robot has an arm ({len(arm)} joints, {arm[0]} to {arm[-1]}): it wants set-points for all joints, "
-            f"and policies here drive the {N_JOINTS} of the legs; take the arm off, or use a robot without one"
-        )
 
 
 def pressed_estops(message: robot_state_pb2.RobotState) -> list[str]:

@@ -72,7 +72,7 @@ def test_topics_are_chosen_by_name(run, tmp_path):
 def test_refusals(run, tmp_path):
     with pytest.raises(ExportError, match="format 'xls' is not known; allowed: parquet, csv"):
         export_run(run, tmp_path, "xls")
-    with pytest.raises(ExportError, match="topic 'lidar' is not in a log; allowed: state, imu, command"):
+    with pytest.raises(ExportError, match="topic 'lidar' is not in a log; allowed: state, imu, arm, command"):
         export_run(run, tmp_path, "csv", ["lidar"])
     (tmp_path / "tick.csv").write_text("precious")
     with pytest.raises(OutputExistsError, match=r"tick\.csv exists; nothing is overwritten"):

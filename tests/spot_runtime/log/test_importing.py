@@ -13,10 +13,13 @@ from pyarrow import parquet
 from spot_log import read_run
 from spot_log.errors import LogExistsError
 from spot_log.importing import import_log, load_mapping
+from spot_log.importing.suggest import suggest
 from spot_log.page.page import page_html
 from spot_log.page.summary import summarise
 from spot_log.tools.log_info import log_info
 from spot_model.errors import BadInputError
+from spot_model.robot.arm import ARM_JOINT_NAMES, STOWED_RAD
+from spot_model.robot.facts import DEFAULT_POSITION_RAD, JOINT_NAMES
 
 N = 50
 TIME_S = np.arange(N) * 0.005
@@ -85,6 +88,16 @@ def test_units_scale_sign_offset_and_joint_order(do):
     )
     np.testing.assert_allclose(run.states.position_rad, np.column_stack([-HIP, KNEE + 0.1]))
     np.testing.assert_allclose(run.states.velocity_rad_s, np.column_stack([HIP, KNEE]))
+
+
+def test_joints_of_an_arm_are_left_out_and_a_mapping_is_suggested_for_them(do, tmp_path):
+    names = [*JOINT_NAMES, *ARM_JOINT_NAMES]
+    q = DEFAULT_POSITION_RAD + 0.01 * HIP[:, np.newaxis]
+    arrays = {"q": np.column_stack([q, np.tile(STOWED_RAD, (N, 1))])}
+    run, _ = do(arrays, source_joint_names=names, joint_names=list(JOINT_NAMES))
+    np.testing.assert_allclose(run.states.position_rad, q)
+    np.savez(tmp_path / "arm.npz", time=TIME_S, joint_position=arrays["q"])
+    assert yaml.safe_load(suggest(tmp_path / "arm.npz"))["source_joint_names"] == names
 
 
 def test_columns_constants_and_another_file(do, tmp_path):
@@ -221,7 +234,7 @@ def test_a_log_exported_and_imported_again_is_the_same(synthetic_run, synthetic_
         ({"signals": {"action": {"from": "q", "select": [7]}}}, r"select \[7\] is out of shape \(50, 2\)"),
         ({"time": {"from": "t", "unit": "h"}}, r"unit 'h' is not one of time; allowed: s, ms"),
         ({"time": {"unit": "s"}}, r"give either 'from' \(a column of stamps\) or 'rate_hz'"),
-        ({"source_joint_names": ["hip", "ankle"]}, r"source_joint_names must hold the same names"),
+        ({"source_joint_names": ["hip", "ankle"]}, r"source_joint_names must hold the names of joint_names"),
         ({"schema": "spot-rl/import/9"}, r"schema = 'spot-rl/import/9'"),
     ],
 )
