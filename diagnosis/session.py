@@ -161,6 +161,7 @@ def run_session(
             nominal_name=inputs.nominal,
             limits_rad=robot.limits_rad,
             engine=engine,
+            is_from_motion=robot.load == "from_motion",
         )
     told = {"notes": tuple(dict.fromkeys((*notes, *result.verdict.notes))), "since": inputs.since}
     verdict = result.verdict.model_copy(update=told | {"robot": robot_of(runs)})

@@ -13,10 +13,12 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+from scipy.optimize import nnls
 
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from trainer.signals.motor_torque import direction
 from trainer.signals.recording import Array
 from trainer.signals.smoothing import rate, smooth, too_coarse
 
@@ -38,10 +40,13 @@ OUTLIER: Final = 3.0
 """Changes of load count up to so many standard deviations: impacts are no answers."""
 
 
-def rows_apart(runs: Sequence[Run]) -> float:
-    """By how many states loads come after commands; 0 where logs do not show it."""
-    by_steps = _after_steps(runs)
-    return by_steps if by_steps is not None else _by_moving(runs)
+def rows_apart(runs: Sequence[Run], *, is_from_motion: bool = False) -> float:
+    """By how many states loads come after commands; 0 where logs do not show it.
+
+    Loads that are computed from the motion lack what friction and rotors take, which may pass for no lag.
+    """
+    by_steps = None if is_from_motion else _after_steps(runs)
+    return by_steps if by_steps is not None else _by_moving(runs, is_from_motion)
 
 
 def servo_law(run: Run) -> tuple[Array, Array]:
@@ -112,7 +117,7 @@ def _answers(run: Run) -> tuple[Array, Array, Array] | None:
     return offset[inside], answer[inside], size[inside]
 
 
-def _by_moving(runs: Sequence[Run]) -> float:
+def _by_moving(runs: Sequence[Run], is_from_motion: bool) -> float:
     """By how many states the servo law's torque is best moved; 0 where that is hardly better."""
     shifts = np.arange(-MAX_ROWS_APART, MAX_ROWS_APART + STEP_ROWS, STEP_ROWS)
     costs = np.zeros(len(shifts))
@@ -122,15 +127,16 @@ def _by_moving(runs: Sequence[Run]) -> float:
         inner = slice(MAX_ROWS_APART + 1, len(load) - MAX_ROWS_APART - 1)
         for i, shift in enumerate(shifts):
             # Smoothed alike: between two rows a straight line is itself a filter.
-            off = smooth((load - moved(pulled, float(shift)) + own) / size)[inner]
-            costs[i] += float(np.nanvar(off, axis=0).mean())
+            off = smooth(load - moved(pulled, float(shift)) + own)
+            off = _beside_losses(run, -off) if is_from_motion else off
+            costs[i] += float(np.nanvar(off[inner] / size, axis=0).mean())
     best = int(np.argmin(costs))
     at_rest = int(np.flatnonzero(shifts == 0.0)[0])
     return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] else 0.0
 
 
 MIN_AGREEMENT: Final = 0.6
-"""Correlation of computed loads with the servo law's torque, at least."""
+"""Correlation of the servo law's torque with computed loads, friction and rotors, at least."""
 
 
 def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tuple[str, ...]]:
@@ -148,10 +154,11 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     if robot.load == "from_motion":
         model = _body(robot)
         out = [_with_load(run, model, robot, notes) for run in out]
-        notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the drive's")
+        notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the "
+            "drive's, and a torque gain as heavier links")
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
-        shift_s = rows_apart(unstamped) * _period_s(unstamped[0])
+        shift_s = rows_apart(unstamped, is_from_motion=robot.load == "from_motion") * _period_s(unstamped[0])
         if shift_s != 0.0:
             out = [_shifted(run, round(shift_s * 1e9)) if run in unstamped else run for run in out]
             notes.append(
@@ -239,13 +246,26 @@ def _with_load(run: Run, model: mujoco.MjModel, robot: RobotFile, notes: list[st
 
 
 def _agreement(run: Run) -> float:
-    """Correlation of loads with the servo law's torque, in the median of the joints; 0 where nothing was asked."""
-    if not len(run.commands):
-        return 0.0
+    """How well computed loads, friction and rotors account for the servo law's torque, in the median of the joints.
+
+    A correlation, 0 where nothing was asked. Friction and rotor inertia are fitted, and cannot give: in the air, a
+    geared leg's motor works against little else.
+    """
     pulled, own = servo_law(run)
-    asked, load = smooth(moved(pulled, rows_apart([run])) - own), smooth(run.states.load_nm)
-    found = [np.corrcoef(asked[:, j], load[:, j])[0, 1] for j in range(load.shape[1]) if asked[:, j].std() > 0]
-    return float(np.median(found)) if found else 0.0
+    asked, load = smooth(moved(pulled, rows_apart([run], is_from_motion=True)) - own), smooth(run.states.load_nm)
+    rest, size = _beside_losses(run, asked - load).var(axis=0), asked.var(axis=0)
+    found = 1.0 - rest[size > 0] / size[size > 0]
+    return float(np.sqrt(max(0.0, np.median(found)))) if found.size else 0.0
+
+
+def _beside_losses(run: Run, torque_nm: Array) -> Array:
+    """What friction, rotors and a constant leave of a torque, each joint's own fitted; none of them gives power."""
+    velocity = run.states.velocity_rad_s
+    one = np.ones_like(velocity)
+    losses = (direction(smooth(velocity)), smooth(velocity), rate(velocity, _period_s(run)), one, -one)
+    columns = np.stack(losses, axis=-1)
+    fitted = [c @ nnls(c, y)[0] for c, y in zip(np.moveaxis(columns, 1, 0), torque_nm.T, strict=True)]
+    return np.asarray(torque_nm - np.stack(fitted, axis=1))
 
 
 def _period_s(run: Run) -> float:
