@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -14,15 +14,17 @@ from pydantic import Field
 from rich.console import Console
 
 from diagnosis.closed_loop.simulation import rollouts_under
+from diagnosis.document import Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import chosen_library
-from diagnosis.read import apart_by_gains, find_policy_file, read_logs
-from diagnosis.read.robot_file import SPOT, load_robot
+from diagnosis.read import apart_by_gains, find_policy_file, fixed_base, read_logs
+from diagnosis.read.robot_file import SPOT, RobotFile, load_robot
 from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.headline import headline
 from diagnosis.report.output import write_all
 from diagnosis.selection.robot_models import merged
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from spot_log.read.run import Run
 from spot_model.console import progress
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.settings import Settings
@@ -41,8 +43,16 @@ STAGES: Final = (
 )
 """How the first message of each stage begins, and its mean share of the time, over six short logs and six long ones."""
 NO_MODEL: Final = (
-    "no model file: only Spot can be simulated here; verdict.json has the numbers for a simulator of your own"
+    f"no closed loops: only Spot is simulated with a policy; {fixed_base.ROBOT_FILE} has the numbers for a simulator "
+    "of your own"
 )
+PARAMETERS: Final = {
+    "inertia_kg_m2": "armature",
+    "friction_nm": "coulomb_friction",
+    "damping_nm_s_per_rad": "viscous_friction",
+    "offset_nm": "torque_offset",
+}
+"""Effects whose numbers, joint by joint, are those of another robot's drives."""
 
 
 class Inputs(Settings):
@@ -165,14 +175,41 @@ def run_session(
         )
     told = {"notes": tuple(dict.fromkeys((*notes, *result.verdict.notes))), "since": inputs.since}
     verdict = result.verdict.model_copy(update=told | {"robot": robot_of(runs)})
+    files: Mapping[str, str] = {}
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
         differences = tuple(d.model_copy(update={"split": None}) for d in verdict.differences)
-        notes = (*verdict.notes, NO_MODEL)
+        drives = _drives(verdict, runs, robot)
+        files = fixed_base.corrected_files(robot, drives)
+        notes = (*verdict.notes, *_told(robot, runs, drives), NO_MODEL)
         verdict = verdict.model_copy(update={"differences": differences, "no_model": NO_MODEL, "notes": notes})
     result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     say("writing the report")
-    paths = write_all(result, out, library)
+    paths = write_all(result, out, library, files)
     if robot is SPOT:
         inputs.save(out)
     return result, paths
+
+
+def _drives(verdict: Verdict, runs: Sequence[Run], robot: RobotFile) -> fixed_base.Drives:
+    """Another robot's drives by the verdict; their delay is what was taken off the logs' commands."""
+    found = {(n.effect, n.where): n.value for n in verdict.calibration.units}
+    each = {
+        name: np.array([found.get((effect, joint), 0.0) for joint in robot.joint_names])
+        for name, effect in PARAMETERS.items()
+    }
+    late_ns = np.concatenate([run.commands.robot_stamp_ns - run.commands.host_stamp_ns for run in runs])
+    return fixed_base.Drives(**each, delay_s=float(np.median(late_ns)) * 1e-9 if late_ns.size else 0.0)
+
+
+def _told(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> tuple[str, ...]:
+    """How near simulations of the rigid bodies come to the logs without drives and with them, in a sentence."""
+    if robot.mjcf is None or not any(np.isfinite(run.commands.kp_nm_per_rad).any() for run in runs):
+        return ()
+    # The logs' commands are late already.
+    models = (fixed_base.Drives.of(robot.model_copy(update={"drive": None})), replace(drives, delay_s=0.0))
+    before, after = (
+        1e3 * float(np.mean([fixed_base.error_rad(robot, run, model) for run in runs])) for model in models
+    )
+    told = f"simulated under the logs' commands for {fixed_base.RESTART_S:.0f} s at a time, the MJCF's joints are"
+    return (f"{told} {before:.3g} mrad off, and {after:.3g} mrad with the drives of {fixed_base.ROBOT_FILE}",)

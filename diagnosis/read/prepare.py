@@ -11,14 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-import mujoco
 import numpy as np
-from scipy.optimize import nnls
 
+from diagnosis.read.fixed_base import Drives, error_rad, fitted, loads_nm
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
-from spot_model.errors import BadInputError
-from trainer.signals.motor_torque import direction
 from trainer.signals.recording import Array
 from trainer.signals.smoothing import rate, smooth, too_coarse
 
@@ -40,13 +37,27 @@ OUTLIER: Final = 3.0
 """Changes of load count up to so many standard deviations: impacts are no answers."""
 
 
-def rows_apart(runs: Sequence[Run], *, is_from_motion: bool = False) -> float:
-    """By how many states loads come after commands; 0 where logs do not show it.
+def rows_apart(runs: Sequence[Run]) -> float:
+    """By how many states loads come after commands; 0 where logs do not show it."""
+    by_steps = _after_steps(runs)
+    return by_steps if by_steps is not None else _by_moving(runs)
 
-    Loads that are computed from the motion lack what friction and rotors take, which may pass for no lag.
+
+def rows_in_motion(runs: Sequence[Run], robot: RobotFile) -> float:
+    """By how many states commands act late, so that simulations come nearest to the motion; loads are computed.
+
+    Torques cannot tell: a delay looks like friction and a rotor, and a late servo law is smaller. 0 where it hardly
+    matters.
     """
-    by_steps = None if is_from_motion else _after_steps(runs)
-    return by_steps if by_steps is not None else _by_moving(runs, is_from_motion)
+    costs: list[float] = []
+    for rows in range(MAX_ROWS_APART):
+        late_s = rows * _period_s(runs[0])
+        found = [error_rad(robot, run, replace(_drives(run, rows)[0], delay_s=late_s)) for run in runs]
+        costs.append(float(np.mean(np.square(found))))
+        if costs[-1] > 1.5 * min(costs):
+            break
+    best = int(np.argmin(costs))
+    return float(best) if costs[best] < BETTER * costs[0] and best < MAX_ROWS_APART - 1 else 0.0
 
 
 def servo_law(run: Run) -> tuple[Array, Array]:
@@ -117,8 +128,8 @@ def _answers(run: Run) -> tuple[Array, Array, Array] | None:
     return offset[inside], answer[inside], size[inside]
 
 
-def _by_moving(runs: Sequence[Run], is_from_motion: bool) -> float:
-    """By how many states the servo law's torque is best moved; 0 where that is hardly better."""
+def _by_moving(runs: Sequence[Run]) -> float:
+    """By how many states the servo law's torque is best moved; 0 where that is hardly better, or has no best."""
     shifts = np.arange(-MAX_ROWS_APART, MAX_ROWS_APART + STEP_ROWS, STEP_ROWS)
     costs = np.zeros(len(shifts))
     for run in runs:
@@ -127,12 +138,11 @@ def _by_moving(runs: Sequence[Run], is_from_motion: bool) -> float:
         inner = slice(MAX_ROWS_APART + 1, len(load) - MAX_ROWS_APART - 1)
         for i, shift in enumerate(shifts):
             # Smoothed alike: between two rows a straight line is itself a filter.
-            off = smooth(load - moved(pulled, float(shift)) + own)
-            off = _beside_losses(run, -off) if is_from_motion else off
-            costs[i] += float(np.nanvar(off[inner] / size, axis=0).mean())
+            off = smooth((load - moved(pulled, float(shift)) + own) / size)[inner]
+            costs[i] += float(np.nanvar(off, axis=0).mean())
     best = int(np.argmin(costs))
     at_rest = int(np.flatnonzero(shifts == 0.0)[0])
-    return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] else 0.0
+    return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] and 0 < best < len(shifts) - 1 else 0.0
 
 
 MIN_AGREEMENT: Final = 0.6
@@ -152,18 +162,20 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     out = [_without_gaps(run, notes) for run in runs]
     out = [_with_gains(run, robot) for run in out]
     if robot.load == "from_motion":
-        model = _body(robot)
-        out = [_with_load(run, model, robot, notes) for run in out]
+        out = [_with_load(run, robot, notes) for run in out]
         notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the "
             "drive's, and a torque gain as heavier links")
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
-        shift_s = rows_apart(unstamped, is_from_motion=robot.load == "from_motion") * _period_s(unstamped[0])
+        is_computed = robot.load == "from_motion"
+        rows = rows_in_motion(unstamped, robot) if is_computed else rows_apart(unstamped)
+        shift_s = rows * _period_s(unstamped[0])
         if shift_s != 0.0:
             out = [_shifted(run, round(shift_s * 1e9)) if run in unstamped else run for run in out]
+            told = "loads follow their commands by" if not is_computed else "the motion answers its commands after"
             notes.append(
-                f"loads follow their commands by {1e3 * shift_s:.1f} ms; this is taken off, as without receipts of "
-                "commands the recording itself may add it. A delay of that size cannot be found"
+                f"{told} {1e3 * shift_s:.1f} ms; this is taken off, as without receipts of commands the recording "
+                "itself may add it. A delay of that size cannot be found"
             )
     return tuple(out), tuple(notes)
 
@@ -191,29 +203,7 @@ def _with_gains(run: Run, robot: RobotFile) -> Run:
     return replace(run, commands=replace(run.commands, **filled)) if filled else run
 
 
-def _body(robot: RobotFile) -> mujoco.MjModel:
-    try:
-        model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
-    except ValueError as error:
-        raise BadInputError(f"mjcf {robot.mjcf} cannot be read: {str(error).splitlines()[0]}") from error
-    names = [model.joint(i).name for i in range(model.njnt)]
-    lacking = [name for name in robot.joint_names if name not in names]
-    if lacking:
-        raise BadInputError(f"mjcf {robot.mjcf} has no joint {lacking[0]!r}; it has: {', '.join(names)}")
-    if model.nv != len(robot.joint_names):
-        raise BadInputError(
-            f"mjcf {robot.mjcf} has {model.nv} degrees of freedom, robot {robot.name} {len(robot.joint_names)} joints; "
-            "loads come from motion only where the base is fixed: take its free joint out, or use load: measured"
-        )
-    model.dof_frictionloss[:] = 0.0
-    model.dof_damping[:] = 0.0
-    model.dof_armature[:] = 0.0
-    off = mujoco.mjtDisableBit
-    model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT | off.mjDSBL_ACTUATION | off.mjDSBL_LIMIT
-    return model
-
-
-def _with_load(run: Run, model: mujoco.MjModel, robot: RobotFile, notes: list[str]) -> Run:
+def _with_load(run: Run, robot: RobotFile, notes: list[str]) -> Run:
     """The load that the links' motion needs, from smoothed signals. Loads of the log itself are not used.
 
     No load where it would mean nothing: from states far apart, or unlike what was asked for.
@@ -222,15 +212,7 @@ def _with_load(run: Run, model: mujoco.MjModel, robot: RobotFile, notes: list[st
     velocity = states.velocity_rad_s
     if not np.isfinite(velocity).any():
         velocity = rate(states.position_rad, period_s)
-    position, speed, acceleration = smooth(states.position_rad), smooth(velocity), rate(velocity, period_s)
-    data = mujoco.MjData(model)
-    at = np.array([int(model.joint(name).qposadr[0]) for name in robot.joint_names])
-    dof = np.array([int(model.joint(name).dofadr[0]) for name in robot.joint_names])
-    load = np.empty_like(position)
-    for i in range(len(position)):
-        data.qpos[at], data.qvel[dof], data.qacc[dof] = position[i], speed[i], acceleration[i]
-        mujoco.mj_inverse(model, data)
-        load[i] = data.qfrc_inverse[dof]
+    load = loads_nm(robot, smooth(states.position_rad), smooth(velocity), rate(velocity, period_s))
     made = replace(run, states=replace(states, load_nm=load, velocity_rad_s=velocity))
     if coarse := too_coarse(period_s):
         notes.append(f"log {run.path.name}: {coarse}: loads computed from its motion are not used")
@@ -252,20 +234,16 @@ def _agreement(run: Run) -> float:
     geared leg's motor works against little else.
     """
     pulled, own = servo_law(run)
-    asked, load = smooth(moved(pulled, rows_apart([run], is_from_motion=True)) - own), smooth(run.states.load_nm)
-    rest, size = _beside_losses(run, asked - load).var(axis=0), asked.var(axis=0)
+    rest, size = _drives(run)[1].var(axis=0), smooth(pulled - own).var(axis=0)
     found = 1.0 - rest[size > 0] / size[size > 0]
     return float(np.sqrt(max(0.0, np.median(found)))) if found.size else 0.0
 
 
-def _beside_losses(run: Run, torque_nm: Array) -> Array:
-    """What friction, rotors and a constant leave of a torque, each joint's own fitted; none of them gives power."""
-    velocity = run.states.velocity_rad_s
-    one = np.ones_like(velocity)
-    losses = (direction(smooth(velocity)), smooth(velocity), rate(velocity, _period_s(run)), one, -one)
-    columns = np.stack(losses, axis=-1)
-    fitted = [c @ nnls(c, y)[0] for c, y in zip(np.moveaxis(columns, 1, 0), torque_nm.T, strict=True)]
-    return np.asarray(torque_nm - np.stack(fitted, axis=1))
+def _drives(run: Run, rows: float = 0.0) -> tuple[Drives, Array]:
+    """Drives that the log's motion and its commands, so many states late, speak for; and what they leave, (n, J)."""
+    pulled, own = servo_law(run)
+    beyond = smooth(moved(pulled, rows) - own) - smooth(run.states.load_nm)
+    return fitted(beyond, run.states.velocity_rad_s, _period_s(run))
 
 
 def _period_s(run: Run) -> float:

@@ -154,8 +154,8 @@ def of_unknown_drive(view: ChannelView) -> dict[str, ErrorScale]:
     }
     scales = {name: scale for name, scale in ERROR_SCALES.items() if name not in UNLIKE_MOTION}
     for name, motion in given.items():
-        size = np.sqrt((torque**2).sum(axis=0) / np.maximum((motion**2).sum(axis=0), 1e-9))
-        scales[name] = ErrorScale({c: float(size.max()) for c in ERROR_SCALES[name].scales})
+        size = float(np.linalg.norm(torque) / max(np.linalg.norm(motion), 1e-9))
+        scales[name] = ErrorScale(dict.fromkeys(ERROR_SCALES[name].scales, size))
     return scales
 
 
