@@ -18,6 +18,7 @@ from diagnosis.document import Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import chosen_library
 from diagnosis.read import apart_by_gains, find_policy_file, fixed_base, read_logs
+from diagnosis.read.prepare import drives_of
 from diagnosis.read.robot_file import SPOT, RobotFile, load_robot
 from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.headline import headline
@@ -46,13 +47,8 @@ NO_MODEL: Final = (
     f"no closed loops: only Spot is simulated with a policy; {fixed_base.ROBOT_FILE} has the numbers for a simulator "
     "of your own"
 )
-PARAMETERS: Final = {
-    "inertia_kg_m2": "armature",
-    "friction_nm": "coulomb_friction",
-    "damping_nm_s_per_rad": "viscous_friction",
-    "offset_nm": "torque_offset",
-}
-"""Effects whose numbers, joint by joint, are those of another robot's drives."""
+EFFECTS: Final = ("armature", "coulomb_friction", "viscous_friction", "torque_offset")
+"""Whose numbers, joint by joint, are those of another robot's drives."""
 
 
 class Inputs(Settings):
@@ -192,14 +188,22 @@ def run_session(
 
 
 def _drives(verdict: Verdict, runs: Sequence[Run], robot: RobotFile) -> fixed_base.Drives:
-    """Another robot's drives by the verdict; their delay is what was taken off the logs' commands."""
-    found = {(n.effect, n.where): n.value for n in verdict.calibration.units}
-    each = {
-        name: np.array([found.get((effect, joint), 0.0) for joint in robot.joint_names])
-        for name, effect in PARAMETERS.items()
-    }
+    """Another robot's drives: by least squares where loads are computed, else by the verdict.
+
+    Their delay is what was taken off the logs' commands.
+    """
     late_ns = np.concatenate([run.commands.robot_stamp_ns - run.commands.host_stamp_ns for run in runs])
-    return fixed_base.Drives(**each, delay_s=float(np.median(late_ns)) * 1e-9 if late_ns.size else 0.0)
+    delay_s = float(np.median(late_ns)) * 1e-9 if late_ns.size else 0.0
+    each = [drives_of(run)[0] for run in runs if robot.load == "from_motion" and np.isfinite(run.states.load_nm).all()]
+    if each:
+        found = {name: np.mean([getattr(own, name) for own in each], axis=0) for name in fixed_base.EACH}
+    else:
+        told = {(n.effect, n.where): n.value for n in verdict.calibration.units}
+        found = {
+            name: np.array([told.get((effect, joint), 0.0) for joint in robot.joint_names])
+            for name, effect in zip(fixed_base.EACH, EFFECTS, strict=True)
+        }
+    return fixed_base.Drives(**found, delay_s=delay_s)
 
 
 def _told(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> tuple[str, ...]:
@@ -211,5 +215,9 @@ def _told(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> t
     before, after = (
         1e3 * float(np.mean([fixed_base.error_rad(robot, run, model) for run in runs])) for model in models
     )
+    if not after < 1e3 * np.pi:
+        return (
+            "simulated under the logs' commands, the MJCF's joints turn away from the logs': it predicts no motion",
+        )
     told = f"simulated under the logs' commands for {fixed_base.RESTART_S:.0f} s at a time, the MJCF's joints are"
     return (f"{told} {before:.3g} mrad off, and {after:.3g} mrad with the drives of {fixed_base.ROBOT_FILE}",)

@@ -129,12 +129,13 @@ def predicted(robot: RobotFile, run: Run, drives: Drives, restart_s: float | Non
     model.dof_armature[at], model.dof_frictionloss[at] = drives.inertia_kg_m2, drives.friction_nm
     kp, kd = np.nan_to_num(c.kp_nm_per_rad), np.nan_to_num(c.kd_nm_s_per_rad)
     asked = kp * np.nan_to_num(c.position_rad) + kd * np.nan_to_num(c.velocity_rad_s) + np.nan_to_num(c.load_nm)
+    velocity = smooth(np.nan_to_num(run.states.velocity_rad_s))
     out, started = np.empty_like(run.states.position_rad), -1
     for i in range(len(time_ns)):
         if started < 0 or (restart_s is not None and time_ns[i] - time_ns[started] >= restart_s * 1e9):
             mujoco.mj_resetData(model, data)
             data.qpos[at] = run.states.position_rad[i]
-            data.qvel[at] = np.nan_to_num(run.states.velocity_rad_s[i])
+            data.qvel[at] = velocity[i]
             started = i
         out[i] = data.qpos[at]
         if i + 1 == len(time_ns):

@@ -52,7 +52,7 @@ def rows_in_motion(runs: Sequence[Run], robot: RobotFile) -> float:
     costs: list[float] = []
     for rows in range(MAX_ROWS_APART):
         late_s = rows * _period_s(runs[0])
-        found = [error_rad(robot, run, replace(_drives(run, rows)[0], delay_s=late_s)) for run in runs]
+        found = [error_rad(robot, run, replace(drives_of(run, rows)[0], delay_s=late_s)) for run in runs]
         costs.append(float(np.mean(np.square(found))))
         if costs[-1] > 1.5 * min(costs):
             break
@@ -163,8 +163,10 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     out = [_with_gains(run, robot) for run in out]
     if robot.load == "from_motion":
         out = [_with_load(run, robot, notes) for run in out]
-        notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the "
-            "drive's, and a torque gain as heavier links")
+        notes.append(
+            "loads are computed from the motion by the robot's MJCF: its errors count as the "
+            "drive's, and a torque gain as heavier links"
+        )
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
         is_computed = robot.load == "from_motion"
@@ -234,12 +236,12 @@ def _agreement(run: Run) -> float:
     geared leg's motor works against little else.
     """
     pulled, own = servo_law(run)
-    rest, size = _drives(run)[1].var(axis=0), smooth(pulled - own).var(axis=0)
+    rest, size = drives_of(run)[1].var(axis=0), smooth(pulled - own).var(axis=0)
     found = 1.0 - rest[size > 0] / size[size > 0]
     return float(np.sqrt(max(0.0, np.median(found)))) if found.size else 0.0
 
 
-def _drives(run: Run, rows: float = 0.0) -> tuple[Drives, Array]:
+def drives_of(run: Run, rows: float = 0.0) -> tuple[Drives, Array]:
     """Drives that the log's motion and its commands, so many states late, speak for; and what they leave, (n, J)."""
     pulled, own = servo_law(run)
     beyond = smooth(moved(pulled, rows) - own) - smooth(run.states.load_nm)
