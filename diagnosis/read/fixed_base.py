@@ -46,7 +46,7 @@ class Drives:
         """Those of a robot file; of one without any, drives that add nothing."""
         told = robot.drive or DriveNumbers()
         n = (len(robot.joint_names),)
-        return Drives(*(np.broadcast_to(getattr(told, name), n) for name in EACH), delay_s=told.delay_s)
+        return Drives(**{name: np.broadcast_to(getattr(told, name), n) for name in EACH}, delay_s=told.delay_s)
 
     def numbers(self) -> DriveNumbers:
         """The same for a robot file."""

@@ -154,7 +154,7 @@ def of_unknown_drive(view: ChannelView) -> dict[str, ErrorScale]:
     }
     scales = {name: scale for name, scale in ERROR_SCALES.items() if name not in UNLIKE_MOTION}
     for name, motion in given.items():
-        size = float(np.linalg.norm(torque) / max(np.linalg.norm(motion), 1e-9))
+        size = float(np.linalg.norm(torque)) / max(float(np.linalg.norm(motion)), 1e-9)
         scales[name] = ErrorScale(dict.fromkeys(ERROR_SCALES[name].scales, size))
     return scales
 

@@ -3,11 +3,11 @@
 Claim it supports: *Beside peers* in docs/evidence/identification.md. A fake robot with a known truth walks in lock-
 step; its joints, body and set-points, as logged, go into `mujoco.sysid` as its documentation shows: one MuJoCo model
 with position servos, windows that start at logged states, least squares over joint positions and velocities,
-intervals from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia and the knees'
+intervals from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia, the knees'
 range of torque, and the delay of commands (an actuator's `delay`, with `interp="linear"`: by default a delay of N steps
-is N or N + 1; of less than a step it is none). Torque limits that change with speed are not among its parameters, so their truths are left out.
-`mujoco.rollout` gives sensors of the state before each step, and the package stamps them with the time after it; here
-they get their own time. Intervals are of 90 %, as this project states them.
+is N or N + 1; of less than a step it is none). Torque limits that change with speed are not among its parameters, so
+their truths are left out. `mujoco.rollout` gives sensors of the state before each step, and the package stamps them
+with the time after it; here they get their own time. Intervals are of 90 %, as this project states them.
 
     pip install 'mujoco[sysid]==4.0.0'
     python lab/benchmarks/mujoco_sysid.py [--truth 0] [--seconds 6] [--window 0.03]
