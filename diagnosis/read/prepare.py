@@ -160,13 +160,12 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     """
     notes: list[str] = []
     out = [_without_gaps(run, notes) for run in runs]
-    out = [_with_gains(run, robot) for run in out]
+    out = [with_gains(run, robot) for run in out]
     if robot.load == "from_motion":
         out = [_with_load(run, robot, notes) for run in out]
-        notes.append(
-            "loads are computed from the motion by the robot's MJCF: its errors count as the "
-            "drive's, and a torque gain as heavier links"
-        )
+        if any(np.isfinite(run.states.load_nm).any() for run in out):
+            told = "loads are computed from the motion by the robot's MJCF: its errors count as the drive's"
+            notes.append(f"{told}, and a torque gain as heavier links")
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
         is_computed = robot.load == "from_motion"
@@ -195,7 +194,8 @@ def _without_gaps(run: Run, notes: list[str]) -> Run:
     return replace(run, states=states.rows(~bad))
 
 
-def _with_gains(run: Run, robot: RobotFile) -> Run:
+def with_gains(run: Run, robot: RobotFile) -> Run:
+    """The log with the robot's gains where it has none."""
     given = {"kp_nm_per_rad": robot.each(robot.kp_nm_per_rad), "kd_nm_s_per_rad": robot.each(robot.kd_nm_s_per_rad)}
     filled: dict[str, Any] = {}
     for name, gains in given.items():
@@ -221,8 +221,8 @@ def _with_load(run: Run, robot: RobotFile, notes: list[str]) -> Run:
     elif (agreement := _agreement(made)) < MIN_AGREEMENT:
         notes.append(
             f"log {run.path.name}: loads computed from the motion do not follow the set-points (correlation "
-            f"{agreement:.2f}; at least {MIN_AGREEMENT} is needed): velocities are too coarse, or the MJCF is of "
-            "another robot; they are not used"
+            f"{agreement:.2f}; at least {MIN_AGREEMENT} is needed): velocities are too coarse, the MJCF is of another "
+            "robot, or a controller makes the torque from the velocity, as friction does; they are not used"
         )
     else:
         return made

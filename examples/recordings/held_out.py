@@ -2,8 +2,8 @@
 
     python examples/recordings/held_out.py go2 aliengo z1
 
-A row for each: joints' error under the commands, for 1 s at a time, with rigid bodies alone, with the diagnosis's
-drives, and with plain least squares of the same pieces (NumPy) in their place.
+A row for each: the joints' error under the commands, mrad, for 1 s at a time, with rigid bodies alone and with the
+diagnosis's drives; and the delay that was found, ms.
 """
 
 import argparse
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import spot_rl
-from diagnosis.read import fixed_base, prepare
+from diagnosis.read import fixed_base
 from diagnosis.read.robot_file import load_robot
 from diagnosis.session import Inputs, Progress, run_session
 from spot_log.importing import import_log, load_mapping
@@ -41,14 +41,9 @@ if __name__ == "__main__":
             with Progress() as say:
                 run_session(inputs, place / "found", say, robot_file=robot_file)
             found = fixed_base.Drives.of(load_robot(place / "found" / "corrected_robot.yaml"))
-            fit, _ = prepare.prepared([spot_rl.read_run(log) for log in logs[::2]], robot)
-            each = [prepare.drives_of(run)[0] for run in fit]
-            plain = fixed_base.Drives(
-                *(np.mean([getattr(own, kind) for own in each], axis=0) for kind in fixed_base.EACH), found.delay_s
-            )
             none = fixed_base.Drives(*np.zeros((4, len(robot.joint_names))))
             told = []
-            for drives in (none, found, plain):
+            for drives in (none, found):
                 errors = [fixed_base.error_rad(robot, spot_rl.read_run(log), drives) for log in logs[1::2]]
                 told.append(f"{1e3 * float(np.mean(errors)):.2f}")
         print(f"| {name} | {' | '.join(told)} | {1e3 * found.delay_s:.0f} |")
