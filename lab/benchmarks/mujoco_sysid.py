@@ -45,8 +45,6 @@ SEQUENCES = ("forward", "six_directions")
 TIMESTEP_S = facts.STATE_PERIOD_NS * 1e-9
 HISTORY = 8
 """Set-points that an actuator keeps for its delay."""
-TRAVEL_S = 0.003
-"""Of a command to the default fake robot, the median."""
 SCALE = np.repeat([0.01, 0.5], facts.N_JOINTS)
 """Of a residual: rad, rad/s."""
 PARAMETERS = {
@@ -105,9 +103,8 @@ def apply(spec: mujoco.MjSpec, parameter: Any) -> None:
 def windows(run: Run, model: mujoco.MjModel, length_s: float) -> list[Any]:
     """The log in pieces, each from a measured state on."""
     states, commands = run.states, run.commands
-    # What was sent upon this state, before the next: a delay counts from the state, and is more than a step.
-    until = states.robot_stamp_ns + facts.STATE_PERIOD_NS
-    at = np.maximum(np.searchsorted(commands.robot_stamp_ns, until) - 1, 0)
+    # What had been sent by then: the delay until the robot has it is a parameter.
+    at = np.maximum(np.searchsorted(commands.robot_stamp_ns, states.robot_stamp_ns, side="right") - 1, 0)
     # Not while the gains still ramp from the vendor's stand, or back to it.
     has_policy_gains = np.isclose(commands.kp_nm_per_rad, facts.POLICY_KP_NM_PER_RAD).all(axis=1) & (
         commands.load_nm == 0.0
@@ -182,11 +179,9 @@ def main() -> None:
     spec = position_servos()
     model = spec.copy().compile()
     pieces: list[Any] = []
-    sent_after_s: list[float] = []
     with tempfile.TemporaryDirectory() as name, FakeSpot(scenario_data(truth, chosen.seed, inertia=True)) as spot:
         for sequence in SEQUENCES * 2:
             run = spot.walk(chosen.policy, sequence=sequence, duration_s=chosen.seconds, log_dir=Path(name))
-            sent_after_s += list((run.commands.robot_stamp_ns - run.commands.state_robot_stamp_ns) * 1e-9)
             pieces += windows(run, model, chosen.window)
     pieces = [pieces[i] for i in np.unique(np.linspace(0, len(pieces) - 1, chosen.most).round().astype(int))]
     begin_s = time.perf_counter()
@@ -204,7 +199,7 @@ def main() -> None:
     true = {
         "hip_inertia_kg_m2": physics.armature_hip_kg_m2,
         "knee_inertia_kg_m2": physics.armature_knee_kg_m2,
-        "command_delay_s": float(np.median(sent_after_s)) + TRAVEL_S,
+        "command_delay_s": 0.003,
     }
     told = {}
     for name, value, width in zip(PARAMETERS, result.x, half, strict=True):
