@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -14,15 +14,18 @@ from pydantic import Field
 from rich.console import Console
 
 from diagnosis.closed_loop.simulation import rollouts_under
+from diagnosis.document import Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import chosen_library
-from diagnosis.read import apart_by_gains, find_policy_file, read_logs
-from diagnosis.read.robot_file import SPOT, load_robot
+from diagnosis.read import apart_by_gains, find_policy_file, fixed_base, read_logs
+from diagnosis.read.prepare import drives_of
+from diagnosis.read.robot_file import SPOT, RobotFile, load_robot
 from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.headline import headline
 from diagnosis.report.output import write_all
 from diagnosis.selection.robot_models import merged
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from spot_log.read.run import Run
 from spot_model.console import progress
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.settings import Settings
@@ -41,8 +44,11 @@ STAGES: Final = (
 )
 """How the first message of each stage begins, and its mean share of the time, over six short logs and six long ones."""
 NO_MODEL: Final = (
-    "no model file: only Spot can be simulated here; verdict.json has the numbers for a simulator of your own"
+    f"no closed loops: only Spot is simulated with a policy; {fixed_base.ROBOT_FILE} has the numbers for a simulator "
+    "of your own"
 )
+EFFECTS: Final = ("armature", "coulomb_friction", "viscous_friction", "torque_offset")
+"""Whose numbers, joint by joint, are those of another robot's drives."""
 
 WITHOUT_ARM: Final = (
     "the robot has an arm, and the nominal model has none, so that its weight shows as a payload; give --nominal "
@@ -168,17 +174,57 @@ def run_session(
             nominal_name=inputs.nominal,
             limits_rad=robot.limits_rad,
             engine=engine,
+            is_from_motion=robot.load == "from_motion",
         )
     told = {"notes": tuple(dict.fromkeys((*notes, *result.verdict.notes))), "since": inputs.since}
     verdict = result.verdict.model_copy(update=told | {"robot": robot_of(runs)})
+    files: Mapping[str, str] = {}
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
         differences = tuple(d.model_copy(update={"split": None}) for d in verdict.differences)
-        notes = (*verdict.notes, NO_MODEL)
+        drives = _drives(verdict, runs, robot)
+        files = fixed_base.corrected_files(robot, drives)
+        notes = (*verdict.notes, *_told(robot, runs, drives), NO_MODEL)
         verdict = verdict.model_copy(update={"differences": differences, "no_model": NO_MODEL, "notes": notes})
     result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     say("writing the report")
-    paths = write_all(result, out, library)
+    paths = write_all(result, out, library, files)
     if robot is SPOT:
         inputs.save(out)
     return result, paths
+
+
+def _drives(verdict: Verdict, runs: Sequence[Run], robot: RobotFile) -> fixed_base.Drives:
+    """Another robot's drives: by least squares where loads are computed, else by the verdict.
+
+    Their delay is what was taken off the logs' commands.
+    """
+    late_ns = np.concatenate([run.commands.robot_stamp_ns - run.commands.host_stamp_ns for run in runs])
+    delay_s = float(np.median(late_ns)) * 1e-9 if late_ns.size else 0.0
+    each = [drives_of(run)[0] for run in runs if robot.load == "from_motion" and np.isfinite(run.states.load_nm).all()]
+    if each:
+        found = {name: np.mean([getattr(own, name) for own in each], axis=0) for name in fixed_base.EACH}
+    else:
+        told = {(n.effect, n.where): n.value for n in verdict.calibration.units}
+        found = {
+            name: np.array([told.get((effect, joint), 0.0) for joint in robot.joint_names])
+            for name, effect in zip(fixed_base.EACH, EFFECTS, strict=True)
+        }
+    return fixed_base.Drives(**found, delay_s=delay_s)
+
+
+def _told(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> tuple[str, ...]:
+    """How near simulations of the rigid bodies come to the logs without drives and with them, in a sentence."""
+    if robot.mjcf is None or not any(np.isfinite(run.commands.kp_nm_per_rad).any() for run in runs):
+        return ()
+    # The logs' commands are late already.
+    models = (fixed_base.Drives.of(robot.model_copy(update={"drive": None})), replace(drives, delay_s=0.0))
+    before, after = (
+        1e3 * float(np.mean([fixed_base.error_rad(robot, run, model) for run in runs])) for model in models
+    )
+    if not after < 1e3 * np.pi:
+        return (
+            "simulated under the logs' commands, the MJCF's joints turn away from the logs': it predicts no motion",
+        )
+    told = f"simulated under the logs' commands for {fixed_base.RESTART_S:.0f} s at a time, the MJCF's joints are"
+    return (f"{told} {before:.3g} mrad off, and {after:.3g} mrad with the drives of {fixed_base.ROBOT_FILE}",)

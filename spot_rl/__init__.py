@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from spot_model.policy.policy import Policy as Policy
     from spot_rl.analysis import compare as compare
     from spot_rl.analysis import diagnose as diagnose
+    from spot_rl.analysis import predict as predict
     from spot_rl.analysis import simulate as simulate
     from spot_rl.environment import SpotEnv as SpotEnv
     from spot_rl.environment import make_env as make_env
@@ -49,6 +50,7 @@ _WHERE = {
     "compare": ("spot_rl.analysis", "diagnosis"),
     "Comparison": ("compare.compare", "diagnosis"),
     "diagnose": ("spot_rl.analysis", "diagnosis"),
+    "predict": ("spot_rl.analysis", "diagnosis"),
     "Verdict": ("diagnosis.document", "diagnosis"),
     "identify": ("spot_rl.learning", "sysid"),
     "ResultData": ("trainer.sysid.result", "sysid"),

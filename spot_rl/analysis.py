@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from compare.compare import FILES, Comparison, Named, compare_runs, named, simulate_like, write_comparison
@@ -16,6 +17,9 @@ from diagnosis.closed_loop.simulation import SensorNoise
 from diagnosis.document import Verdict
 from diagnosis.library.registry import chosen_library
 from diagnosis.read import find_policy
+from diagnosis.read.fixed_base import Drives, predicted
+from diagnosis.read.prepare import with_gains
+from diagnosis.read.robot_file import load_robot
 from diagnosis.report.output import check_free
 from diagnosis.session import Inputs, Progress, run_session
 from spot_log.read.run import Run, RunFooter
@@ -37,6 +41,24 @@ from spot_rl.checks import (
 )
 from spot_rl.inputs import model_of, policy_file, policy_of
 from trainer.simulate.engine import EngineName, place_of
+
+
+@with_our_errors
+def predict(robot: AnyPath, run: Run, *, restart_s: float | None = None) -> NDArray[np.float64]:
+    """Predict how another robot than Spot, on a fixed base, moves under a log's commands.
+
+    Args:
+        robot: A robot file with an MJCF, such as the ``corrected_robot.yaml`` of a diagnosis.
+        run: Has the commands, and the state to begin with, from :func:`read_run`.
+        restart_s: Start anew from the measured state after so long; by default never.
+
+    Returns:
+        Positions at the log's states, rad, shape (n, J).
+    """
+    file = load_robot(Path(robot))
+    if file.mjcf is None:
+        raise wrong("robot", str(robot), "a robot file with the key mjcf, the rigid bodies")
+    return predicted(file, with_gains(run, file), Drives.of(file), restart_s)
 
 
 @with_our_errors

@@ -40,6 +40,8 @@ RATTLE_REACH: Final = 9
 """States over which rattling is averaged, the reach of the smoothing filter."""
 RATTLE_RAD_S: Final = 0.25
 """Root mean square of a velocity's second difference between states; a new set-point's step makes at most 0.2."""
+ONE_PHASE: Final = 0.05
+"""Share of a period within which commands always come, if a recording has them row by row with its states."""
 TIMES_USUAL: Final = 3.0
 """Noisy velocities rattle all the time: only so many times the usual counts."""
 
@@ -250,12 +252,15 @@ def _between_states(stack: Stack, lag_s: float) -> Array:
 
     A load is measured at the end of a period, when the step is in it or not yet; the mean acceleration over the period
     has the part of it since it came. What a rotor's inertia makes of the difference is a nuisance. Shape (N, J), N·m.
+    A recording of commands row by row with its states does not say when in a period they came: nothing is taken off.
     """
     parts: list[Array] = []
     for recording in stack.recordings:
         out = np.zeros((len(recording), recording.n_joints))
         step, received_ns, state, later = set_point_steps(recording)
         inside = (received_ns > recording.start_ns) & (state < len(recording)) & (later < 1.0)
+        if not recording.has_receipts and inside.any() and np.ptp(later[inside]) < ONE_PHASE:
+            inside[:] = False
         share = later[inside]
         seen = (share * recording.period_s >= lag_s).astype(np.float64)
         np.add.at(out, state[inside], (seen - share)[:, None] * np.nan_to_num(step[inside]))

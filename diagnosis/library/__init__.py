@@ -226,8 +226,8 @@ class Robot:
         return len(self.joint_names)
 
     def types(self) -> dict[str, Flags]:
-        """Joints by what stands after the last underscore of their names, each shape (J,)."""
-        ends = [name.rsplit("_", 1)[-1] for name in self.joint_names]
+        """Joints by what stands after the last underscore of their names, `_joint` apart; each shape (J,)."""
+        ends = [name.removesuffix("_joint").rsplit("_", 1)[-1] for name in self.joint_names]
         return {end: np.array([e == end for e in ends]) for end in dict.fromkeys(ends)}
 
     def units(self, location: Location) -> Array:

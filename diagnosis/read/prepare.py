@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 
+from diagnosis.read.fixed_base import Drives, error_rad, fitted, loads_nm
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
-from spot_model.errors import BadInputError
 from trainer.signals.recording import Array
 from trainer.signals.smoothing import rate, smooth, too_coarse
 
@@ -42,6 +41,23 @@ def rows_apart(runs: Sequence[Run]) -> float:
     """By how many states loads come after commands; 0 where logs do not show it."""
     by_steps = _after_steps(runs)
     return by_steps if by_steps is not None else _by_moving(runs)
+
+
+def rows_in_motion(runs: Sequence[Run], robot: RobotFile) -> float:
+    """By how many states commands act late, so that simulations come nearest to the motion; loads are computed.
+
+    Torques cannot tell: a delay looks like friction and a rotor, and a late servo law is smaller. 0 where it hardly
+    matters.
+    """
+    costs: list[float] = []
+    for rows in range(MAX_ROWS_APART):
+        late_s = rows * _period_s(runs[0])
+        found = [error_rad(robot, run, replace(drives_of(run, rows)[0], delay_s=late_s)) for run in runs]
+        costs.append(float(np.mean(np.square(found))))
+        if costs[-1] > 1.5 * min(costs):
+            break
+    best = int(np.argmin(costs))
+    return float(best) if costs[best] < BETTER * costs[0] and best < MAX_ROWS_APART - 1 else 0.0
 
 
 def servo_law(run: Run) -> tuple[Array, Array]:
@@ -113,7 +129,7 @@ def _answers(run: Run) -> tuple[Array, Array, Array] | None:
 
 
 def _by_moving(runs: Sequence[Run]) -> float:
-    """By how many states the servo law's torque is best moved; 0 where that is hardly better."""
+    """By how many states the servo law's torque is best moved; 0 where that is hardly better, or has no best."""
     shifts = np.arange(-MAX_ROWS_APART, MAX_ROWS_APART + STEP_ROWS, STEP_ROWS)
     costs = np.zeros(len(shifts))
     for run in runs:
@@ -126,11 +142,11 @@ def _by_moving(runs: Sequence[Run]) -> float:
             costs[i] += float(np.nanvar(off, axis=0).mean())
     best = int(np.argmin(costs))
     at_rest = int(np.flatnonzero(shifts == 0.0)[0])
-    return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] else 0.0
+    return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] and 0 < best < len(shifts) - 1 else 0.0
 
 
 MIN_AGREEMENT: Final = 0.6
-"""Correlation of computed loads with the servo law's torque, at least."""
+"""Correlation of the servo law's torque with computed loads, friction and rotors, at least."""
 
 
 def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tuple[str, ...]]:
@@ -144,19 +160,23 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     """
     notes: list[str] = []
     out = [_without_gaps(run, notes) for run in runs]
-    out = [_with_gains(run, robot) for run in out]
+    out = [with_gains(run, robot) for run in out]
     if robot.load == "from_motion":
-        model = _body(robot)
-        out = [_with_load(run, model, robot, notes) for run in out]
-        notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the drive's")
+        out = [_with_load(run, robot, notes) for run in out]
+        if any(np.isfinite(run.states.load_nm).any() for run in out):
+            told = "loads are computed from the motion by the robot's MJCF: its errors count as the drive's"
+            notes.append(f"{told}, and a torque gain as heavier links")
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
-        shift_s = rows_apart(unstamped) * _period_s(unstamped[0])
+        is_computed = robot.load == "from_motion"
+        rows = rows_in_motion(unstamped, robot) if is_computed else rows_apart(unstamped)
+        shift_s = rows * _period_s(unstamped[0])
         if shift_s != 0.0:
             out = [_shifted(run, round(shift_s * 1e9)) if run in unstamped else run for run in out]
+            told = "loads follow their commands by" if not is_computed else "the motion answers its commands after"
             notes.append(
-                f"loads follow their commands by {1e3 * shift_s:.1f} ms; this is taken off, as without receipts of "
-                "commands the recording itself may add it. A delay of that size cannot be found"
+                f"{told} {1e3 * shift_s:.1f} ms; this is taken off, as without receipts of commands the recording "
+                "itself may add it. A delay of that size cannot be found"
             )
     return tuple(out), tuple(notes)
 
@@ -174,7 +194,8 @@ def _without_gaps(run: Run, notes: list[str]) -> Run:
     return replace(run, states=states.rows(~bad))
 
 
-def _with_gains(run: Run, robot: RobotFile) -> Run:
+def with_gains(run: Run, robot: RobotFile) -> Run:
+    """The log with the robot's gains where it has none."""
     given = {"kp_nm_per_rad": robot.each(robot.kp_nm_per_rad), "kd_nm_s_per_rad": robot.each(robot.kd_nm_s_per_rad)}
     filled: dict[str, Any] = {}
     for name, gains in given.items():
@@ -184,29 +205,7 @@ def _with_gains(run: Run, robot: RobotFile) -> Run:
     return replace(run, commands=replace(run.commands, **filled)) if filled else run
 
 
-def _body(robot: RobotFile) -> mujoco.MjModel:
-    try:
-        model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
-    except ValueError as error:
-        raise BadInputError(f"mjcf {robot.mjcf} cannot be read: {str(error).splitlines()[0]}") from error
-    names = [model.joint(i).name for i in range(model.njnt)]
-    lacking = [name for name in robot.joint_names if name not in names]
-    if lacking:
-        raise BadInputError(f"mjcf {robot.mjcf} has no joint {lacking[0]!r}; it has: {', '.join(names)}")
-    if model.nv != len(robot.joint_names):
-        raise BadInputError(
-            f"mjcf {robot.mjcf} has {model.nv} degrees of freedom, robot {robot.name} {len(robot.joint_names)} joints; "
-            "loads come from motion only where the base is fixed: take its free joint out, or use load: measured"
-        )
-    model.dof_frictionloss[:] = 0.0
-    model.dof_damping[:] = 0.0
-    model.dof_armature[:] = 0.0
-    off = mujoco.mjtDisableBit
-    model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT | off.mjDSBL_ACTUATION | off.mjDSBL_LIMIT
-    return model
-
-
-def _with_load(run: Run, model: mujoco.MjModel, robot: RobotFile, notes: list[str]) -> Run:
+def _with_load(run: Run, robot: RobotFile, notes: list[str]) -> Run:
     """The load that the links' motion needs, from smoothed signals. Loads of the log itself are not used.
 
     No load where it would mean nothing: from states far apart, or unlike what was asked for.
@@ -215,23 +214,15 @@ def _with_load(run: Run, model: mujoco.MjModel, robot: RobotFile, notes: list[st
     velocity = states.velocity_rad_s
     if not np.isfinite(velocity).any():
         velocity = rate(states.position_rad, period_s)
-    position, speed, acceleration = smooth(states.position_rad), smooth(velocity), rate(velocity, period_s)
-    data = mujoco.MjData(model)
-    at = np.array([int(model.joint(name).qposadr[0]) for name in robot.joint_names])
-    dof = np.array([int(model.joint(name).dofadr[0]) for name in robot.joint_names])
-    load = np.empty_like(position)
-    for i in range(len(position)):
-        data.qpos[at], data.qvel[dof], data.qacc[dof] = position[i], speed[i], acceleration[i]
-        mujoco.mj_inverse(model, data)
-        load[i] = data.qfrc_inverse[dof]
+    load = loads_nm(robot, smooth(states.position_rad), smooth(velocity), rate(velocity, period_s))
     made = replace(run, states=replace(states, load_nm=load, velocity_rad_s=velocity))
     if coarse := too_coarse(period_s):
         notes.append(f"log {run.path.name}: {coarse}: loads computed from its motion are not used")
     elif (agreement := _agreement(made)) < MIN_AGREEMENT:
         notes.append(
             f"log {run.path.name}: loads computed from the motion do not follow the set-points (correlation "
-            f"{agreement:.2f}; at least {MIN_AGREEMENT} is needed): velocities are too coarse, or the MJCF is of "
-            "another robot; they are not used"
+            f"{agreement:.2f}; at least {MIN_AGREEMENT} is needed): velocities are too coarse, the MJCF is of another "
+            "robot, or a controller makes the torque from the velocity, as friction does; they are not used"
         )
     else:
         return made
@@ -239,13 +230,22 @@ def _with_load(run: Run, model: mujoco.MjModel, robot: RobotFile, notes: list[st
 
 
 def _agreement(run: Run) -> float:
-    """Correlation of loads with the servo law's torque, in the median of the joints; 0 where nothing was asked."""
-    if not len(run.commands):
-        return 0.0
+    """How well computed loads, friction and rotors account for the servo law's torque, in the median of the joints.
+
+    A correlation, 0 where nothing was asked. Friction and rotor inertia are fitted, and cannot give: in the air, a
+    geared leg's motor works against little else.
+    """
     pulled, own = servo_law(run)
-    asked, load = smooth(moved(pulled, rows_apart([run])) - own), smooth(run.states.load_nm)
-    found = [np.corrcoef(asked[:, j], load[:, j])[0, 1] for j in range(load.shape[1]) if asked[:, j].std() > 0]
-    return float(np.median(found)) if found else 0.0
+    rest, size = drives_of(run)[1].var(axis=0), smooth(pulled - own).var(axis=0)
+    found = 1.0 - rest[size > 0] / size[size > 0]
+    return float(np.sqrt(max(0.0, np.median(found)))) if found.size else 0.0
+
+
+def drives_of(run: Run, rows: float = 0.0) -> tuple[Drives, Array]:
+    """Drives that the log's motion and its commands, so many states late, speak for; and what they leave, (n, J)."""
+    pulled, own = servo_law(run)
+    beyond = smooth(moved(pulled, rows) - own) - smooth(run.states.load_nm)
+    return fitted(beyond, run.states.velocity_rad_s, _period_s(run))
 
 
 def _period_s(run: Run) -> float:

@@ -28,6 +28,21 @@ from trainer.signals.recording import Array
 PerJoint = float | tuple[float, ...]
 
 
+class DriveNumbers(Settings):
+    """What each joint's drive adds to the rigid bodies, as a diagnosis found it; a number stands for all joints."""
+
+    inertia_kg_m2: PerJoint = 0.0
+    """Of the rotor, at the joint (MuJoCo: `armature`)."""
+    friction_nm: PerJoint = 0.0
+    """Dry friction (`frictionloss`)."""
+    damping_nm_s_per_rad: PerJoint = 0.0
+    """Viscous friction (`damping`)."""
+    offset_nm: PerJoint = 0.0
+    """A constant torque beside the servo's."""
+    delay_s: float = 0.0
+    """From a command's stamp to its torque."""
+
+
 class RobotFile(Settings):
     """The file's keys. A number stands for all joints."""
 
@@ -49,12 +64,16 @@ class RobotFile(Settings):
     """``from_motion``: loads are what the MJCF needs for the motion; for a robot on a stand, with no torque sensors
     at its links."""
 
+    drive: DriveNumbers | None = None
+    """In the files that a diagnosis writes; predictions use it, a diagnosis does not."""
+
     @model_validator(mode="after")
     def _fits(self) -> RobotFile:
         if len(set(self.joint_names)) != len(self.joint_names):
             raise ValueError("joint_names has a name twice")
-        for name in ("kp_nm_per_rad", "kd_nm_s_per_rad", "position_low_rad", "position_high_rad", "torque_limit_nm"):
-            value = getattr(self, name)
+        for name, value in {**dict(self), **dict(self.drive or ())}.items():
+            if name in ("schema_name", "joint_names"):
+                continue
             if isinstance(value, tuple) and len(value) != len(self.joint_names):
                 raise ValueError(f"{name} has {len(value)} values; allowed: 1, or one for each joint in joint_names")
         if (self.position_low_rad is None) != (self.position_high_rad is None):

@@ -107,6 +107,8 @@ def next_step(v: Verdict) -> str:
     if v.status == "cannot_tell":
         off = v.channels.get("set_point_to_load", "").removeprefix("off: ")
         from_motion = "; with 'load: from_motion' and an MJCF, --robot computes loads" if v.no_model else ""
+        if unlike := next((note for note in v.notes if "loads computed from" in note), ""):
+            return f"see why the loads are not used ({unlike})"
         return f"see why no channel shows forces ({off}){from_motion}" if off not in ("", "used") else "record more"
     if is_unchanged(v):
         return f"keep the model of {v.since}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from diagnosis.library import LibraryEffect
 from diagnosis.report.page import page
@@ -20,6 +21,8 @@ NAMES = {
     "model": "corrected_model.yaml",
     "robots": "possible_robots.yaml",
     "posterior": "posterior.json",
+    "robot": "corrected_robot.yaml",
+    "mjcf": "corrected_robot.xml",
 }
 
 
@@ -33,23 +36,26 @@ def check_free(out: Path) -> None:
     check_new(*(out / name for name in NAMES.values()))
 
 
-def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]) -> dict[str, Path]:
+def write_all(
+    result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect], files: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, Path]:
     """Write everything into a folder; an interruption leaves nothing half-written there.
 
-    The experiments are those of the library's effects. Returned are the files' places by :data:`NAMES`.
+    The experiments are those of the library's effects; ``files`` are texts to write as well, by name. Returned are all
+    places by :data:`NAMES`.
 
     Raises:
         OutputExistsError: The folder holds one of the files already; none is written then.
     """
     v = result.verdict
-    texts = {NAMES["report"]: page(result), NAMES["verdict"]: v.to_json()}
+    texts = {NAMES["report"]: page(result), NAMES["verdict"]: v.to_json(), **files}
     if result.posterior is not None:
         texts[NAMES["posterior"]] = result.posterior.model_dump_json(by_alias=True, indent=1) + "\n"
     with whole_folder(out) as part:
         for name, text in texts.items():
             (part / name).write_text(text, encoding="utf-8")
         if result.board.robot.joint_names == JOINT_NAMES:
-            # A model file describes Spot; of another robot the verdict's parameters are the result.
+            # A model file describes Spot; another robot has files of its own.
             save_model(result.corrected, part / NAMES["model"])
             save_models((result.corrected, *result.possible), part / NAMES["robots"])
         for d in v.differences:

@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from diagnosis.channels import Array, Channel, Flags, Ints, Shape
+from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints, Shape
 from diagnosis.channels.actuator import ActuatorSignals
-from diagnosis.decision_constants import ErrorScale
+from diagnosis.decision_constants import ERROR_SCALES, ErrorScale
 from diagnosis.library import LibraryEffect, Location, Robot
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.effects.friction import CoulombFriction
@@ -25,6 +25,16 @@ BUILDS_UP_RAD: Final = 0.003
 """Over which the nominal model's dry friction usually builds up after a reversal."""
 OWN_NUMBERS: Final = 0.05
 """Standard deviation of a nominal torque effect's own numbers, relative."""
+
+UNLIKE_MOTION: Final = frozenset(
+    {
+        *("load_sensor_gain", "load_filter", "joint_compliance"),
+        *("torque_gain", "thermal_derating", "torque_bandwidth", "torque_delay", "backlash"),
+        *("torque_limit", "torque_speed_curve", "position_torque_limit", "power_limit", "bus_sag"),
+    }
+)
+"""Effects that loads which are computed from the motion cannot show: no sensor made them, and they are the small rest
+of a torque that goes into friction and rotors. What takes a share of the torque would shrink it toward that rest."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +137,26 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[s
         tuple(kinds),
         np.array(sizes),
     )
+
+
+def of_unknown_drive(view: ChannelView) -> dict[str, ErrorScale]:
+    """Ordinary errors where loads are computed from the motion, and no nominal number of the drive is known.
+
+    Friction, rotors or a constant may each take all that the drive gives.
+    """
+    s: ActuatorSignals = view.signals
+    velocity, torque = s.finish(s.velocity_rad_s), s.finish(s.torque_nm)
+    given = {
+        "coulomb_friction": np.ones_like(velocity),
+        "torque_offset": np.ones_like(velocity),
+        "viscous_friction": velocity,
+        "armature": s.finish_rate(s.inertial_velocity_rad_s),
+    }
+    scales = {name: scale for name, scale in ERROR_SCALES.items() if name not in UNLIKE_MOTION}
+    for name, motion in given.items():
+        size = float(np.linalg.norm(torque)) / max(float(np.linalg.norm(motion)), 1e-9)
+        scales[name] = ErrorScale(dict.fromkeys(ERROR_SCALES[name].scales, size))
+    return scales
 
 
 def error_sets(robot: Robot, effect: LibraryEffect) -> list[Flags]:

@@ -21,6 +21,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.normal_equations import one_thread
+from diagnosis.selection.ordinary_errors import UNLIKE_MOTION
 from diagnosis.selection.robot_models import by_joint, merged, model_of
 from diagnosis.selection.scoring import crossed
 from diagnosis.verdict.assemble import assemble
@@ -84,6 +85,7 @@ def diagnose(
     nominal_name: str = "",
     limits_rad: tuple[Array, Array] | None = None,
     engine: Rollouts | None = None,
+    is_from_motion: bool = False,
 ) -> Diagnosis:
     """Diagnose logs.
 
@@ -99,10 +101,13 @@ def diagnose(
         nominal_name: For the verdict.
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.
+        is_from_motion: The loads are computed from the motion.
     """
     library = with_repairs(library, nominal)
+    if is_from_motion:
+        library = {name: entry for name, entry in library.items() if name not in UNLIKE_MOTION}
     say(f"building channels of {counted(len(runs), 'log')}")
-    found = explain(runs, nominal, policy, library, say, limits_rad)
+    found = explain(runs, nominal, policy, library, say, limits_rad, is_from_motion)
     # What is there, and how this robot is calibrated.
     with one_thread():
         belief = decide(found, library)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from diagnosis.channels import Array, ChannelOff, Views
+from diagnosis.channels import Array, Channel, ChannelOff, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import ERROR_SCALES
@@ -14,6 +14,7 @@ from diagnosis.library.held import less_held
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence, lay_out
 from diagnosis.selection.normal_equations import one_thread
+from diagnosis.selection.ordinary_errors import of_unknown_drive
 from diagnosis.selection.scoring import Placed, Scorer, null_of
 from diagnosis.selection.search import Selection, effects_of, search, selection_of
 from spot_log.read.run import Run
@@ -60,14 +61,15 @@ def explain(
     library: Mapping[str, LibraryEffect],
     say: Say,
     limits_rad: tuple[Array, Array] | None = None,
+    is_from_motion: bool = False,
 ) -> Explanation:
-    """Channels, evidence, and the best set of effects.
+    """Channels, evidence, and the best set of effects; ``is_from_motion`` where loads are computed, not measured.
 
     Raises:
         BadInputError: The logs feed no channel at all.
     """
     with one_thread():
-        logs, views, off, board = evidence_of(runs, nominal, policy, library, limits_rad)
+        logs, views, off, board = evidence_of(runs, nominal, policy, library, limits_rad, is_from_motion)
         say(f"trying {len(library)} effects on {len(board.blocks)} signals of {len(views)} channels")
         return Explanation(logs, views, off, board, search(board, library, say))
 
@@ -78,6 +80,7 @@ def evidence_of(
     policy: Policy | None,
     library: Mapping[str, LibraryEffect],
     limits_rad: tuple[Array, Array] | None = None,
+    is_from_motion: bool = False,
 ) -> tuple[Stack, Views, tuple[ChannelOff, ...], Evidence]:
     """Logs on one grid, channels that are on and off, and the evidence.
 
@@ -101,5 +104,7 @@ def evidence_of(
     # Ordinary errors are of either sign by themselves.
     every = {**LIBRARY, **{name: entry for name, entry in library.items() if not entry.taken_away}}
     views = less_held(views, nominal.effects, every)
-    board = lay_out(views, robot, folds, fold_names, library=every, scales=ERROR_SCALES, period_s=logs.period_s)
+    drive = views.get(Channel.SET_POINT_TO_LOAD)
+    scales = of_unknown_drive(drive) if is_from_motion and drive is not None else ERROR_SCALES
+    board = lay_out(views, robot, folds, fold_names, library=every, scales=scales, period_s=logs.period_s)
     return logs, views, tuple(off), board

@@ -3,9 +3,11 @@
 Claim it supports: *Beside peers* in docs/evidence/identification.md. A fake robot with a known truth walks in lock-
 step; its joints, body and set-points, as logged, go into `mujoco.sysid` as its documentation shows: one MuJoCo model
 with position servos, windows that start at logged states, least squares over joint positions and velocities,
-intervals from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia and the knees'
-range of torque; torque limits that change with speed and command delays are not among its parameters, so their truths
-are left out. Intervals are of 90 %, as this project states them.
+intervals from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia, the knees'
+range of torque, and the delay of commands (an actuator's `delay`, with `interp="linear"`: by default a delay of N steps
+is N or N + 1; of less than a step it is none). Torque limits that change with speed are not among its parameters, so
+their truths are left out. `mujoco.rollout` gives sensors of the state before each step, and the package stamps them
+with the time after it; here they get their own time. Intervals are of 90 %, as this project states them.
 
     pip install 'mujoco[sysid]==4.0.0'
     python lab/benchmarks/mujoco_sysid.py [--truth 0] [--seconds 6] [--window 0.03]
@@ -41,6 +43,8 @@ from spot_rl.fake_spot import FakeSpot
 
 SEQUENCES = ("forward", "six_directions")
 TIMESTEP_S = facts.STATE_PERIOD_NS * 1e-9
+HISTORY = 8
+"""Set-points that an actuator keeps for its delay."""
 SCALE = np.repeat([0.01, 0.5], facts.N_JOINTS)
 """Of a residual: rad, rad/s."""
 PARAMETERS = {
@@ -51,6 +55,7 @@ PARAMETERS = {
     "knee_inertia_kg_m2": (0.02, 0.0, 0.2),
     "torque_max_nm": (100.0, 30.0, 160.0),
     "torque_min_nm": (-100.0, -160.0, -30.0),
+    "command_delay_s": (0.005, TIMESTEP_S, 0.015),
 }
 
 
@@ -60,6 +65,7 @@ def position_servos() -> mujoco.MjSpec:
     for name in facts.JOINT_NAMES:
         hips = "" if name.endswith("kn") else ' forcelimited="true" forcerange="-45 45"'
         gains = f'kp="{facts.POLICY_KP_NM_PER_RAD}" kv="{facts.POLICY_KD_NM_S_PER_RAD}"'
+        gains += f' delay="{PARAMETERS["command_delay_s"][0]}" interp="linear" nsample="{HISTORY}"'
         text = text.replace(
             f'<motor name="{name}" joint="{name}" gear="1"/>', f'<position name="{name}" joint="{name}" {gains}{hips}/>'
         )
@@ -75,6 +81,10 @@ def position_servos() -> mujoco.MjSpec:
 def apply(spec: mujoco.MjSpec, parameter: Any) -> None:
     """Write one parameter into the model."""
     value = float(parameter.value[0])
+    if parameter.name == "command_delay_s":
+        for name in facts.JOINT_NAMES:
+            spec.actuator(name).delay = value
+        return
     is_of_hips = parameter.name.startswith("hip")
     for name in facts.JOINT_NAMES:
         if parameter.name.startswith("torque"):
@@ -93,13 +103,13 @@ def apply(spec: mujoco.MjSpec, parameter: Any) -> None:
 def windows(run: Run, model: mujoco.MjModel, length_s: float) -> list[Any]:
     """The log in pieces, each from a measured state on."""
     states, commands = run.states, run.commands
-    at = np.searchsorted(commands.key, states.last_command_key)
-    at = np.minimum(at, len(commands.key) - 1)
+    # What had been sent by then: the delay until the robot has it is a parameter.
+    at = np.maximum(np.searchsorted(commands.robot_stamp_ns, states.robot_stamp_ns, side="right") - 1, 0)
     # Not while the gains still ramp from the vendor's stand, or back to it.
     has_policy_gains = np.isclose(commands.kp_nm_per_rad, facts.POLICY_KP_NM_PER_RAD).all(axis=1) & (
         commands.load_nm == 0.0
     ).all(axis=1)
-    followed = np.flatnonzero((commands.key[at] == states.last_command_key) & has_policy_gains[at])
+    followed = np.flatnonzero(has_policy_gains[at])
     setpoint = commands.position_rad[at]
     n = round(length_s / TIMESTEP_S)
     found = []
@@ -112,8 +122,19 @@ def windows(run: Run, model: mujoco.MjModel, length_s: float) -> list[Any]:
         measured = np.hstack([states.position_rad[rows], states.velocity_rad_s[rows]])
         sensors = sysid.TimeSeries.from_names(times, measured, model, [model.sensor(i).name for i in range(24)])
         control = sysid.TimeSeries.from_control_names(times, setpoint[rows], model)
-        found.append((sysid.create_initial_state(model, *start_of(run, begin)), control, sensors))
+        found.append((initial_state(model, start_of(run, begin), setpoint[begin - HISTORY : begin]), control, sensors))
     return found
+
+
+def initial_state(model: mujoco.MjModel, start: tuple[np.ndarray, np.ndarray], before: np.ndarray) -> np.ndarray:
+    """The package's state vector, with the set-points (HISTORY, 12) that a delay reaches back to."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = start
+    for i in range(model.nu):
+        mujoco.mj_initCtrlHistory(model, data, i, np.arange(-HISTORY, 0) * TIMESTEP_S, before[:, i])
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    return state
 
 
 def start_of(run: Run, row: int) -> tuple[np.ndarray, np.ndarray]:
@@ -137,6 +158,8 @@ def start_of(run: Run, row: int) -> tuple[np.ndarray, np.ndarray]:
 
 def difference(_: Any, predicted: Any, measured: Any, *__: Any, **___: Any) -> tuple[Any, Any, Any]:
     """Residual in fixed units: the package's own is relative to each signal's size, and joints that rest would rule."""
+    # Sensors are of the state before the step; their stamp is of the one after it.
+    predicted = sysid.TimeSeries(predicted.times - TIMESTEP_S, predicted.data, predicted.signal_mapping)
     measured = sysid.apply_delayed_ts_window(measured, predicted, 0.0, 0.0)
     predicted = predicted.resample(measured.times)
     return (predicted.data - measured.data) / SCALE, predicted, measured
@@ -145,6 +168,7 @@ def difference(_: Any, predicted: Any, measured: Any, *__: Any, **___: Any) -> t
 def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1, help="of the fake robot")
     parser.add_argument("--truth", type=int, default=0)
     parser.add_argument("--policy", type=policy_file, default="baseline")
     parser.add_argument("--seconds", type=float, default=6.0, help="of each of the four runs")
@@ -155,7 +179,7 @@ def main() -> None:
     spec = position_servos()
     model = spec.copy().compile()
     pieces: list[Any] = []
-    with tempfile.TemporaryDirectory() as name, FakeSpot(scenario_data(truth, 1, inertia=True)) as spot:
+    with tempfile.TemporaryDirectory() as name, FakeSpot(scenario_data(truth, chosen.seed, inertia=True)) as spot:
         for sequence in SEQUENCES * 2:
             run = spot.walk(chosen.policy, sequence=sequence, duration_s=chosen.seconds, log_dir=Path(name))
             pieces += windows(run, model, chosen.window)
@@ -175,6 +199,7 @@ def main() -> None:
     true = {
         "hip_inertia_kg_m2": physics.armature_hip_kg_m2,
         "knee_inertia_kg_m2": physics.armature_knee_kg_m2,
+        "command_delay_s": 0.003,
     }
     told = {}
     for name, value, width in zip(PARAMETERS, result.x, half, strict=True):
@@ -187,7 +212,8 @@ def main() -> None:
             "error_percent": round(100 * abs(float(value) - truly) / scale, 1),
             "holds": int(abs(value - truly) <= width),
         }
-    print(json.dumps({"pieces": len(pieces), "identify_s": round(time.perf_counter() - begin_s, 1), **told}))
+    cost, took_s = 0.5 * sum(float(np.sum(np.square(r))) for r in residuals), time.perf_counter() - begin_s
+    print(json.dumps({"pieces": len(pieces), "cost": round(cost), "identify_s": round(took_s, 1), **told}))
 
 
 if __name__ == "__main__":

@@ -73,8 +73,9 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
     stops = np.column_stack([POSITION_LOW_RAD - STOP_MARGIN_RAD, POSITION_HIGH_RAD + STOP_MARGIN_RAD])
     limits, turns = dict(zip(JOINT_NAMES, stops, strict=True)), np.array([-WHOLE_TURNS_RAD, WHOLE_TURNS_RAD])
     names = recording.mapping.joint_names
+    limits |= dict.fromkeys(recording.mapping.continuous_joints, np.array([-np.inf, np.inf]))
     low, high = np.array([limits.get(name, turns) for name in names]).T
-    ours = [i for i, name in enumerate(names) if name in limits]
+    ours = [i for i, name in enumerate(names) if name in JOINT_NAMES]
 
     def outside(values: Array) -> Array:
         return np.asarray(((values < low) | (values > high)).mean(axis=0))

@@ -134,6 +134,8 @@ class Mapping(_Strict):
     """Joints in the log's order."""
     source_joint_names: tuple[str, ...] | None = None
     """The joints in the source's order, where that is another or has more, such as an arm's, which are left out."""
+    continuous_joints: tuple[str, ...] = ()
+    """Joints that turn without a stop: any number of turns is right for them."""
     names_in_source: dict[str, str] = {}
     """What the source calls a joint or a foot, where it has another name: the text for `{joint}` or `{foot}`."""
     foot_names: tuple[str, ...] = LEG_NAMES

@@ -156,6 +156,10 @@ def test_a_robot_with_unknown_stops_is_doubted_where_it_turns_twice(tmp_path) ->
     )
     imported = import_log(load_mapping(tmp_path / "m.yaml"), tmp_path / "arm.npz", tmp_path / "out.mcap")
     assert imported.doubts[0].startswith("signal position: hip is beyond two turns in 9")
+    with (tmp_path / "m.yaml").open("a") as mapping:
+        mapping.write("continuous_joints: [hip]\n")
+    turning = import_log(load_mapping(tmp_path / "m.yaml"), tmp_path / "arm.npz", tmp_path / "turning.mcap")
+    assert not turning.doubts
 
 
 MAPPING = """
