@@ -63,7 +63,7 @@ def explain_logs(
     from diagnosis.report.history import Filing, file_next
     from diagnosis.report.history_page import write_history
     from diagnosis.report.output import check_free
-    from diagnosis.session import Inputs, Progress, run_session
+    from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
     from diagnosis.terminal import twelve_lines
 
     if history is not None:
@@ -75,7 +75,7 @@ def explain_logs(
     else:
         place = Filing(out, nominal, "")
     check_free(place.out)
-    inputs = Inputs(
+    inputs = DiagnosisRequest(
         logs=tuple(map(str, logs)),
         nominal=place.nominal,
         since=place.since,
@@ -85,7 +85,7 @@ def explain_logs(
     )
     where = place_of(workers, engine, ray_address, device)
     try:
-        with Progress() as progress:
+        with DiagnosisProgress() as progress:
             result, paths = run_session(
                 inputs, place.out, progress, robot_file=robot, with_synthesis=synthesis, place=where, seed=seed
             )

@@ -56,7 +56,7 @@ WITHOUT_ARM: Final = (
 )
 
 
-class Inputs(Settings):
+class DiagnosisRequest(Settings):
     """The words of a ``spot-rl diagnose``, kept beside its result so that it can be repeated with more logs."""
 
     schema_name: Literal["spot-rl/diagnosis-inputs/1"] = Field(default="spot-rl/diagnosis-inputs/1", alias="schema")
@@ -68,7 +68,7 @@ class Inputs(Settings):
     since: str = ""
     """Date of the diagnosis whose corrected model the nominal one is; empty for other models."""
 
-    def absolute(self) -> Inputs:
+    def absolute(self) -> DiagnosisRequest:
         """The same with absolute paths; a nominal model that is no file (a built-in name) stays as it is."""
         own = {
             "logs": tuple(str(Path(path).absolute()) for path in self.logs),
@@ -82,7 +82,7 @@ class Inputs(Settings):
         write_over(folder / INPUTS, self.absolute().model_dump_json(by_alias=True, indent=1) + "\n")
 
 
-class Progress(progress.Progress):
+class DiagnosisProgress(progress.Progress):
     """Shows how far a diagnosis is. Calling it with a text says the text; the text of a stage begins that stage.
 
     It goes to ``console``, standard error by default; ``clock`` gives seconds, for the time left.
@@ -116,9 +116,9 @@ class Progress(progress.Progress):
 
 
 def run_session(
-    inputs: Inputs,
+    inputs: DiagnosisRequest,
     out: Path,
-    say: Progress,
+    say: DiagnosisProgress,
     *,
     nominal: RobotModel | None = None,
     library: Mapping[str, LibraryEffect] | None = None,

@@ -28,7 +28,7 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
         ("unknown", words.unknown_told(v.unknown) if v.unknown is not None else ""),
         ("calibration", words.own_told(v)),
         ("held", "; ".join(v.held)),
-        ("corrected", "; ".join(map(words.gap_told, words.all_gaps(v))) or "not measured"),
+        ("corrected", "; ".join(map(words.gap_phrase, words.all_gaps(v))) or "not measured"),
         ("remains", "; ".join(map(words.left_told, v.remainder))),
         ("invisible", ", ".join(map(words.plain, v.invisible))),
         ("to decide", "".join(splits[:1])),
@@ -40,6 +40,6 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
 
 
 def _difference(d: Difference) -> str:
-    values = ", ".join(words.size_told(name, p) for name, p in d.parameters.items())
+    values = ", ".join(words.size_phrase(name, p) for name, p in d.parameters.items())
     told = (f"{words.found(d)}, P {d.probability:.2f}", values, words.does(d.consequences))
     return "; ".join(filter(None, told))

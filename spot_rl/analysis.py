@@ -21,7 +21,7 @@ from diagnosis.read.fixed_base import Drives, predicted
 from diagnosis.read.prepare import with_gains
 from diagnosis.read.robot_file import load_robot
 from diagnosis.report.output import check_free
-from diagnosis.session import Inputs, Progress, run_session
+from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
 from spot_log.read.run import Run, RunFooter
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, save_model
@@ -192,14 +192,14 @@ def diagnose(
     kept = (folder / "nominal.yaml").absolute() if isinstance(nominal, RobotModel) else None
     if kept is not None:
         check_new(kept)
-    inputs = Inputs(
+    inputs = DiagnosisRequest(
         logs=tuple(map(str, paths)),
         nominal=name if kept is None else str(kept),
         policy=str(policy_file(policy)) if policy is not None else None,
         add_effect=tuple(e if isinstance(e, str) else f"{e.__module__}:{e.__qualname__}" for e in added),
         without=tuple(left_out),
     )
-    with Progress(None if progress else Console(file=io.StringIO())) as say:
+    with DiagnosisProgress(None if progress else Console(file=io.StringIO())) as say:
         result, _ = run_session(inputs, folder, say, nominal=model, library=library, place=place, seed=seed)
     if kept is not None:
         save_model(model, kept)

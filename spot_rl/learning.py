@@ -154,7 +154,7 @@ def evaluate(
         SpotRlError: A file is missing or not valid.
     """
     from trainer.evaluate.setting import Setting
-    from trainer.evaluate.trials import evaluate as run_trials
+    from trainer.evaluate.trials import evaluate_setting as run_trials
 
     n, seed = whole(n, "n", 1), whole(seed, "seed")
     return run_trials(Setting(policy=policy_of(policy), model=model_of(model)[0], seed=seed), n=n)

@@ -10,7 +10,7 @@ from spot_model.errors import SpotRlError
 from spot_model.text import plain
 
 
-class Verdict(Enum):
+class CheckResult(Enum):
     """How a check ended."""
 
     OK = "ok"
@@ -26,7 +26,7 @@ class Verdict(Enum):
 class Finding:
     """What a check found."""
 
-    verdict: Verdict
+    verdict: CheckResult
     found: str
     advice: str = ""
     """What to do; empty where nothing is to be done."""
@@ -39,7 +39,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Check:
+class DoctorCheck:
     """Something to look at. ``look`` may raise SpotRlError, which is a failure in the error's words."""
 
     name: str
@@ -59,24 +59,24 @@ class Check:
 
 def ok(found: str) -> Finding:
     """All is well."""
-    return Finding(Verdict.OK, found)
+    return Finding(CheckResult.OK, found)
 
 
 def warn(found: str, advice: str) -> Finding:
     """A run goes, but worse than it could."""
-    return Finding(Verdict.WARN, found, advice)
+    return Finding(CheckResult.WARN, found, advice)
 
 
 def fail(found: str, advice: str) -> Finding:
     """A run would not start, or would not end well."""
-    return Finding(Verdict.FAIL, found, advice)
+    return Finding(CheckResult.FAIL, found, advice)
 
 
 def skipped(why: str) -> Finding:
     """Not checked."""
-    return Finding(Verdict.SKIPPED, why)
+    return Finding(CheckResult.SKIPPED, why)
 
 
 def is_fit(findings: Iterable[Finding]) -> bool:
     """Whether no check failed."""
-    return all(finding.verdict is not Verdict.FAIL for finding in findings)
+    return all(finding.verdict is not CheckResult.FAIL for finding in findings)

@@ -15,7 +15,7 @@ from typing import Final
 from spot_model.policy.policy import load_policy
 from spot_runtime.config import RunConfig
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNoteError, NoteHeldError, note_folder
-from spot_tools.checks import Check, Finding, fail, ok, skipped, warn
+from spot_tools.checks import DoctorCheck, Finding, fail, ok, skipped, warn
 
 PYTHON_LOW: Final = (3, 10)
 PYTHON_HIGH: Final = (3, 12)
@@ -104,19 +104,19 @@ class Host:
         return shutil.disk_usage(folder).free
 
 
-def checks_of_computer(host: Host, config: RunConfig, policy: Path | None) -> list[Check]:
+def checks_of_computer(host: Host, config: RunConfig, policy: Path | None) -> list[DoctorCheck]:
     """All of them, in the order in which to fix them."""
     real_time = config.real_time
     return [
-        Check("python", lambda: python(host)),
-        Check("packages", lambda: packages(host)),
-        Check("policy", lambda: policy_file(policy)),
-        Check("cpu governor", lambda: cpu_governor(host)),
-        Check("cpu isolation", lambda: cpu_isolation(host, real_time.cpu_affinity)),
-        Check("real-time priority", lambda: fifo(host, real_time.fifo_priority)),
-        Check("memory lock", lambda: memory_lock(host, is_wanted=real_time.lock_memory)),
-        Check("disk for logs", lambda: disk(host, config.log.directory)),
-        Check("left behind", lambda: left_behind(host.note_folder())),
+        DoctorCheck("python", lambda: python(host)),
+        DoctorCheck("packages", lambda: packages(host)),
+        DoctorCheck("policy", lambda: policy_file(policy)),
+        DoctorCheck("cpu governor", lambda: cpu_governor(host)),
+        DoctorCheck("cpu isolation", lambda: cpu_isolation(host, real_time.cpu_affinity)),
+        DoctorCheck("real-time priority", lambda: fifo(host, real_time.fifo_priority)),
+        DoctorCheck("memory lock", lambda: memory_lock(host, is_wanted=real_time.lock_memory)),
+        DoctorCheck("disk for logs", lambda: disk(host, config.log.directory)),
+        DoctorCheck("left behind", lambda: left_behind(host.note_folder())),
     ]
 
 

@@ -10,10 +10,10 @@ from typing import Annotated
 import typer
 
 from spot_model.console.command_registry import AsJson, OptionalPolicyFile
-from spot_tools.checks import Finding, Verdict, is_fit
+from spot_tools.checks import CheckResult, Finding, is_fit
 from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config
 
-_COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "red", Verdict.SKIPPED: None}
+_COLOUR = {CheckResult.OK: "green", CheckResult.WARN: "yellow", CheckResult.FAIL: "red", CheckResult.SKIPPED: None}
 
 
 def doctor(

@@ -28,7 +28,7 @@ from spot_runtime.hal.credentials import trusted_certificates
 from spot_runtime.hal.errors import HalError, NoServiceError
 from spot_runtime.hal.spot.arm import polled_arm_rad, refuse_arm_out
 from spot_runtime.hal.spot.estop import is_alive
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.hal.spot.slow_state import (
     charge_percent,
     pressed_estops,
@@ -38,7 +38,7 @@ from spot_runtime.hal.spot.slow_state import (
 from spot_runtime.hal.spot.vendor_errors import enum_word
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
-from spot_tools.checks import Check, Finding, Verdict, fail, ok, skipped, warn
+from spot_tools.checks import CheckResult, DoctorCheck, Finding, fail, ok, skipped, warn
 
 PROBES: Final = 10
 LATENCY_WARN_S: Final = 0.005
@@ -63,11 +63,11 @@ class RobotDoctor:
         self._trusted: Address | None = None
         self._reader: Reader | None = None
 
-    def checks(self) -> list[Check]:
+    def checks(self) -> list[DoctorCheck]:
         """All of them, in the order of a run."""
         steps = {"route": self.route, "certificate": self.certificate, "account": self.account}
         steps |= {name: partial(self._if_logged_in, look) for name, look in LOOKS.items()}
-        return [Check(f"{self._text} {name}", look) for name, look in steps.items()]
+        return [DoctorCheck(f"{self._text} {name}", look) for name, look in steps.items()]
 
     def close(self) -> None:
         """Hang up."""
@@ -87,7 +87,7 @@ class RobotDoctor:
             except OSError as error:
                 raise _explain(address, robot, error) from error
         finding = judge_latency(sorted(round_trips_s), str(address), local)
-        self._route = None if finding.verdict is Verdict.FAIL else address
+        self._route = None if finding.verdict is CheckResult.FAIL else address
         return finding
 
     def certificate(self) -> Finding:
@@ -159,7 +159,7 @@ class Reader:
         clock = HostClock()
         self._clock, self._timeout_s = clock, config.rpc_timeout_s
         self._estimate = RobotClockEstimate()
-        self._session = Session(address, config, clock, self._estimate, clock.now_ns)
+        self._session = RobotCalls(address, config, clock, self._estimate, clock.now_ns)
 
     def log_in(self) -> str:
         """Log in; serial number and nickname."""

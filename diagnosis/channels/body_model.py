@@ -28,7 +28,7 @@ N_DOFS = FIRST_JOINT_DOF + facts.N_JOINTS
 
 
 @dataclass(frozen=True)
-class Inputs:
+class BodyInputs:
     """What inverse dynamics start from, n rows; a correction of a sensor replaces one of these."""
 
     world_from_body_wxyz: Array
@@ -65,7 +65,7 @@ class BodyModel:
         self.foot_friction = np.array([model.geom(f"{leg}_foot").friction[0] for leg in facts.LEG_NAMES])
         """Sliding friction coefficient, shape (4,)."""
 
-    def inverse_dynamics(self, x: Inputs) -> Array:
+    def inverse_dynamics(self, x: BodyInputs) -> Array:
         """Generalised forces that make this motion, gravity included; shape (n, 18).
 
         Force on the body in the world, moment about the body's origin in the body, joint torques. The body's velocity
@@ -106,7 +106,7 @@ def imu_gravity_m_s2(stack: Stack) -> float | None:
     return next((g for g in (GRAVITY_M_S2, 0.0) if abs(mean - g) < GRAVITY_TOLERANCE_M_S2), None)
 
 
-def full_rate_inputs(stack: Stack, load_nm: Array) -> Inputs:
+def full_rate_inputs(stack: Stack, load_nm: Array) -> BodyInputs:
     """The motion at the states' stamps, not smoothed, its accelerations without gravity.
 
     The body's acceleration is the inertial unit's where there is one, else the derivative of the estimator's velocity.
@@ -124,7 +124,7 @@ def full_rate_inputs(stack: Stack, load_nm: Array) -> Inputs:
         reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
         acceleration = forward(np.asarray(reading), stack) - np.array([0.0, 0.0, gravity])
     velocity = stack.filled(lambda r: r.velocity_rad_s)
-    return Inputs(
+    return BodyInputs(
         world_from_body_wxyz=attitude,
         angular_vel_in_body_rad_s=turn,
         linear_acc_in_world_m_s2=acceleration,

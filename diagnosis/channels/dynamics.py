@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags
 from diagnosis.channels.actuator import rattling
-from diagnosis.channels.body_model import GRAVITY_M_S2, BodyModel, Inputs, full_rate_inputs, imu_gravity_m_s2
+from diagnosis.channels.body_model import GRAVITY_M_S2, BodyInputs, BodyModel, full_rate_inputs, imu_gravity_m_s2
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
@@ -74,7 +74,7 @@ class DynamicsSignals:
     model: BodyModel
     rows: NDArray[np.intp]
     """Rows of the stack that are kept, shape (n,)."""
-    inputs: Inputs
+    inputs: BodyInputs
     load_rate_nm_s: Array
     """Shape (n, 12)."""
     position_rate_rad_s: Array
@@ -161,7 +161,7 @@ def _of_rows(values: Any, keep: Flags) -> Any:
     """Some rows of an array, or of all arrays that a tuple or a dataclass holds."""
     if isinstance(values, tuple):
         return tuple(v[keep] for v in values)
-    if isinstance(values, (Inputs, Residuals)):
+    if isinstance(values, (BodyInputs, Residuals)):
         return replace(values, **{f.name: getattr(values, f.name)[keep] for f in fields(values)})
     return values[keep]
 
@@ -183,7 +183,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
     rows = kept_rows(stack)
     raw = full_rate_inputs(stack, stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm)
-    inputs = Inputs(**{f.name: smooth(getattr(raw, f.name), rows) for f in fields(Inputs)})
+    inputs = BodyInputs(**{f.name: smooth(getattr(raw, f.name), rows) for f in fields(BodyInputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
     position_rate = stack.rate(raw.position_rad)
@@ -219,14 +219,14 @@ def kept_rows(stack: Stack, reach: int = REACH) -> NDArray[np.intp]:
     return np.flatnonzero(every & stack.inner(stack.used, reach, reach))
 
 
-def carrying(inputs: Inputs, foot_force_n: Array) -> Flags:
+def carrying(inputs: BodyInputs, foot_force_n: Array) -> Flags:
     """Feet (N, 4) that the ground pushes up by more than :data:`CARRIES` of the robot's weight; all at full rate."""
     up = rotate_wxyz(inputs.world_from_body_wxyz[:, None, :], foot_force_n)[..., 2]
     return np.asarray(smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
 
 
 def residuals(
-    model: BodyModel, inputs: Inputs, *, force: Array | None = None, place: tuple[Array, Array] | None = None
+    model: BodyModel, inputs: BodyInputs, *, force: Array | None = None, place: tuple[Array, Array] | None = None
 ) -> Residuals:
     """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
     if force is None:
@@ -238,7 +238,7 @@ def residuals(
 
 
 def feet_wrench(
-    inputs: Inputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
+    inputs: BodyInputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
 ) -> Array:
     """Force and moment on the body of the feet's forces that a joint residual (n, 12) stands for, leg by leg.
 
@@ -250,7 +250,7 @@ def feet_wrench(
     return np.concatenate([force, np.cross(point, force)], axis=2)
 
 
-def place_of_feet(inputs: Inputs, foot_radius_m: Array) -> tuple[Array, Array]:
+def place_of_feet(inputs: BodyInputs, foot_radius_m: Array) -> tuple[Array, Array]:
     """Contact points (n, 4, 3), m, and what makes forces on them of their legs' torques (n, 4, 3, 3), 1/m."""
     point, jacobian = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m)
     # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.

@@ -24,9 +24,9 @@ from diagnosis.channels import Array
 from diagnosis.closed_loop.shrink import (
     QUANTILES,
     Cuts,
-    compare,
     features_by_sequence,
     pair_distances,
+    sequence_distances,
     sequence_of,
     simulated_features,
 )
@@ -161,7 +161,7 @@ class _Scores:
         costs = np.empty((len(places), len(MEASURES), len(self.names)))
         for column, name in enumerate(self.names):
             parts = {str(k): found[f"{k}:{name}"] for k in range(len(places))}
-            for row, distances in compare(name, self._real[name], parts).models.items():
+            for row, distances in sequence_distances(name, self._real[name], parts).models.items():
                 costs[int(row), 0, column] = np.mean(distances)
             mine = _seen(runs[column :: len(self.names)])
             costs[:, 1, column] = pair_distances(mine, self._seen[name], _apart).mean(axis=1)

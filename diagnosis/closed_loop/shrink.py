@@ -109,7 +109,9 @@ def simulated_features(runs: Sequence[Run], policy: Policy) -> dict[str, list[ND
     return features_by_sequence(runs, policy, MIN_TICKS)
 
 
-def compare(sequence: str, real: Features, models: Mapping[str, Features], steady: str = "") -> SequenceDistances:
+def sequence_distances(
+    sequence: str, real: Features, models: Mapping[str, Features], steady: str = ""
+) -> SequenceDistances:
     """Distances of one sequence, in floors, from the features of real runs and of each model's.
 
     ``steady`` is a model that scatters at least as a robot does that walks. Where the robot did not repeat itself,

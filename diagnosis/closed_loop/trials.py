@@ -13,8 +13,8 @@ from diagnosis.closed_loop.run_numbers import time_to_fall
 from diagnosis.closed_loop.shrink import (
     Features,
     SequenceDistances,
-    compare,
     features_by_sequence,
+    sequence_distances,
     sequence_of,
     shrinkage,
     simulated_features,
@@ -201,7 +201,7 @@ def compared_by_sequence(
     for sequence in bench.sequences:
         notes += _falls_of(sequence, bench.runs)
         own = {name: part[sequence] for name, part in parts.items()}
-        compared.append(compare(sequence, real[sequence], own, steady=NOMINAL))
+        compared.append(sequence_distances(sequence, real[sequence], own, steady=NOMINAL))
     for sequence in sorted({sequence_of(r) for r in bench.runs} - set(bench.sequences)):
         notes += _falls_of(sequence, bench.runs) and [
             f"sequence {sequence}: every run fell within a second; none is simulated"

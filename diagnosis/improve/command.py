@@ -28,11 +28,11 @@ def improve(
 ) -> None:
     """Correct the model by a robot's logs, train the policy further on it, and compare old and new."""
     typer.echo("loading the diagnosis …", err=True)
-    from diagnosis.improve.session import Inputs, improve_policy
+    from diagnosis.improve.session import ImproveRequest, improve_policy
     from trainer.simulate.engine import check_device
 
     check_device(device)
-    inputs = Inputs.of(logs, policy, nominal, config, tuple(set_ or ()), n, seed)
+    inputs = ImproveRequest.of(logs, policy, nominal, config, tuple(set_ or ()), n, seed)
     try:
         say = functools.partial(typer.echo, err=True)
         result, page = improve_policy(inputs, out, workers=workers, device=device, say=say)

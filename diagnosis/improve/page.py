@@ -53,7 +53,7 @@ def improvement_page(result: Improvement, verdict: Verdict, evaluations: Sequenc
 
 def _found(result: Improvement, verdict: Verdict) -> Iterator[Mark | str]:
     for d in verdict.differences:
-        sizes = ", ".join(words.size_told(name, p) for name, p in d.parameters.items())
+        sizes = ", ".join(words.size_phrase(name, p) for name, p in d.parameters.items())
         yield f"{words.found(d)}, probability {d.probability:.2f}: {sizes}"
     if not verdict.differences:
         yield f"No difference is shown; the probability that there is none is {verdict.probability_none:.2f}."

@@ -34,7 +34,7 @@ ROBOTS_DRAWN: Final = 1
 """Added to the seed for the draws of limits."""
 
 
-class Inputs(Settings):
+class ImproveRequest(Settings):
     """What is asked for, kept beside the result so that a second call goes on with the same."""
 
     schema_name: Literal["spot-rl/improvement-inputs/1"] = Field(default="spot-rl/improvement-inputs/1", alias="schema")
@@ -80,7 +80,9 @@ class Inputs(Settings):
         )
 
 
-def improve_policy(inputs: Inputs, out: Path, *, workers: int, device: str, say: Say) -> tuple[Improvement, Path]:
+def improve_policy(
+    inputs: ImproveRequest, out: Path, *, workers: int, device: str, say: Say
+) -> tuple[Improvement, Path]:
     """Take every step that is left; returns the outcome and its page.
 
     Raises:
@@ -147,14 +149,14 @@ def improve_policy(inputs: Inputs, out: Path, *, workers: int, device: str, say:
     return result, place["page"]
 
 
-def _keep(inputs: Inputs, path: Path) -> None:
+def _keep(inputs: ImproveRequest, path: Path) -> None:
     """Write the inputs, or see that they are those of the improvement that is there."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_new(path, inputs.model_dump_json(by_alias=True, indent=1) + "\n")
         return
     try:
-        before = Inputs.model_validate_json(path.read_bytes())
+        before = ImproveRequest.model_validate_json(path.read_bytes())
     except ValidationError as error:
         raise BadInputError(f"{path}:\n{explain(error)}") from error
     other = [key for key, value in inputs if value != getattr(before, key)]
@@ -175,7 +177,7 @@ class TakeStep(Protocol):
 
 
 def _identify(
-    inputs: Inputs, place: dict[str, Path], device: str, workers: int, simple: TakeStep
+    inputs: ImproveRequest, place: dict[str, Path], device: str, workers: int, simple: TakeStep
 ) -> tuple[tuple[Limit, ...], tuple[str, ...]]:
     """What the paper's search finds of the knees' limits, and what is to be said of it."""
     data = search_config(load_model(str(place["corrected"])), str(place["corrected"]), device, inputs.seed)
@@ -196,7 +198,7 @@ def _identify(
 
 
 def _train(
-    inputs: Inputs, place: dict[str, Path], device: str, say: Say, done: Callable[[Step, float | None], None]
+    inputs: ImproveRequest, place: dict[str, Path], device: str, say: Say, done: Callable[[Step, float | None], None]
 ) -> None:
     """PPO on a GPU, from where the policy stands."""
     policy, run = Path(inputs.policy), place["training"]
@@ -209,7 +211,7 @@ def _train(
     done(step, take(step, say))
 
 
-def _refine(inputs: Inputs, place: dict[str, Path], workers: int, simple: TakeStep) -> None:
+def _refine(inputs: ImproveRequest, place: dict[str, Path], workers: int, simple: TakeStep) -> None:
     """A search over gains on the cores."""
     if not place["refine"].exists():
         contract = load_policy(Path(inputs.policy)).contract

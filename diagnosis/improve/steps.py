@@ -55,10 +55,10 @@ def take(step: Step, say: Say) -> float | None:
         return None
     say(f"{step.about}: {step.command}")
     began_s = time.monotonic()
-    code = run(step.words)
+    code = run_command(step.words)
     if code == GpuMemoryError.exit_code and step.on_cores:
         say(f"{step.about}: the GPU has too little memory; on the cores instead")
-        code = run(step.on_cores)
+        code = run_command(step.on_cores)
     if code == GpuMemoryError.exit_code:
         raise GpuMemoryError(f"{step.command}: the GPU has too little memory")
     if code == INTERRUPTED:
@@ -71,7 +71,7 @@ def take(step: Step, say: Say) -> float | None:
     return time.monotonic() - began_s
 
 
-def run(words: Sequence[str]) -> int:
+def run_command(words: Sequence[str]) -> int:
     """Run a spot-rl command in a process of its own, so that its memory, a GPU's included, is free afterwards.
 
     Raises:

@@ -213,7 +213,7 @@ def constant_columns(view: ChannelView, *columns: NDArray[np.floating[Any]]) -> 
 
 
 @dataclass(frozen=True)
-class Robot:
+class JointGroups:
     """Joints of the robot, in groups."""
 
     joint_names: tuple[str, ...]

@@ -18,7 +18,7 @@ from scipy.stats import norm
 from diagnosis.closed_loop.gap_map import benjamini_hochberg
 from diagnosis.decision_constants import NAMED
 from diagnosis.document import CalibratedNumber, Difference, Status, Verdict
-from diagnosis.library import Robot
+from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report import words
 from diagnosis.report.figures import SIGNIFICANT
@@ -28,7 +28,7 @@ from spot_model.io.settings import Settings
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 from spot_model.text import parameter_words
 
-SPOT: Final = Robot(JOINT_NAMES, np.repeat(np.arange(len(LEG_NAMES)), len(JOINT_NAMES) // len(LEG_NAMES)))
+SPOT: Final = JointGroups(JOINT_NAMES, np.repeat(np.arange(len(LEG_NAMES)), len(JOINT_NAMES) // len(LEG_NAMES)))
 MOST: Final = 4
 """Numbers that a sentence tells."""
 
@@ -240,7 +240,7 @@ def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator
     for e in named:
         places = (*e.joints, words.joints_in_short(e.joints), "body", "floor")
         own = [m for m in both if m.track.effect == e.name and m.track.where in places]
-        told = _told(own).replace(f"{e.title}: ", "") or "; ".join(words.size_told(*p) for p in e.parameters.items())
+        told = _told(own).replace(f"{e.title}: ", "") or "; ".join(words.size_phrase(*p) for p in e.parameters.items())
         yield words.sentence(f"{words.found(e)}, P {e.probability:.2f}: {told}".removesuffix(": "))
     others = {e.name for e in named}
     rest = [m for m in significant(tracks, before.name, after.name) if m.track.effect not in others]

@@ -108,7 +108,7 @@ def _gaps(v: Verdict) -> Content:
     repeats = "two simulated runs" if v.shrink is not None and v.shrink.floor_of == "model" else "two runs of the robot"
     least = repeats if c.loop == "closed" else "what noise and formulas leave"
     key = Legend(zip(figures.COLOURS, ("nominal model", "corrected model", least), strict=True))
-    told = Items(words.sentence(words.gap_told(g)) for g in c.gaps)
+    told = Items(words.sentence(words.gap_phrase(g)) for g in c.gaps)
     return Section("Distance from the robot", _measured_on(v, c), [key, figures.gap_bars(c), told])
 
 
@@ -125,8 +125,8 @@ def _differences(v: Verdict) -> Content:
     """A row each; below, what could stand in its place and where the evidence is."""
     rows: list[tuple[object, ...]] = []
     for d in v.differences:
-        sizes = {place: "; ".join(words.size_told(*n) for n in own.items()) for place, own in d.by_type.items()}
-        whole = "; ".join(words.size_told(*n) for n in d.parameters.items())
+        sizes = {place: "; ".join(words.size_phrase(*n) for n in own.items()) for place, own in d.by_type.items()}
+        whole = "; ".join(words.size_phrase(*n) for n in d.parameters.items())
         where, does = words.joints_in_short(words.joints_of(d)), words.does(d.consequences)
         rows.append((words.called(d), where, whole, Mark(f"{d.probability:.2f}", "number"), does))
         rows += [("", words.place(place), size, "", "") for place, size in sizes.items()]

@@ -100,7 +100,7 @@ def grows(g: GapChange) -> bool:
     return g.after > g.before and (g.high is None or g.high < 0.0)
 
 
-def gap_told(g: GapChange) -> str:
+def gap_phrase(g: GapChange) -> str:
     """What becomes of a gap, in a few words; no more than all of it can close."""
     if closes(g):
         within = ""
@@ -138,7 +138,7 @@ def does(c: Consequences | None) -> str:
     gap = closes_most(c.gaps if c is not None else ())
     shown = [q for q in (c.changes if c is not None else ()) if is_shown(q.low, q.high) and _noticed(q) >= 1.0]
     return "; ".join(
-        [*([gap_told(gap)] if gap is not None else []), *map(change_told, sorted(shown, key=_noticed)[-1:])]
+        [*([gap_phrase(gap)] if gap is not None else []), *map(change_told, sorted(shown, key=_noticed)[-1:])]
     )
 
 
@@ -177,7 +177,7 @@ def found_in_full(d: Difference) -> str:
     def distance(own: tuple[str, Number]) -> float:
         return abs(own[1].value - null.get(own[0], 0.0)) / max(own[1].high - own[1].low, 1e-12)
 
-    farthest = [size_told(*own) for own in sorted(d.parameters.items(), key=distance)[-1:]]
+    farthest = [size_phrase(*own) for own in sorted(d.parameters.items(), key=distance)[-1:]]
     sizes = [number(p.value, p.unit, p.low, p.high)] if known and p else farthest
     if len(d.group) > 1:
         sizes = [f"{size} if it is {plain(d.name)}" for size in sizes]
@@ -211,7 +211,7 @@ def _size(d: Difference) -> tuple[Parameter | None, Number | None]:
     return known, None if known is None else d.parameters.get(known.name)
 
 
-def size_told(name: str, p: Number) -> str:
+def size_phrase(name: str, p: Number) -> str:
     """A fitted number with its interval."""
     return f"{parameter_words(name)} {number(p.value, p.unit, p.low, p.high)}"
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from diagnosis.channels import MAX_SAMPLES, Array, Channel, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.decision_constants import DEGREES_OF_FREEDOM, DISCREPANCY, FORMULA_ERROR, ErrorScale
-from diagnosis.library import LibraryEffect, Robot, ThroughMotion, drive_of, with_stand_in
+from diagnosis.library import JointGroups, LibraryEffect, ThroughMotion, drive_of, with_stand_in
 from diagnosis.selection.ordinary_errors import Ordinary, ordinary
 
 MIN_SAMPLES: Final = 30
@@ -91,7 +91,7 @@ class Evidence:
     """All blocks of a set of logs."""
 
     views: Views
-    robot: Robot
+    robot: JointGroups
     blocks: tuple[Block, ...]
     n_folds: int
     fold_names: tuple[str, ...]
@@ -225,7 +225,7 @@ def _seen(effect: LibraryEffect, shape: Shape, view: ChannelView) -> Callable[[F
 
 def lay_out(
     views: Views,
-    robot: Robot,
+    robot: JointGroups,
     fold_of_run: Sequence[int],
     fold_names: Sequence[str],
     *,

@@ -16,7 +16,7 @@ import numpy as np
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints, Shape
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.decision_constants import ERROR_SCALES, ErrorScale
-from diagnosis.library import LibraryEffect, Location, Robot
+from diagnosis.library import JointGroups, LibraryEffect, Location
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.effects.friction import CoulombFriction
 from trainer.signals.motor_torque import direction, nominal_torque_nm, presliding
@@ -159,7 +159,7 @@ def of_unknown_drive(view: ChannelView) -> dict[str, ErrorScale]:
     return scales
 
 
-def error_sets(robot: Robot, effect: LibraryEffect) -> list[Flags]:
+def error_sets(robot: JointGroups, effect: LibraryEffect) -> list[Flags]:
     """Units, each by itself, and alike: those of a type and all, since a maker's figure is wrong for all of a kind."""
     n = len(robot.units(effect.location))
     sets: list[Flags] = list(np.eye(n, dtype=np.bool_))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.channels import Array, Flags, Shape
-from diagnosis.library import LibraryEffect, Location, Robot, acts_last, less
+from diagnosis.library import JointGroups, LibraryEffect, Location, acts_last, less
 from diagnosis.library.held import groups_of
 from diagnosis.library.less import AtBound
 from diagnosis.library.rigid_body import PayloadEntry, with_mass
@@ -109,7 +109,7 @@ def held_of(board: Evidence, scored: Scored) -> list[AtBound]:
     return found
 
 
-def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array) -> RobotModel:
+def with_kind(model: RobotModel, robot: JointGroups, kind: ErrorKind, coefficients: Array) -> RobotModel:
     """The model with errors of one kind; coefficients by unit, shape (U, C).
 
     What effects of the kind have in all stays within the bounds of each parameter.
@@ -117,13 +117,13 @@ def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Ar
     return _put_into(model, robot, kind, coefficients)[0]
 
 
-def held_at_bounds(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array) -> list[AtBound]:
+def held_at_bounds(model: RobotModel, robot: JointGroups, kind: ErrorKind, coefficients: Array) -> list[AtBound]:
     """The numbers that :func:`with_kind` leaves at a parameter's bound, short of what was fitted."""
     return _put_into(model, robot, kind, coefficients)[1]
 
 
 def _put_into(
-    model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array
+    model: RobotModel, robot: JointGroups, kind: ErrorKind, coefficients: Array
 ) -> tuple[RobotModel, list[AtBound]]:
     entry, effect = kind.effect, kind.effect.effect
     if isinstance(entry, PayloadEntry):
@@ -173,7 +173,7 @@ def _asked(entry: LibraryEffect, at: Shape, own: Array) -> dict[str, float]:
     return {k: v for k, v in shape.items() if k in nulls} | {name: nulls[name] + x for name, x in free.items()}
 
 
-def _where(robot: Robot, entry: LibraryEffect, joints: Flags) -> str:
+def _where(robot: JointGroups, entry: LibraryEffect, joints: Flags) -> str:
     if entry.location is Location.ROBOT:
         return "body"
     name = robot.named(joints)[0]

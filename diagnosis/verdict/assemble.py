@@ -20,7 +20,7 @@ from diagnosis.verdict.calibration import by_type, calibrated_numbers, held_sent
 from diagnosis.verdict.explanation import Explanation
 from diagnosis.verdict.left_over import probability
 from diagnosis.verdict.measured import Measurements
-from diagnosis.verdict.unknown import describe
+from diagnosis.verdict.unknown import describe_unknown
 from spot_model.io.model_file import RobotModel
 
 N_WHERE = 60
@@ -78,7 +78,7 @@ def assemble(
     differences = tuple(_differences(belief, measured))
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
-        unknown = describe(board, belief.best, left_over)
+        unknown = describe_unknown(board, belief.best, left_over)
     off = {str(c.name): f"off: {c.reason}" for c in found.off}
     # Channels that cannot tell say nothing for or against either.
     none, unknown_too = is_none(belief.there.values(), unknown_effect, found.n_runs), unknown_effect

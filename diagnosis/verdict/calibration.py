@@ -19,7 +19,7 @@ from scipy.special import expit
 from diagnosis.channels import Array, Flags
 from diagnosis.decision_constants import ERROR_SCALES, NAMED, PARAMETER_SPREAD
 from diagnosis.document import CalibratedNumber, Number
-from diagnosis.library import LibraryEffect, Location, Robot, lacks_loads
+from diagnosis.library import JointGroups, LibraryEffect, Location, lacks_loads
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
 from diagnosis.selection.priors import LARGEST_IN_SPREADS
@@ -157,7 +157,7 @@ def by_type(scorer: Scorer, scored: Scored) -> dict[str, dict[str, Number]]:
     return out if is_apart else {}
 
 
-Places = Callable[[Robot, LibraryEffect, str], list[tuple[str, Flags]]]
+Places = Callable[[JointGroups, LibraryEffect, str], list[tuple[str, Flags]]]
 """Names and units of the places that have a number of their own, from robot, effect and coefficient."""
 
 
@@ -282,14 +282,14 @@ def _parameter(kind: ErrorKind, c: int) -> tuple[Parameter, str] | None:
     return known[name], name
 
 
-def _places(robot: Robot, effect: LibraryEffect, coefficient: str) -> list[tuple[str, Flags]]:
+def _places(robot: JointGroups, effect: LibraryEffect, coefficient: str) -> list[tuple[str, Flags]]:
     """Joint types; zeros joint by joint; legs, or the body."""
     if effect.location is Location.JOINT and coefficient not in ZEROS:
         return list(robot.types().items())
     return _units(robot, effect, coefficient)
 
 
-def _units(robot: Robot, effect: LibraryEffect, _coefficient: str) -> list[tuple[str, Flags]]:
+def _units(robot: JointGroups, effect: LibraryEffect, _coefficient: str) -> list[tuple[str, Flags]]:
     """Joint by joint, or leg by leg; the body, or the floor."""
     units = robot.units(effect.location)
     if effect.location is Location.ROBOT:
@@ -312,7 +312,7 @@ def _singled_out(scored: Scored, effect: LibraryEffect, units: Flags) -> Flags:
     return out
 
 
-def in_model(model: RobotModel, robot: Robot, effect: type[Effect], known: Parameter, joints: Flags) -> float:
+def in_model(model: RobotModel, robot: JointGroups, effect: type[Effect], known: Parameter, joints: Flags) -> float:
     """A number as a model has it, the mean over some joints, shape (J,); its null value where no effect holds it."""
     total = np.full(robot.n_joints, known.null)
     if robot.joint_names == facts.JOINT_NAMES:

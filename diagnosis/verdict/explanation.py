@@ -9,7 +9,7 @@ from diagnosis.channels import Array, Channel, ChannelOff, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import LibraryEffect, Robot
+from diagnosis.library import JointGroups, LibraryEffect
 from diagnosis.library.held import less_held
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence, lay_out
@@ -96,7 +96,7 @@ def evidence_of(
     if not views:
         told = "; ".join(f"{c.name}: {c.reason}" for c in off)
         raise BadInputError(f"these logs feed no channel ({told}); map joint velocities, loads or set-points as well")
-    robot = Robot(logs.joint_names, logs.legs)
+    robot = JointGroups(logs.joint_names, logs.legs)
     names = sorted({r.sequence for r in logs.recordings})
     by_run = len(names) < 2
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]

@@ -41,7 +41,7 @@ def gaps_left(measured: Measurements) -> dict[str, float]:
     return {str(gap): value for gap, value in found.items()}
 
 
-def describe(board: Evidence, scored: Scored, found: Mapping[str, float]) -> UnknownEffect | None:
+def describe_unknown(board: Evidence, scored: Scored, found: Mapping[str, float]) -> UnknownEffect | None:
     """Where it is: the channel that stands out most, its joints and the part of the motion; None where none does."""
     known = {c: FAULTLESS.left[str(c)] for c in board.by_channel if str(c) in FAULTLESS.left}
     if not known:

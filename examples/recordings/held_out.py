@@ -15,7 +15,7 @@ import numpy as np
 import spot_rl
 from diagnosis.read import fixed_base
 from diagnosis.read.robot_file import load_robot
-from diagnosis.session import Inputs, Progress, run_session
+from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
 from spot_log.importing import import_log, load_mapping
 
 HERE = Path(__file__).parent
@@ -37,8 +37,8 @@ if __name__ == "__main__":
                 np.savez(file, **{key: a[rows] if len(a) == len(rows) else a for key, a in arrays.items()})
                 logs.append(place / f"{k}.mcap")
                 import_log(mapping.model_copy(update={"command_sequence": f"piece {k}"}), file, logs[-1])
-            inputs = Inputs(logs=tuple(map(str, logs[::2])), nominal="ideal")
-            with Progress() as say:
+            inputs = DiagnosisRequest(logs=tuple(map(str, logs[::2])), nominal="ideal")
+            with DiagnosisProgress() as say:
                 run_session(inputs, place / "found", say, robot_file=robot_file)
             found = fixed_base.Drives.of(load_robot(place / "found" / "corrected_robot.yaml"))
             none = fixed_base.Drives(*np.zeros((4, len(robot.joint_names))))

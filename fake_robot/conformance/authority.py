@@ -12,7 +12,7 @@ from typing import Any
 
 from bosdyn.api import lease_pb2
 
-from fake_robot.conformance.check import Basis, Check, Needs, check
+from fake_robot.conformance.check import Basis, ConformanceCheck, Needs, check
 from fake_robot.conformance.power import has_power, held, require_off, stop
 from fake_robot.conformance.server import CLIENT_NAME, OpenError, Server, SkippedError, enum_name, status_of
 
@@ -35,7 +35,7 @@ def _row(
     *,
     needs: Needs = Needs.NOTHING,
     **fields: Any,
-) -> Check:
+) -> ConformanceCheck:
     """A request with these fields, sent while the lease is held if it needs that.
 
     ``call`` is the service's name in the directory, the method, and what of it is judged.
@@ -50,21 +50,23 @@ def _row(
 
     basis = Basis.GUESS if expects == "CODE_INVALID_REQUEST" else Basis.DOCUMENTED
     source = "header.proto" if basis is Basis.GUESS else f"{service.replace('-', '_')}.proto"
-    return Check(name, call, sends, (expects,), basis, source, needs, "", probe)
+    return ConformanceCheck(name, call, sends, (expects,), basis, source, needs, "", probe)
 
 
-def _guess(name: str, call: str, sends: str, **fields: Any) -> Check:
+def _guess(name: str, call: str, sends: str, **fields: Any) -> ConformanceCheck:
     return _row(name, call, sends, "CODE_INVALID_REQUEST", "header.error.code", **fields)
 
 
-def _used(name: str, sends: str, expects: str, make: Callable[[lease_pb2.Lease], lease_pb2.Lease]) -> Check:
+def _used(name: str, sends: str, expects: str, make: Callable[[lease_pb2.Lease], lease_pb2.Lease]) -> ConformanceCheck:
     """A command that changes nothing with what is made of the lease that is held."""
 
     def probe(server: Server) -> str:
         with held(server) as lease:
             return use(server, make(lease))
 
-    return Check(name, "commands: lease", sends, (expects,), Basis.DOCUMENTED, "lease.proto", Needs.LEASE, "", probe)
+    return ConformanceCheck(
+        name, "commands: lease", sends, (expects,), Basis.DOCUMENTED, "lease.proto", Needs.LEASE, "", probe
+    )
 
 
 def use(server: Server, lease: lease_pb2.Lease) -> str:

@@ -32,7 +32,7 @@ class Needs(enum.IntEnum):
     """Sends what could give power, and in one session powers the motors, stands, walks and sits."""
 
 
-class Verdict(enum.Enum):
+class CheckOutcome(enum.Enum):
     """What became of a check."""
 
     PASS = "pass"  # noqa: S105 - a verdict
@@ -49,7 +49,7 @@ _NO_ANSWER = {grpc.StatusCode.DEADLINE_EXCEEDED, grpc.StatusCode.UNAVAILABLE}
 
 
 @dataclass(frozen=True)
-class Check:
+class ConformanceCheck:
     """One row of the table."""
 
     name: str
@@ -72,8 +72,8 @@ class Check:
 class Result:
     """A check and its answer."""
 
-    check: Check
-    verdict: Verdict
+    check: ConformanceCheck
+    verdict: CheckOutcome
     seen: str
     gave_power: bool = False
     """Whether the motors had power after it that they had not before."""
@@ -88,26 +88,26 @@ def check(
     basis: Basis = Basis.DOCUMENTED,
     needs: Needs = Needs.NOTHING,
     switch: str = "",
-) -> Callable[[Callable[[Server], str]], Check]:
+) -> Callable[[Callable[[Server], str]], ConformanceCheck]:
     """Make a check of a probe, under the probe's name."""
     accepted = (expects,) if isinstance(expects, str) else expects
-    return lambda probe: Check(probe.__name__, rpc, sends, accepted, basis, source, needs, switch, probe)
+    return lambda probe: ConformanceCheck(probe.__name__, rpc, sends, accepted, basis, source, needs, switch, probe)
 
 
-def judge(item: Check, server: Server, allowed: Needs) -> Result:
+def judge(item: ConformanceCheck, server: Server, allowed: Needs) -> Result:
     """Run one check, if what it needs is allowed."""
     if item.needs > allowed:
-        return Result(item, Verdict.SKIPPED, "needs --with-motion")
+        return Result(item, CheckOutcome.SKIPPED, "needs --with-motion")
     try:
         seen = item.probe(server)
     except (SkippedError, OpenError) as reason:
-        return Result(item, Verdict.OPEN if isinstance(reason, OpenError) else Verdict.SKIPPED, str(reason))
+        return Result(item, CheckOutcome.OPEN if isinstance(reason, OpenError) else CheckOutcome.SKIPPED, str(reason))
     except grpc.RpcError as error:
         seen = error.code().name
         if error.code() in _NO_ANSWER and seen not in item.expects:
-            return Result(item, Verdict.OPEN, f"no answer: {seen}")
+            return Result(item, CheckOutcome.OPEN, f"no answer: {seen}")
     except Exception as error:  # noqa: BLE001 - a stranger's answers must not end the suite
-        return Result(item, Verdict.OPEN, f"the answers cannot be read: {type(error).__name__}: {error}")
+        return Result(item, CheckOutcome.OPEN, f"the answers cannot be read: {type(error).__name__}: {error}")
     if seen in item.expects:
-        return Result(item, Verdict.PASS, seen)
-    return Result(item, Verdict.DIFFERS if item.basis is Basis.GUESS else Verdict.FAIL, seen)
+        return Result(item, CheckOutcome.PASS, seen)
+    return Result(item, CheckOutcome.DIFFERS if item.basis is Basis.GUESS else CheckOutcome.FAIL, seen)

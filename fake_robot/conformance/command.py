@@ -17,7 +17,7 @@ from bosdyn.client.robot import Robot
 from bosdyn.client.sdk import Sdk, create_standard_sdk
 
 from fake_robot.conformance import authority, commands, identity, laws, services
-from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict, judge
+from fake_robot.conformance.check import Basis, CheckOutcome, ConformanceCheck, Needs, Result, judge
 from fake_robot.conformance.power import CALL_ERRORS, cut_power, has_power
 from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server
 from spot_model.errors import BadInputError, SpotRlError
@@ -26,17 +26,22 @@ from spot_model.process.signals import exit_on_termination
 BROKEN_CODE: Final = 1
 OPEN_CODE: Final = 3
 POWER_CODE: Final = 4
-_COLOUR = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.DIFFERS: "yellow", Verdict.OPEN: "yellow"}
+_COLOUR = {
+    CheckOutcome.PASS: "green",
+    CheckOutcome.FAIL: "red",
+    CheckOutcome.DIFFERS: "yellow",
+    CheckOutcome.OPEN: "yellow",
+}
 _HOST_AND_PORT = re.compile(r"(\[[^\]]+\]|[^:]+):(\d{1,5})")
 _LOCAL = ("ipv4:127.", "unix:", "localhost", "127.")
 
 
-CHECKS: tuple[Check, ...] = tuple(
+CHECKS: tuple[ConformanceCheck, ...] = tuple(
     item
     for module in (identity, authority, services, laws, commands)
     for value in vars(module).values()
     for item in (value if isinstance(value, tuple) else (value,))
-    if isinstance(item, Check)
+    if isinstance(item, ConformanceCheck)
 )
 
 
@@ -53,13 +58,13 @@ def run_checks(server: Server, allowed: Needs, names: tuple[str, ...] = ()) -> I
         if names and item.name not in names:
             continue
         if gained:
-            yield Result(item, Verdict.OPEN, f"nothing more is sent to a robot that got power by {gained}")
+            yield Result(item, CheckOutcome.OPEN, f"nothing more is sent to a robot that got power by {gained}")
             continue
         result = judge(item, server, allowed)
-        if result.verdict is not Verdict.SKIPPED and not had_power and _has_power(server):
+        if result.verdict is not CheckOutcome.SKIPPED and not had_power and _has_power(server):
             gained = item.name
             told = f"{result.seen}; the motors got power: {cut_power(server)}"
-            result = Result(item, Verdict.FAIL, told, gave_power=True)
+            result = Result(item, CheckOutcome.FAIL, told, gave_power=True)
         yield result
 
 
@@ -74,16 +79,16 @@ def exit_code(results: list[Result]) -> int:
     if any(result.gave_power for result in results):
         return POWER_CODE
     verdicts = {result.verdict for result in results}
-    if not verdicts - {Verdict.SKIPPED}:
+    if not verdicts - {CheckOutcome.SKIPPED}:
         return OPEN_CODE
-    return BROKEN_CODE if Verdict.FAIL in verdicts else OPEN_CODE if Verdict.OPEN in verdicts else 0
+    return BROKEN_CODE if CheckOutcome.FAIL in verdicts else OPEN_CODE if CheckOutcome.OPEN in verdicts else 0
 
 
 def summary(results: list[Result]) -> str:
     """Counts, then what follows from them, in one sentence each."""
     counts = Counter(result.verdict for result in results)
-    told = [", ".join(f"{counts[verdict]} {verdict.value}" for verdict in Verdict if counts[verdict]) + "."]
-    reasons = Counter(r.seen for r in results if r.verdict in {Verdict.OPEN, Verdict.SKIPPED})
+    told = [", ".join(f"{counts[verdict]} {verdict.value}" for verdict in CheckOutcome if counts[verdict]) + "."]
+    reasons = Counter(r.seen for r in results if r.verdict in {CheckOutcome.OPEN, CheckOutcome.SKIPPED})
     told += [f"{count} not judged: {reason}." for reason, count in reasons.most_common()]
     told.append(
         {
@@ -175,7 +180,7 @@ def _robot_at(sdk: Sdk, address: str) -> Robot:
 def line_of(result: Result) -> str:
     """A result on one line, for pipes and logs."""
     item = result.check
-    is_wrong = result.verdict in {Verdict.FAIL, Verdict.DIFFERS}
+    is_wrong = result.verdict in {CheckOutcome.FAIL, CheckOutcome.DIFFERS}
     wanted = f"; expected {' or '.join(item.expects)}" if is_wrong else ""
     return f"{result.verdict.value:8}{item.name}: {item.rpc} ({item.sends or 'asked'}): {result.seen}{wanted}"
 

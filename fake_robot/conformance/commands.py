@@ -21,11 +21,11 @@ from bosdyn.api import (
 from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.check import Basis, Check, Needs, check
+from fake_robot.conformance.check import Basis, ConformanceCheck, Needs, check
 from fake_robot.conformance.power import SAT_DOWN, held, joint_request, send, unpowered
-from fake_robot.conformance.recording import NAMES, Recording, record_rest
+from fake_robot.conformance.recording import NAMES, RecordedPart, record_rest
 from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
-from fake_robot.conformance.session import EXPIRED, HOLDING, SLOT_MESSAGES, WHILE_STANDING, Session, drive
+from fake_robot.conformance.session import EXPIRED, HOLDING, SLOT_MESSAGES, WHILE_STANDING, MotionRecord, drive
 from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD
 from spot_model.robot.state import Array
 
@@ -59,7 +59,9 @@ def _stream(server: Server, requests: Iterable[Any]) -> str:
     return seen if answer.message or seen == "STATUS_OK" else f"{seen}, without a word"
 
 
-def _spoilt(name: str, field: str, sends: str, spoil: Callable[[Any], object], *expects: str, **more: Any) -> Check:
+def _spoilt(
+    name: str, field: str, sends: str, spoil: Callable[[Any], object], *expects: str, **more: Any
+) -> ConformanceCheck:
     """One message in which a field is not as it must be."""
 
     def probe(server: Server) -> str:
@@ -69,7 +71,7 @@ def _spoilt(name: str, field: str, sends: str, spoil: Callable[[Any], object], *
 
     basis, switch = more.get("basis", Basis.DOCUMENTED), more.get("switch", "")
     expects = expects or ("STATUS_INVALID_REQUEST",)
-    return Check(
+    return ConformanceCheck(
         name, f"JointControlStream: {field}", sends, expects, basis, _JOINT_COMMAND, Needs.LEASE, switch, probe
     )
 
@@ -116,9 +118,9 @@ def _many(server: Server) -> Iterator[Any]:
         time.sleep(0.02)
 
 
-def _held(server: Server, part: str) -> tuple[Recording, Array, Array]:
+def _held(server: Server, part: str) -> tuple[RecordedPart, Array, Array]:
     """A recording of joint control, the keys of its commands, and what their three parts ask for, shape (n, 12, 3)."""
-    session: Session = server.once(drive)
+    session: MotionRecord = server.once(drive)
     if not session.ended_by and part not in session.pieces:
         raise SkippedError("joint control is not licensed")
     recording = session.got(session.pieces, part)
@@ -214,7 +216,7 @@ _CLOCK_SWITCH = "services.clock_identifier_check"
 
 def _refusal(
     name: str, field: str, sends: str, command: Any, *expects: str, switch: str = "", is_guess: bool = False, **how: Any
-) -> Check:
+) -> ConformanceCheck:
     """A command that is refused while the motors are off; ``how`` as of :func:`send`."""
 
     def probe(server: Server) -> str:
@@ -223,16 +225,16 @@ def _refusal(
         except SkippedError:
             if name not in WHILE_STANDING or not server.may_move:
                 raise
-        session: Session = server.once(drive)
+        session: MotionRecord = server.once(drive)
         return session.got(session.told, name)
 
     if not is_guess and _UNPOWERED not in expects and command.WhichOneof("command"):
         WHILE_STANDING[name] = lambda server, lease: status_of(send(server, lease, command, **how))
     basis = Basis.GUESS if is_guess else Basis.DOCUMENTED
-    return Check(name, f"RobotCommand: {field}", sends, expects, basis, _PROTO, Needs.LEASE, switch, probe)
+    return ConformanceCheck(name, f"RobotCommand: {field}", sends, expects, basis, _PROTO, Needs.LEASE, switch, probe)
 
 
-def _guess(name: str, field: str, sends: str, command: Any, *expects: str, **how: Any) -> Check:
+def _guess(name: str, field: str, sends: str, command: Any, *expects: str, **how: Any) -> ConformanceCheck:
     return _refusal(name, field, sends, command, *expects, is_guess=True, **how)
 
 
@@ -279,14 +281,14 @@ def clear_no_fault(server: Server) -> str:
         return status_of(server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0))
 
 
-def _answered(name: str, rpc: str, sends: str, expects: str, basis: Basis = Basis.DOCUMENTED) -> Check:
+def _answered(name: str, rpc: str, sends: str, expects: str, basis: Basis = Basis.DOCUMENTED) -> ConformanceCheck:
     """What was answered in the one motion of the suite, under the check's name."""
 
     def probe(server: Server) -> str:
         session = server.once(drive)
         return session.got(session.told, name)
 
-    return Check(name, rpc, sends, (expects,), basis, _BASIC, Needs.MOTION, "", probe)
+    return ConformanceCheck(name, rpc, sends, (expects,), basis, _BASIC, Needs.MOTION, "", probe)
 
 
 # fmt: off

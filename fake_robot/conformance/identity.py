@@ -11,7 +11,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from fake_robot.conformance.check import Basis, check
 from fake_robot.conformance.power import wait_for
-from fake_robot.conformance.recording import Recording, record_rest
+from fake_robot.conformance.recording import RecordedPart, record_rest
 from fake_robot.conformance.server import FEATURE, RPC_TIMEOUT_S, OpenError, Server, stamp_ns, status_of
 
 # fmt: off
@@ -100,7 +100,7 @@ def _stamps_in(message: Any, path: str) -> Iterator[tuple[str, int]]:
             yield from [(name, stamp_ns(part))] if isinstance(part, Timestamp) else _stamps_in(part, name)
 
 
-def _age_ns(server: Server, recording: Recording) -> int:
+def _age_ns(server: Server, recording: RecordedPart) -> int:
     """Of the youngest state when it came, or of its last packet if that is older."""
     ages = []
     for state, at_ns in zip(recording.states, recording.arrived_ns, strict=True):

@@ -12,10 +12,10 @@ import numpy as np
 from bosdyn.api import robot_state_pb2
 
 from fake_robot.conformance import session as motions
-from fake_robot.conformance.check import Basis, Check, Needs
+from fake_robot.conformance.check import Basis, ConformanceCheck, Needs
 from fake_robot.conformance.paths import angle, edges, late_s, slope, strays, turns
 from fake_robot.conformance.power import has_power
-from fake_robot.conformance.recording import AT_REST, FRAMES, G_M_S2, NAMES, Recording, axes, is_unit, record_rest
+from fake_robot.conformance.recording import AT_REST, FRAMES, G_M_S2, NAMES, RecordedPart, axes, is_unit, record_rest
 from fake_robot.conformance.server import OpenError, Server, stamp_ns
 from spot_model.robot.arm import ARM_JOINT_NAMES
 from spot_model.robot.facts import LEG_NAMES
@@ -45,19 +45,19 @@ _WITH_ARM = (*NAMES, *(n.replace("_", ".") for n in ARM_JOINT_NAMES)), (*_TREE, 
 """Frame tree of a robot at rest; names and tree with an arm. Source: the SDK's frame_helpers, robot_state.proto."""
 _CONTACTS = {robot_state_pb2.FootState.CONTACT_MADE, robot_state_pb2.FootState.CONTACT_LOST}
 
-Judge = Callable[[Recording], str]
+Judge = Callable[[RecordedPart], str]
 
 
 def law(
     rpc: str, expects: str, *whiles: str, source: str = _PROTO, basis: Basis = Basis.DOCUMENTED
-) -> Callable[[Judge], tuple[Check, ...]]:
+) -> Callable[[Judge], tuple[ConformanceCheck, ...]]:
     """Make checks of a judge, which returns what is wrong, or nothing: one of the robot at rest, one of its motion."""
 
-    def make(judge: Judge) -> tuple[Check, ...]:
+    def make(judge: Judge) -> tuple[ConformanceCheck, ...]:
         rest, moving = (tuple(w for w in whiles if (w == AT_REST) == is_rest) for is_rest in (True, False))
         name = judge.__name__
         return tuple(
-            Check(name, rpc, f"a robot {', '.join(parts)}", (expects,), basis, source, needs, "", probe)
+            ConformanceCheck(name, rpc, f"a robot {', '.join(parts)}", (expects,), basis, source, needs, "", probe)
             for name, parts, needs in ((name, rest, Needs.NOTHING), (f"{name}_in_motion", moving, Needs.MOTION))
             if parts
             for probe in (functools.partial(_probe, judge, parts, expects),)
@@ -79,7 +79,7 @@ def _probe(judge: Judge, parts: Sequence[str], holds: str, server: Server) -> st
 
 
 @law(f"{_STREAM}: joint_states, contact_states, kinematic_state", "complete", AT_REST, motions.WALKING)
-def stream_is_complete(recording: Recording) -> str:
+def stream_is_complete(recording: RecordedPart) -> str:
     """Each message has positions, velocities and loads of its joints, four feet, and rotations that are some."""
     for state in recording.states:
         joints, body = state.joint_states, state.kinematic_state
@@ -99,7 +99,7 @@ def stream_is_complete(recording: Recording) -> str:
 
 
 @law(f"{_POLL}", "complete", AT_REST, motions.WALKING)
-def polled_state_is_complete(recording: Recording) -> str:
+def polled_state_is_complete(recording: RecordedPart) -> str:
     """Power, battery, e-stops, joints by name, frames and feet; with a manipulator, its joints in the stream, too."""
     state = recording.polls[-1]
     joints, tree = _WITH_ARM if state.HasField("manipulator_state") else (NAMES, _TREE)
@@ -131,7 +131,7 @@ def _lack(read: Callable[[], object]) -> str:
 
 
 @law(f"{_STREAM}, {_POLL}: acquisition_timestamp", "rising", AT_REST, motions.WALKING)
-def stamps_rise(recording: Recording) -> str:
+def stamps_rise(recording: RecordedPart) -> str:
     """Stamps of streamed joints and of packets rise, headers' do not fall, and a later poll is of a later state."""
     joints = [stamp_ns(s.joint_states.acquisition_timestamp) for s in recording.states]
     packets = [stamp_ns(p.timestamp) for p in recording.packets]
@@ -143,7 +143,7 @@ def stamps_rise(recording: Recording) -> str:
 
 
 @law(_STREAM, "3 ms apart, three packets", AT_REST, basis=Basis.MEASURED, source="a published recording of a robot")
-def stream_period(recording: Recording) -> str:
+def stream_period(recording: RecordedPart) -> str:
     """The median distances of two stamps of states and of inertial packets, to a hundredth; the rate is a period."""
     counts = {len(state.inertial_state.packets) for state in recording.states}
     states = [stamp_ns(s.joint_states.acquisition_timestamp) for s in recording.states]
@@ -156,7 +156,7 @@ def stream_period(recording: Recording) -> str:
 
 
 @law(f"{_STREAM}, {_POLL}: joints, feet, body", "one robot", AT_REST, motions.STANDING, motions.WALKING)
-def stream_agrees_with_poll(recording: Recording) -> str:
+def stream_agrees_with_poll(recording: RecordedPart) -> str:
     """Each polled state is the stream's at the same time: joints in the SDK's order, contacts, body, velocities."""
     one, other = recording.streamed, recording.polled
     at = np.abs(one.stamps_s[None, :] - other.stamps_s[:, None]).argmin(axis=1)
@@ -186,7 +186,7 @@ def stream_agrees_with_poll(recording: Recording) -> str:
 
 
 @law("joint_states.velocity", "the slope of position", AT_REST, motions.WALKING)
-def joint_velocity_is_the_slope(recording: Recording) -> str:
+def joint_velocity_is_the_slope(recording: RecordedPart) -> str:
     """Each streamed joint travels as its velocity says."""
     motion = recording.streamed
     pieces = edges(motion.stamps_s, _PIECE_S["joint"])
@@ -198,7 +198,7 @@ def joint_velocity_is_the_slope(recording: Recording) -> str:
 
 
 @law(f"{_POLL}: foot_state", "where the joints put them", AT_REST, motions.STANDING, motions.LEANING, motions.WALKING)
-def feet_are_where_the_joints_put_them(recording: Recording) -> str:
+def feet_are_where_the_joints_put_them(recording: RecordedPart) -> str:
     """By the legs' kinematics, feet in the order fl, fr, hl, hr."""
     off_m = np.abs(recording.feet_in_body_m - foot_position_in_body_m(recording.polled.position_rad))
     off_m[..., 2] = np.maximum(0.0, off_m[..., 2] - 0.04)  # of the sphere's centre, or of where it touches the ground
@@ -208,7 +208,7 @@ def feet_are_where_the_joints_put_them(recording: Recording) -> str:
 
 
 @law("contact_states, foot_state.contact", "made", motions.STANDING)
-def feet_stand(recording: Recording) -> str:
+def feet_stand(recording: RecordedPart) -> str:
     """Three feet and more of a robot that stands are on the ground, in both reports."""
     for motion in recording.motions:
         made = (motion.contacts == robot_state_pb2.FootState.CONTACT_MADE).mean(axis=0) > 0.5
@@ -218,7 +218,7 @@ def feet_stand(recording: Recording) -> str:
 
 
 @law("contact_states, foot_state.contact", "each foot steps, and carries while it stands", motions.WALKING)
-def feet_step(recording: Recording) -> str:
+def feet_step(recording: RecordedPart) -> str:
     """No contact of a robot that walks stays as it is, and a leg's loads carry more with contact than without."""
     for motion in recording.motions:
         made = motion.contacts == robot_state_pb2.FootState.CONTACT_MADE
@@ -233,7 +233,7 @@ def feet_step(recording: Recording) -> str:
 
 
 @law("joint_states.load", "the legs carry the robot", motions.STANDING)
-def loads_carry_the_weight(recording: Recording) -> str:
+def loads_carry_the_weight(recording: RecordedPart) -> str:
     """The force of the ground that the legs' loads balance is the robot's weight, upwards, in both reports."""
     for motion in recording.motions:
         if not _WEIGHTS[0] < motion.share_of_weight() < _WEIGHTS[1]:
@@ -242,7 +242,7 @@ def loads_carry_the_weight(recording: Recording) -> str:
 
 
 @law("RobotCommand: footprint_R_body", "as it was told to", motions.LEANING, source="basic_command.proto")
-def leans_as_it_is_told(recording: Recording) -> str:
+def leans_as_it_is_told(recording: RecordedPart) -> str:
     """The streamed attitude rolls and pitches to the side that it was told to."""
     up = rotate_inverse_wxyz(recording.streamed.body["odom"].wxyz, np.array([0.0, 0.0, 1.0])).mean(axis=0)
     rolled, pitched = math.asin(up[1]), -math.asin(up[0])
@@ -251,7 +251,7 @@ def leans_as_it_is_told(recording: Recording) -> str:
 
 
 @law(f"{_STREAM}, {_POLL}: every stamp", "as old as what it stands on", motions.WALKING)
-def contents_are_of_their_stamps(recording: Recording) -> str:
+def contents_are_of_their_stamps(recording: RecordedPart) -> str:
     """What two reports tell of one motion, and what a rate and its path tell, coincides without a shift in time."""
     one = recording.streamed
     body = one.body["odom"]
@@ -272,7 +272,7 @@ def contents_are_of_their_stamps(recording: Recording) -> str:
 
 
 @law(f"{_STREAM}: every stamp", "a second a second", motions.MOVING)
-def clock_runs_true(recording: Recording) -> str:
+def clock_runs_true(recording: RecordedPart) -> str:
     """From its first to its last tenth, the stamps of a motion go on as fast as this computer's clock."""
     late_s = np.array(recording.arrived_ns) * 1e-9 - recording.streamed.stamps_s
     tenth = max(1, len(late_s) // 10)
@@ -281,7 +281,7 @@ def clock_runs_true(recording: Recording) -> str:
 
 
 @law("velocity_of_body", "at rest", AT_REST, motions.STOPPED)
-def body_rests(recording: Recording) -> str:
+def body_rests(recording: RecordedPart) -> str:
     """The body of a robot that does not move has no velocity, in either frame and report."""
     for motion in recording.motions:
         for frame, body in motion.body.items():
@@ -292,7 +292,7 @@ def body_rests(recording: Recording) -> str:
 
 
 @law("velocity_of_body", "the slopes of position and attitude", motions.WALKING)
-def body_velocity_is_the_slope(recording: Recording) -> str:
+def body_velocity_is_the_slope(recording: RecordedPart) -> str:
     """The body travels and turns in odom and in vision as its streamed velocities there say."""
     stamps_s = recording.streamed.stamps_s
     for frame, body in recording.streamed.body.items():
@@ -307,7 +307,7 @@ def body_velocity_is_the_slope(recording: Recording) -> str:
 
 
 @law(f"{_STREAM}: inertial_state", "gravity's reaction, up", AT_REST, motions.STANDING, motions.LEANING)
-def imu_feels_gravity(recording: Recording) -> str:
+def imu_feels_gravity(recording: RecordedPart) -> str:
     """The mean acceleration, turned into odom, is 9.8 m/s² upwards."""
     if not recording.packets:
         return "no packet"
@@ -317,7 +317,7 @@ def imu_feels_gravity(recording: Recording) -> str:
 
 
 @law(f"{_STREAM}: inertial_state", "turns as the body does", motions.WALKING)
-def imu_turns_with_the_body(recording: Recording) -> str:
+def imu_turns_with_the_body(recording: RecordedPart) -> str:
     """Its attitude is the body's but for how it is mounted, and its turn rate is that attitude's slope."""
     if not recording.packets:
         return "no packet"
@@ -334,7 +334,7 @@ def imu_turns_with_the_body(recording: Recording) -> str:
 
 
 @law("RobotCommand: se2_velocity_request", "where it was told to", motions.WALKING, source="basic_command.proto")
-def walks_where_it_is_told(recording: Recording) -> str:
+def walks_where_it_is_told(recording: RecordedPart) -> str:
     """Forward, to the left and turning left, each at least a fifth of what was asked for."""
     motion = recording.streamed
     body, lasted_s = motion.body["odom"], motion.stamps_s[-1] - motion.stamps_s[0]
@@ -348,7 +348,7 @@ def walks_where_it_is_told(recording: Recording) -> str:
 
 
 @law("RobotCommand: se2_trajectory_request", "as far as it was told", motions.GOING, source="basic_command.proto")
-def goes_as_far_as_it_is_told(recording: Recording) -> str:
+def goes_as_far_as_it_is_told(recording: RecordedPart) -> str:
     """The goal ahead in the body's frame is reached, to a third of the way."""
     position_m = recording.streamed.body["odom"].position_m
     ahead = rotate_inverse_wxyz(recording.streamed.body["odom"].wxyz[0], position_m[-1] - position_m[0])
@@ -357,14 +357,14 @@ def goes_as_far_as_it_is_told(recording: Recording) -> str:
 
 
 @law("StandCommand.Feedback: status", "it stands when it says so", motions.SETTLING, source="basic_command.proto")
-def stands_when_it_says_so(recording: Recording) -> str:
+def stands_when_it_says_so(recording: RecordedPart) -> str:
     """Once it has said that it stands, no joint moves any more, for 2 s."""
     moved_rad = np.ptp(recording.streamed.position_rad, axis=0)
     return "" if moved_rad.max() < 2.0 * _NEAR_RAD else f"{NAMES[int(moved_rad.argmax())]} still moved"
 
 
 @law(f"{_POLL}: power and behavior", "on while it stands, then off", AT_REST, motions.STANDING, motions.OFF)
-def power_and_behavior_agree(recording: Recording) -> str:
+def power_and_behavior_agree(recording: RecordedPart) -> str:
     """A robot stands with power alone; one that was switched off has none."""
     state = recording.polls[-1]
     power, behavior, is_on = state.power_state, state.behavior_state, has_power(state)
@@ -379,7 +379,7 @@ def power_and_behavior_agree(recording: Recording) -> str:
 
 
 @law(f"{_POLL}: battery_states, motor_temperatures", "percent, volts, amperes, Celsius", AT_REST, motions.STANDING)
-def units_are_plausible(recording: Recording) -> str:
+def units_are_plausible(recording: RecordedPart) -> str:
     """Charges, voltages and temperatures that a robot can have, and currents of the sign of their battery's status.
 
     A charge up to 1 is a share of one, a voltage or a temperature beyond the bounds is in another unit.

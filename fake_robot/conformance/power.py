@@ -11,7 +11,7 @@ import grpc
 from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.recording import Motion, record_rest
+from fake_robot.conformance.recording import ReportedMotion, record_rest
 from fake_robot.conformance.server import (
     CLIENT_NAME,
     Made,
@@ -137,7 +137,7 @@ def _take_power(server: Server) -> None:
         raise OpenError("the motors may have power: the legs carry the robot")
 
 
-def _carry_nothing(motions: list[Motion]) -> bool:
+def _carry_nothing(motions: list[ReportedMotion]) -> bool:
     return all(abs(motion.share_of_weight()) < _CARRIES for motion in motions)
 
 

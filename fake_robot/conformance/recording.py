@@ -43,7 +43,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Motion:
+class ReportedMotion:
     """Joints, feet and body as one of the two reports tells them, one row for each message. SI units, rad."""
 
     source: str
@@ -68,7 +68,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordedPart:
     """States of the stream and polled states of one part of a motion, by its name."""
 
     part: str
@@ -79,7 +79,7 @@ class Recording:
     polled_ns: Sequence[int]
 
     @functools.cached_property
-    def streamed(self) -> Motion:
+    def streamed(self) -> ReportedMotion:
         """The states' motion; joints in the SDK's order, arms left out. Raises OpenError if something is missing."""
         joints, kinematics = [s.joint_states for s in self.states], [s.kinematic_state for s in self.states]
         rows = [[list(getattr(j, key)[:12]) for j in joints] for key in _ROWS]
@@ -87,7 +87,7 @@ class Recording:
         return _motion("streamed", joints, rows, [list(s.contact_states) for s in self.states], poses, kinematics)
 
     @functools.cached_property
-    def polled(self) -> Motion:
+    def polled(self) -> ReportedMotion:
         """The polled motion; joints by their names. Raises OpenError if something is missing."""
         kinematics = [p.kinematic_state for p in self.polls]
         named = [{joint.name: joint for joint in k.joint_states} for k in kinematics]
@@ -100,7 +100,7 @@ class Recording:
         return _motion("polled", kinematics, rows, contacts, poses, kinematics)
 
     @property
-    def motions(self) -> list[Motion]:
+    def motions(self) -> list[ReportedMotion]:
         """Both, or the one that is complete. Raises OpenError if none is."""
         found = []
         with contextlib.suppress(OpenError):
@@ -168,11 +168,11 @@ class Recorder:
             raise self._error
         return len(self.states), len(self.polls)
 
-    def since(self, start: tuple[int, int], part: str) -> Recording:
+    def since(self, start: tuple[int, int], part: str) -> RecordedPart:
         """What came since a mark, as a part of a motion."""
         states, polls = self.mark()
         one, other = slice(start[0], states), slice(start[1], polls)
-        return Recording(part, self.states[one], self.polls[other], self.arrived_ns[one], self.polled_ns[other])
+        return RecordedPart(part, self.states[one], self.polls[other], self.arrived_ns[one], self.polled_ns[other])
 
     def _read(self) -> None:
         for state in self._call:
@@ -197,7 +197,7 @@ class Recorder:
                 self._error = error
 
 
-def record_rest(server: Server) -> Recording:
+def record_rest(server: Server) -> RecordedPart:
     """200 states and more of a robot that nobody moves, or those of some seconds.
 
     Raises:
@@ -218,7 +218,7 @@ def record_rest(server: Server) -> Recording:
 
 def _motion(
     source: str, stamped: Any, rows: Any, contacts: Any, poses: dict[str, Any], kinematics: Sequence[Any]
-) -> Motion:
+) -> ReportedMotion:
     if {len(row) for rowed in rows for row in rowed} != {12} or {len(row) for row in contacts} != {4}:
         raise OpenError(f"{source}: joints or feet are missing")
     body = {}
@@ -236,7 +236,7 @@ def _motion(
     told_values = [position, velocity, load, *(value for pose in body.values() for value in vars(pose).values())]
     if not all(np.isfinite(values).all() for values in told_values):
         raise OpenError(f"{source}: a value is not a number")
-    return Motion(source, stamps_s, position, velocity, load, np.array(contacts), body)
+    return ReportedMotion(source, stamps_s, position, velocity, load, np.array(contacts), body)
 
 
 def pose_in(snapshot: Any, frame: str, other: str) -> Any:

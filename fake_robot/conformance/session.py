@@ -30,7 +30,7 @@ from fake_robot.conformance.power import (
     send,
     wait_for,
 )
-from fake_robot.conformance.recording import Recorder, Recording
+from fake_robot.conformance.recording import RecordedPart, Recorder
 from fake_robot.conformance.server import FEATURE, Made, OpenError, Server, enum_name, status_of
 from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD, per_joint
 from spot_model.robot.state import Array
@@ -68,10 +68,10 @@ class _EndedError(Exception):
 
 
 @dataclass
-class Session:
+class MotionRecord:
     """What was recorded in each part of the motion, and what was answered."""
 
-    pieces: dict[str, Recording] = field(default_factory=dict)
+    pieces: dict[str, RecordedPart] = field(default_factory=dict)
     told: dict[str, str] = field(default_factory=dict)
     command_ids: list[int] = field(default_factory=list)
     asked: dict[int, Array] = field(default_factory=dict)
@@ -85,7 +85,7 @@ class Session:
         return parts[name]
 
 
-def drive(server: Server) -> Session:
+def drive(server: Server) -> MotionRecord:
     """Do it; at the end, whatever happened, the robot sits down and its motors lose power.
 
     Raises:
@@ -96,7 +96,7 @@ def drive(server: Server) -> Session:
     if is_pressed and enum_name(status, "stop_level") != "ESTOP_LEVEL_NONE":
         raise OpenError(f"the e-stop is pressed: {status.stop_level_details or 'no reason is told'}")
     require_off(server)
-    session = Session()
+    session = MotionRecord()
     with held(server) as lease, Recorder(server, lease) as recorder:
         driver = _Driver(server, lease, recorder, session)
         try:
@@ -119,7 +119,7 @@ class _Driver:
     server: Server
     lease: lease_pb2.Lease
     recorder: Recorder
-    session: Session
+    session: MotionRecord
 
     def attempt(self, part: Callable[[], object]) -> bool:
         """Do a part of the motion; whether it came to its end."""

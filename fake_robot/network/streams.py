@@ -19,7 +19,7 @@ MessageT = TypeVar("MessageT")
 _BLOCK = 512
 
 
-class Channel(Generic[MessageT]):
+class DelayLine(Generic[MessageT]):
     """Messages under way. Times are nanoseconds of robot time since the start.
 
     A message arrives at max(arrival of the one before, sent + delay): a stream never overtakes itself.

@@ -17,7 +17,7 @@ from fake_robot.body.truth import Extremes
 from fake_robot.faults.active_faults import ActiveFaults, active_system_faults
 from fake_robot.faults.fault import Fault
 from fake_robot.network.status import MotorPower, SystemFault
-from fake_robot.network.streams import Channel
+from fake_robot.network.streams import DelayLine
 from fake_robot.robot.joint_control import JointControl, Stream
 from fake_robot.robot.modes import Modes
 from fake_robot.robot.motion.motion_sequence import MotionSequence
@@ -74,8 +74,8 @@ class Simulation:
         self.time_moving_s = 0.0
         self.time_powered_s = 0.0
         self.has_diverged = False
-        self._states: Channel[tuple[int, bytes]] = Channel(scenario.state_channel, rngs[2])
-        self._commands: Channel[tuple[Stream, StreamedCommand]] = Channel(scenario.command_channel, rngs[3])
+        self._states: DelayLine[tuple[int, bytes]] = DelayLine(scenario.state_channel, rngs[2])
+        self._commands: DelayLine[tuple[Stream, StreamedCommand]] = DelayLine(scenario.command_channel, rngs[3])
         self._fault_rng, self._effect_rng = rngs[4], rngs[5]
         self._clock = clock
         self._deliver = deliver

@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from fake_robot.conformance.check import Needs, Verdict  # noqa: E402
+from fake_robot.conformance.check import CheckOutcome, Needs  # noqa: E402
 from fake_robot.conformance.command import connect, run_checks  # noqa: E402
 from fake_robot.robot.robot import Robot  # noqa: E402
 from fake_robot.scenario.scenario import scenario_from_data  # noqa: E402
@@ -80,8 +80,8 @@ def _found(address: str, ca_file: Path, allowed: Needs) -> tuple[list[str], int]
     os.environ |= {"BOSDYN_CLIENT_USERNAME": "user", "BOSDYN_CLIENT_PASSWORD": "horse"}
     suite = connect(address, ca_file)
     results = list(run_checks(suite, allowed))
-    found = [f"{r.check.name}: {r.seen}" for r in results if r.verdict is Verdict.FAIL]
-    return found, sum(r.verdict is Verdict.OPEN for r in results)
+    found = [f"{r.check.name}: {r.seen}" for r in results if r.verdict is CheckOutcome.FAIL]
+    return found, sum(r.verdict is CheckOutcome.OPEN for r in results)
 
 
 if __name__ == "__main__":

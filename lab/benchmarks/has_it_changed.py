@@ -21,7 +21,7 @@ from many_robots import make_all, two_steps
 
 from diagnosis.report.drift import drift_of, significant
 from diagnosis.report.history import Dated
-from diagnosis.session import Inputs, Progress, run_session
+from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
 from spot_model.io.model_file import load_model, save_model
 from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
@@ -69,8 +69,8 @@ def robot(seed: int, number: int, out: Path) -> str:
         )
         with tempfile.TemporaryDirectory() as logs:
             reality.record(RecordingPlan(POLICY, sequences, REPEATS, 100 * number + k), Path(logs))
-            inputs = Inputs(logs=(logs,), nominal=str(nominal), policy=str(POLICY), since=since)
-            run_session(inputs, place, Progress(), seed=k)
+            inputs = DiagnosisRequest(logs=(logs,), nominal=str(nominal), policy=str(POLICY), since=since)
+            run_session(inputs, place, DiagnosisProgress(), seed=k)
         faults = [fault.model_dump(mode="json") for fault in reality.truth.faults]
         (place / "truth.json").write_text(json.dumps(faults))
     return f"{home.name}: done"

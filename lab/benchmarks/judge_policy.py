@@ -15,7 +15,7 @@ from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import load_policy
 from trainer.evaluate import trials
 from trainer.evaluate.setting import Setting
-from trainer.evaluate.trials import evaluate
+from trainer.evaluate.trials import evaluate_setting
 
 
 def main() -> None:
@@ -27,7 +27,7 @@ def main() -> None:
     args = parser.parse_args()
 
     setting = Setting(policy=load_policy(args.policy))
-    for name, figures in evaluate(setting, n=args.n).items():
+    for name, figures in evaluate_setting(setting, n=args.n).items():
         print(json.dumps({name: figures}), flush=True)
     high = setting.policy.contract.velocity_command_high[0]
     for seed in range(1, args.seeds):

@@ -21,7 +21,7 @@ from spot_model.robot import rotation
 from spot_protos import fake_admin_pb2
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.address import parse_address
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
 OVERTURNED_RAD: Final = 0.5
@@ -136,11 +136,11 @@ class FakeRobot:
                 self.step(4.0)
 
     @contextmanager
-    def _session(self) -> Iterator[Session]:
+    def _session(self) -> Iterator[RobotCalls]:
         """Open the vendor's services as another client. Raises HalError."""
         clock = HostClock()
         address = parse_address(self.address.robot)
-        session = Session(address, self.robot_config, clock, RobotClockEstimate(), clock.now_ns)
+        session = RobotCalls(address, self.robot_config, clock, RobotClockEstimate(), clock.now_ns)
         try:
             session.log_in()
             yield session

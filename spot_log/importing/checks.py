@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.importing.mapping import SIGNALS, signals_of
-from spot_log.importing.recording import UNITS, Recording
+from spot_log.importing.recording import UNITS, ForeignRecording
 from spot_model.robot.facts import BREADTH_FIRST, JOINT_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, tilt_rad
 from spot_model.robot.state import Array
@@ -29,7 +29,7 @@ STANDARD_GRAVITY_M_S2: Final = 9.80665
 GRAVITY_M_S2: Final = (7.0, 12.5)
 
 
-class Doubt(NamedTuple):
+class Mismatch(NamedTuple):
     """What does not fit, in one sentence."""
 
     text: str
@@ -37,7 +37,7 @@ class Doubt(NamedTuple):
     """Nothing else is possible."""
 
 
-def doubts_of(recording: Recording) -> list[Doubt]:
+def doubts_of(recording: ForeignRecording) -> list[Mismatch]:
     """All doubts, the certain ones first. Raises BadInputError where a signal cannot be read at all."""
     signals = {name: recording.signal(name) for name in recording.mapping.signals}
     time_s = (recording.stamps_ns - recording.stamps_ns[0]) * 1e-9
@@ -47,29 +47,29 @@ def doubts_of(recording: Recording) -> list[Doubt]:
     return sorted(found, key=lambda doubt: not doubt.is_certain)
 
 
-def _blanks(recording: Recording, signals: dict[str, Array]) -> Iterator[Doubt]:
+def _blanks(recording: ForeignRecording, signals: dict[str, Array]) -> Iterator[Mismatch]:
     for name, values in signals.items():
         rows = recording.rows_with(*signals_of(SIGNALS[name].record))
         blank = ~_whole(values) & rows
         if not np.isfinite(values).any():
-            yield Doubt(f"signal {name} has no number in any row", is_certain=True)
+            yield Mismatch(f"signal {name} has no number in any row", is_certain=True)
         elif blank.any():
             text = f"signal {name} is blank in {blank.sum()} of {rows.sum()} rows, first in row {int(blank.argmax())}"
-            yield Doubt(f"{text}; resample the signals to the same stamps")
+            yield Mismatch(f"{text}; resample the signals to the same stamps")
 
 
-def _spacing(time_s: Array) -> Iterator[Doubt]:
+def _spacing(time_s: Array) -> Iterator[Mismatch]:
     steps_s = np.diff(time_s)
     usual_s = float(np.median(steps_s)) if len(steps_s) else 1 / RATES_HZ[0]
     odd = (steps_s > 1.5 * usual_s) | (steps_s < 0.5 * usual_s)
     if not RATES_HZ[0] <= 1 / usual_s <= RATES_HZ[1]:
-        yield Doubt(f"the usual step of the time is {usual_s:g} s; check the unit of 'time'")
+        yield Mismatch(f"the usual step of the time is {usual_s:g} s; check the unit of 'time'")
     if odd.sum() > 0.01 * len(odd):
         text = f"{odd.sum()} of {len(odd)} steps of the time are not the usual {usual_s:g} s"
-        yield Doubt(f"{text} (to {steps_s.max():g} s): rows are missing, or several recordings are mixed")
+        yield Mismatch(f"{text} (to {steps_s.max():g} s): rows are missing, or several recordings are mixed")
 
 
-def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
+def _stops(recording: ForeignRecording, position: Array) -> Iterator[Mismatch]:
     stops = np.column_stack([POSITION_LOW_RAD - STOP_MARGIN_RAD, POSITION_HIGH_RAD + STOP_MARGIN_RAD])
     limits, turns = dict(zip(JOINT_NAMES, stops, strict=True)), np.array([-WHOLE_TURNS_RAD, WHOLE_TURNS_RAD])
     names = recording.mapping.joint_names
@@ -93,10 +93,10 @@ def _stops(recording: Recording, position: Array) -> Iterator[Doubt]:
     j, k = int(share.argmax()), ours or [0]
     text = f"signal position: {names[j]} is beyond {'its stops' if ours else 'two turns'} in {share[j]:.0%} of the rows"
     told = f"{np.nanmin(position[:, j]):.2f} to {np.nanmax(position[:, j]):.2f} rad, not {low[j]:.2f} to {high[j]:.2f}"
-    yield Doubt(f"{text} ({told}); {hint}", bool(ours) and share[k].max() > 0.05)
+    yield Mismatch(f"{text} ({told}); {hint}", bool(ours) and share[k].max() > 0.05)
 
 
-def _units(recording: Recording, name: str) -> list[tuple[str, float]]:
+def _units(recording: ForeignRecording, name: str) -> list[tuple[str, float]]:
     """Units that the signal may have instead of its own, with the factor from what was read."""
     given = recording.mapping.signals.get(name, recording.mapping.time).unit
     units = UNITS[SIGNALS[name].quantity if name in SIGNALS else name]
@@ -104,7 +104,7 @@ def _units(recording: Recording, name: str) -> list[tuple[str, float]]:
     return [(other, factor / declared) for other, factor in units.items() if factor != declared]
 
 
-def _motion(recording: Recording, signals: dict[str, Array], time_s: Array) -> Iterator[Doubt]:
+def _motion(recording: ForeignRecording, signals: dict[str, Array], time_s: Array) -> Iterator[Mismatch]:
     """Velocity and set-points against positions, torque against the servo's law.
 
     Torque = stiffness × (set-point − position) + damping × (its speed − speed) + feedforward.
@@ -142,8 +142,15 @@ def _whole(*arrays: Array) -> NDArray[np.bool_]:
 
 
 def _held(
-    recording: Recording, name: str, of: str, wanted: Array, given: Array, loose: float, *, must_follow: bool = True
-) -> Iterator[Doubt]:
+    recording: ForeignRecording,
+    name: str,
+    of: str,
+    wanted: Array,
+    given: Array,
+    loose: float,
+    *,
+    must_follow: bool = True,
+) -> Iterator[Mismatch]:
     """Hold a signal, shape (n, J), against what must be proportional to it, with a factor of 1/loose to loose."""
     rows, position = _whole(wanted, given), recording.signal("position")
     if rows.sum() < MIN_ROWS:
@@ -164,13 +171,15 @@ def _held(
     if foreign.any():
         pairs = ", ".join(f"{names[j]} by {names[best[j]]}" for j in np.flatnonzero(foreign)[:4])
         text = f"signal {name} is in another joint order than {of}: {pairs} is what follows"
-        yield Doubt(f"{text}; name columns, or give 'source_joint_names'", sorted(best) == list(range(len(best))))
+        yield Mismatch(f"{text}; name columns, or give 'source_joint_names'", sorted(best) == list(range(len(best))))
         return
     turned, lost = (", ".join(names[j] for j in np.flatnonzero(some)) for some in (own < -FOLLOWS, np.abs(own) < 0.5))
     if turned:
-        yield Doubt(f"signal {name} has the opposite sign of {of} in {turned}; 'scale: -1' turns it", is_certain=True)
+        yield Mismatch(
+            f"signal {name} has the opposite sign of {of} in {turned}; 'scale: -1' turns it", is_certain=True
+        )
     if lost and must_follow:
-        yield Doubt(f"signal {name} does not follow {of} in {lost}; check order, unit and stamps")
+        yield Mismatch(f"signal {name} does not follow {of} in {lost}; check order, unit and stamps")
     factors = (own * spread[0][moves] / spread[1][moves])[own > FOLLOWS]
     if len(factors) and not 1 / loose <= (factor := float(np.median(factors))) <= loose:
         readings = [
@@ -180,10 +189,10 @@ def _held(
             if abs((f * factor if signal == "position" else f / factor) - 1) < FITS
         ]
         hint = f"it would fit with {' or '.join(readings)}" if readings else "check 'unit', 'scale' and the time"
-        yield Doubt(f"signal {name} is {1 / factor:.3g} of {of}; {hint}", bool(readings))
+        yield Mismatch(f"signal {name} is {1 / factor:.3g} of {of}; {hint}", bool(readings))
 
 
-def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> Iterator[Doubt]:
+def _turned(recording: ForeignRecording, signals: dict[str, Array], time_s: Array) -> Iterator[Mismatch]:
     """The orientation against gravity and turn rate, its other readings beside it."""
     if "odom_from_body" not in signals:
         return
@@ -197,7 +206,7 @@ def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
     for what in (what for what, misfit in evidence.items() if misfit > DISAGREES):
         size, how = min((_misfits(turn, signals, time_s)[what], how) for how, turn in then.items())
         hint = f"{how} would fit" if size < AGREES else "check order, frames, axes and units of both"
-        yield Doubt(f"signal odom_from_body does not agree with {what}; {hint}", size < AGREES)
+        yield Mismatch(f"signal odom_from_body does not agree with {what}; {hint}", size < AGREES)
         return
     rows = _whole(given)
     if not rows.any():
@@ -207,7 +216,7 @@ def _turned(recording: Recording, signals: dict[str, Array], time_s: Array) -> I
     )
     # A body on its side or back for most of the time, or one that faces backwards where the other order faces ahead.
     if (tilt > 0.8 and face < 0.4) or (not evidence and other_tilt < 0.1 and other_face > 0.9):
-        yield Doubt(f"by signal odom_from_body the body lies or faces backwards; by 'order: {other}' it stands")
+        yield Mismatch(f"by signal odom_from_body the body lies or faces backwards; by 'order: {other}' it stands")
 
 
 def _misfits(turn: Array, signals: dict[str, Array], time_s: Array) -> dict[str, float]:

@@ -18,9 +18,9 @@ import numpy as np
 from spot_log.format import codec
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader
-from spot_log.importing.checks import Doubt, doubts_of
+from spot_log.importing.checks import Mismatch, doubts_of
 from spot_log.importing.mapping import SIGNALS, Mapping, signals_of
-from spot_log.importing.recording import Recording
+from spot_log.importing.recording import ForeignRecording
 from spot_log.write.run_writer import RunWriter, check_can_start
 from spot_model.errors import BadInputError
 from spot_model.io.whole import whole_file
@@ -56,7 +56,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
         OSError: A file cannot be read or written.
     """
     check_can_start(result)
-    recording = Recording(source, mapping)
+    recording = ForeignRecording(source, mapping)
     doubts = doubts_of(recording)
     certain = [doubt.text for doubt in doubts if doubt.is_certain]
     if certain and not mapping.accept_doubts:
@@ -84,7 +84,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
     return Imported(result, len(stamps), float(rate), _missing(mapping), tuple(doubt.text for doubt in doubts))
 
 
-def _doubted(recording: Recording, doubts: Sequence[Doubt]) -> list[Record]:
+def _doubted(recording: ForeignRecording, doubts: Sequence[Mismatch]) -> list[Record]:
     """An event a doubt, at the first stamp."""
     name, first_ns = EventName.IMPORT_DOUBTED, int(recording.stamps_ns[0])
     events = [EventRecord(first_ns, first_ns, name.severity, name.label, doubt.text) for doubt in doubts]
@@ -113,13 +113,13 @@ def _write(result: Path, header: RunHeader, records: list[Record]) -> None:
         raise
 
 
-def records_of(recording: Recording) -> list[Record]:
+def records_of(recording: ForeignRecording) -> list[Record]:
     """What the log will hold, oldest first. Raises BadInputError, OSError."""
     records = [*_states(recording), *_commands(recording), *_ticks(recording), *_slow_states(recording)]
     return sorted(records, key=lambda record: record.host_stamp_ns)
 
 
-def _states(recording: Recording) -> list[Record]:
+def _states(recording: ForeignRecording) -> list[Record]:
     columns = _columns(recording, "state")
     for name, unit in (("linear_vel_of_body", "m_s"), ("angular_vel_of_body", "rad_s")):
         velocity = _in_odom(recording, name)
@@ -138,14 +138,14 @@ def _states(recording: Recording) -> list[Record]:
     return _records(log_pb2.State, recording, signals_of("state"), columns)
 
 
-def _commands(recording: Recording) -> list[Record]:
+def _commands(recording: ForeignRecording) -> list[Record]:
     if not any(map(recording.has, SET_POINTS)):
         return []
     key = np.cumsum(recording.rows_with(*SET_POINTS)).tolist()
     return _records(log_pb2.Command, recording, SET_POINTS, {**_columns(recording, "command"), "key": key})
 
 
-def _ticks(recording: Recording) -> list[Record]:
+def _ticks(recording: ForeignRecording) -> list[Record]:
     columns, signals = _columns(recording, "tick"), signals_of("tick")
     if not columns:
         return []
@@ -154,7 +154,7 @@ def _ticks(recording: Recording) -> list[Record]:
     return _records(log_pb2.Tick, recording, signals, columns, mode="imported", **unknown)
 
 
-def _slow_states(recording: Recording) -> list[Record]:
+def _slow_states(recording: ForeignRecording) -> list[Record]:
     """A poll every 0.1 s at most: these signals are slow, whatever the rate of the recording."""
     signals = [name for name in signals_of("slow") if recording.has(name)]
     if not signals:
@@ -172,7 +172,7 @@ def _slow_states(recording: Recording) -> list[Record]:
     return polls
 
 
-def _in_odom(recording: Recording, name: str) -> Array | None:
+def _in_odom(recording: ForeignRecording, name: str) -> Array | None:
     """A velocity of the body in the axes of odom, shape (n, 3); None where it is not mapped."""
     if recording.has(f"{name}_in_odom"):
         return recording.signal(f"{name}_in_odom")
@@ -183,14 +183,18 @@ def _in_odom(recording: Recording, name: str) -> Array | None:
     return np.asarray(rotate_wxyz(recording.signal("odom_from_body"), recording.signal(f"{name}_in_body")))
 
 
-def _columns(recording: Recording, record: str) -> dict[str, Sequence[Any]]:
+def _columns(recording: ForeignRecording, record: str) -> dict[str, Sequence[Any]]:
     """Those mapped signals that a record holds as they are, by its fields."""
     fields = {name: SIGNALS[name].field for name in signals_of(record) if recording.has(name)}
     return {field: recording.signal(name).tolist() for name, field in fields.items() if field}
 
 
 def _records(
-    kind: type[Any], recording: Recording, signals: Iterable[str], columns: Columns[str, Sequence[Any]], **same: Any
+    kind: type[Any],
+    recording: ForeignRecording,
+    signals: Iterable[str],
+    columns: Columns[str, Sequence[Any]],
+    **same: Any,
 ) -> list[Record]:
     """One record a row in which one of the signals has a value."""
     rows = zip(recording.stamps_ns.tolist(), recording.rows_with(*signals).tolist(), _rows(columns), strict=True)

@@ -26,7 +26,7 @@ SCHEMA: Final = "spot-rl/import/1"
 JOINTS: Final = -1
 
 
-class Signal(NamedTuple):
+class MappedSignal(NamedTuple):
     """What a signal is, and where the log holds it."""
 
     quantity: str
@@ -39,30 +39,30 @@ class Signal(NamedTuple):
 
 
 SIGNALS: Final = {
-    "position": Signal("angle", JOINTS, "state", "position_rad"),
-    "velocity": Signal("angular velocity", JOINTS, "state", "velocity_rad_s"),
-    "load": Signal("torque", JOINTS, "state", "load_nm"),
-    "setpoint_position": Signal("angle", JOINTS, "command", "position_rad"),
-    "setpoint_velocity": Signal("angular velocity", JOINTS, "command", "velocity_rad_s"),
-    "feedforward": Signal("torque", JOINTS, "command", "load_nm"),
-    "kp": Signal("stiffness", JOINTS, "command", "kp_nm_per_rad"),
-    "kd": Signal("damping", JOINTS, "command", "kd_nm_s_per_rad"),
-    "motor_temperature": Signal("temperature", JOINTS, "slow"),
-    "position_of_body_in_odom": Signal("length", 3, "state", "position_of_body_in_odom_m"),
-    "odom_from_body": Signal("none", 4, "state", "odom_from_body_wxyz"),
-    "linear_vel_of_body_in_odom": Signal("velocity", 3, "state"),
-    "linear_vel_of_body_in_body": Signal("velocity", 3, "state"),
-    "angular_vel_of_body_in_odom": Signal("angular velocity", 3, "state"),
-    "angular_vel_of_body_in_body": Signal("angular velocity", 3, "state"),
-    "acceleration_of_imu_in_link": Signal("acceleration", 3, "state"),
-    "angular_vel_of_link_in_link": Signal("angular velocity", 3, "state"),
-    "foot_contact": Signal("none", 0, "state"),
-    "velocity_command": Signal("none", 3, "tick", "velocity_command"),
-    "action": Signal("none", 0, "tick", "action"),
-    "observation": Signal("none", 0, "tick", "observation"),
-    "battery_voltage": Signal("voltage", 1, "slow", "battery_voltage_v"),
-    "battery_current": Signal("current", 1, "slow", "battery_current_a"),
-    "battery_charge": Signal("share", 1, "slow", "battery_charge_percent"),
+    "position": MappedSignal("angle", JOINTS, "state", "position_rad"),
+    "velocity": MappedSignal("angular velocity", JOINTS, "state", "velocity_rad_s"),
+    "load": MappedSignal("torque", JOINTS, "state", "load_nm"),
+    "setpoint_position": MappedSignal("angle", JOINTS, "command", "position_rad"),
+    "setpoint_velocity": MappedSignal("angular velocity", JOINTS, "command", "velocity_rad_s"),
+    "feedforward": MappedSignal("torque", JOINTS, "command", "load_nm"),
+    "kp": MappedSignal("stiffness", JOINTS, "command", "kp_nm_per_rad"),
+    "kd": MappedSignal("damping", JOINTS, "command", "kd_nm_s_per_rad"),
+    "motor_temperature": MappedSignal("temperature", JOINTS, "slow"),
+    "position_of_body_in_odom": MappedSignal("length", 3, "state", "position_of_body_in_odom_m"),
+    "odom_from_body": MappedSignal("none", 4, "state", "odom_from_body_wxyz"),
+    "linear_vel_of_body_in_odom": MappedSignal("velocity", 3, "state"),
+    "linear_vel_of_body_in_body": MappedSignal("velocity", 3, "state"),
+    "angular_vel_of_body_in_odom": MappedSignal("angular velocity", 3, "state"),
+    "angular_vel_of_body_in_body": MappedSignal("angular velocity", 3, "state"),
+    "acceleration_of_imu_in_link": MappedSignal("acceleration", 3, "state"),
+    "angular_vel_of_link_in_link": MappedSignal("angular velocity", 3, "state"),
+    "foot_contact": MappedSignal("none", 0, "state"),
+    "velocity_command": MappedSignal("none", 3, "tick", "velocity_command"),
+    "action": MappedSignal("none", 0, "tick", "action"),
+    "observation": MappedSignal("none", 0, "tick", "observation"),
+    "battery_voltage": MappedSignal("voltage", 1, "slow", "battery_voltage_v"),
+    "battery_current": MappedSignal("current", 1, "slow", "battery_current_a"),
+    "battery_charge": MappedSignal("share", 1, "slow", "battery_charge_percent"),
 }
 
 

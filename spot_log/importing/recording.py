@@ -171,7 +171,7 @@ LONGEST_S = 9e9
 """285 years: what 63 bits of nanoseconds hold."""
 
 
-class Recording:
+class ForeignRecording:
     """A recording and its mapping; other files are read when a signal asks for them."""
 
     def __init__(self, path: Path, mapping: Mapping) -> None:

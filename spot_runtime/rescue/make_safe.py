@@ -21,7 +21,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.errors import CertificateError, ClockError, CredentialsError, HalError, LeaseHeldError
 from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.rescue.lease_note import WITHIN_S, HeldNote, LeaseNote, LeaseNoteError, note_path
 
@@ -150,7 +150,7 @@ def make_safe_by_note(
 
 def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
     clock = HostClock()
-    session = Session(parse_address(note.robot), config.robot, clock, RobotClockEstimate(), clock.now_ns)
+    session = RobotCalls(parse_address(note.robot), config.robot, clock, RobotClockEstimate(), clock.now_ns)
     pace = LockStep(lock_step, clock.now_ns()) if lock_step else None
     try:
         session.log_in(note.token)
@@ -174,7 +174,7 @@ def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
             pace.stop()
 
 
-def _is_ours(session: Session, note: LeaseNote) -> bool:
+def _is_ours(session: RobotCalls, note: LeaseNote) -> bool:
     """Whether the newest lease that the robot knows of is the note's; then it is taken up, to be used or given back."""
     newest = session.newest_lease(note.resource)
     if newest is None or (newest.epoch, newest.sequence[0]) != (note.epoch, note.root):
@@ -183,7 +183,7 @@ def _is_ours(session: Session, note: LeaseNote) -> bool:
     return True
 
 
-def _hold(session: Session, note: LeaseNote, *, is_ours: bool) -> bool:
+def _hold(session: RobotCalls, note: LeaseNote, *, is_ours: bool) -> bool:
     """Have a lease to use: the note's, as it is, or a new one.
 
     Returns:

@@ -10,7 +10,7 @@ from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import Robot
+from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence, lay_out
 from spot_log.read.run import Run
@@ -174,5 +174,5 @@ def evidence_over(runs: Sequence[Run], channels: Sequence[Channel] = tuple(Chann
 
 def _laid_out(logs: Stack, views: Views) -> Evidence:
     folds = range(len(logs.recordings))
-    robot = Robot(logs.joint_names, logs.legs)
+    robot = JointGroups(logs.joint_names, logs.legs)
     return lay_out(views, robot, folds, [str(k) for k in folds], library=LIBRARY, scales=ERROR_SCALES)

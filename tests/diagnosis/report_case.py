@@ -25,7 +25,7 @@ from diagnosis.document import (
     UnknownEffect,
     Verdict,
 )
-from diagnosis.library import Robot
+from diagnosis.library import JointGroups
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
 from spot_model.effects.friction import CoulombFriction
@@ -201,7 +201,7 @@ def a_diagnosis(joints: tuple[str, ...] = facts.JOINT_NAMES, **changes: Any) -> 
     real = runs(RobotModel((CoulombFriction(joints=("fl_kn",), level_nm=2.0),)), 1)
     nominal, corrected = tuple(runs(RobotModel(), 2)), tuple(runs(RobotModel(), 3))
     told = verdict(found, **changes)
-    robot = Robot(joints, np.repeat(np.arange(4), 3)[: len(joints)])
+    robot = JointGroups(joints, np.repeat(np.arange(4), 3)[: len(joints)])
     return Diagnosis(
         told,
         RobotModel(),

@@ -15,7 +15,7 @@ import pytest
 from diagnosis.channels import Channel
 from diagnosis.decision_constants import NAMED
 from diagnosis.document import CalibratedNumber, GapChange
-from diagnosis.library import Robot
+from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.robot_models import by_joint, model_of, with_kind
@@ -39,7 +39,7 @@ from .stranger import Faults, Stranger, thinned, uneven
 
 TYPES = ("hx", "hy", "kn")
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
-SPOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
+SPOT = JointGroups(JOINT_NAMES, np.repeat(np.arange(4), 3))
 Numbers = Mapping[tuple[str, str], CalibratedNumber]
 
 

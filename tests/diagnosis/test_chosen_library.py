@@ -21,7 +21,7 @@ from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import null_of
 from diagnosis.selection.search import search
 from diagnosis.verdict.left_over import left_over, probability
-from diagnosis.verdict.unknown import describe
+from diagnosis.verdict.unknown import describe_unknown
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.errors import BadInputError
 
@@ -119,7 +119,7 @@ def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(
 def test_what_is_left_points_at_the_joint_and_its_speed(logs: Evidence) -> None:
     nothing = null_of(logs)
     left = left_over(logs, nothing)
-    unknown = describe(logs, nothing, left)
+    unknown = describe_unknown(logs, nothing, left)
     assert unknown is not None
     assert (unknown.channel, unknown.joints) == (Channel.SET_POINT_TO_LOAD, ("fr_kn",))
     # A knee that swings is fast and bears nothing.

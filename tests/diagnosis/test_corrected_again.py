@@ -10,7 +10,7 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import Difference, Number
-from diagnosis.library import Robot
+from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.report import words
@@ -37,7 +37,7 @@ def found_with(truth: tuple[Effect, ...], nominal: RobotModel) -> list[tuple[str
     """Friction and torque gains that planted loads show beside a nominal model: name, joints, value."""
     logs = stack([record(run) for run in planted_runs(Truth(effects=truth), 2)])
     view = build_views(logs, nominal)[0][Channel.SET_POINT_TO_LOAD]
-    robot = Robot(logs.joint_names, logs.legs)
+    robot = JointGroups(logs.joint_names, logs.legs)
     board = lay_out({view.name: view}, robot, range(2), ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
     library = with_repairs({name: LIBRARY[name] for name in ("coulomb_friction", "torque_gain")}, nominal)
     best = search(board, library, lambda _: None).best
@@ -137,6 +137,6 @@ def test_an_effect_with_an_error_of_its_own_has_no_second_column() -> None:
     logs = stack([record(run) for run in planted_runs(Truth(), 1)])
     for effect, columns in ((replace(WORN, level_nm=0.5), 1), (TorqueGain(joints=("kn",), gain=0.9), 0)):
         view = build_views(logs, NOMINAL.with_effects(effect))[0][Channel.SET_POINT_TO_LOAD]
-        robot = Robot(logs.joint_names, logs.legs)
+        robot = JointGroups(logs.joint_names, logs.legs)
         board = lay_out({view.name: view}, robot, [0], ["0"], library=LIBRARY, scales=ERROR_SCALES)
         assert board.ordinary.names.count("nominal") == columns

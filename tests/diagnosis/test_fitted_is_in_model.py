@@ -15,7 +15,7 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import LibraryEffect, Location, Robot
+from diagnosis.library import JointGroups, LibraryEffect, Location
 from diagnosis.library.held import OF_CHANNEL_ONLY, groups_of
 from diagnosis.library.less import AtBound
 from diagnosis.library.registry import LIBRARY
@@ -36,7 +36,7 @@ from trainer.signals.recording import record
 from .cases import NOMINAL
 from .planted import POLICY, Truth, planted_runs, scripts, walk_sequence
 
-SPOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
+SPOT = JointGroups(JOINT_NAMES, np.repeat(np.arange(4), 3))
 HELD = RobotModel(
     (
         CoulombFriction(joints=("hips",), level_nm=0.05),

@@ -12,7 +12,7 @@ import yaml
 
 from diagnosis.read import fixed_base, read_logs
 from diagnosis.read.robot_file import load_robot
-from diagnosis.session import Inputs, Progress, run_session
+from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
 from spot_log.importing import import_log, load_mapping
 
 MJCF = """<mujoco><worldbody><body><joint name="l_hip_joint" axis="0 1 0"/>
@@ -76,8 +76,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_drives_that_take_most_of_the_torque_are_found_and_predict(place: Path) -> None:
     """Friction and rotors take twenty times what the links do: loads have little in common with the servo's torque."""
-    inputs = Inputs(logs=(str(place / "leg.mcap"),), nominal="ideal")
-    with Progress() as progress:
+    inputs = DiagnosisRequest(logs=(str(place / "leg.mcap"),), nominal="ideal")
+    with DiagnosisProgress() as progress:
         result, paths = run_session(inputs, place / "found", progress, robot_file=place / "leg.yaml")
     verdict = result.verdict
     assert verdict.channels["set_point_to_load"] == "used"

@@ -9,7 +9,7 @@ from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES, FORMULA_ERROR, GROUP_ODDS
-from diagnosis.library import Robot
+from diagnosis.library import JointGroups
 from diagnosis.library.ground import HEIGHTS
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import lay_out
@@ -34,7 +34,7 @@ def nats(truth: str, turn_rad_s: float) -> dict[str, float]:
     usable = view.usable.copy()
     usable[:, : HEIGHTS.start] = False
     scales = {name: ERROR_SCALES[name] for name in TRUTHS}
-    views, robot = {view.name: replace(view, usable=usable)}, Robot(logs.joint_names, logs.legs)
+    views, robot = {view.name: replace(view, usable=usable)}, JointGroups(logs.joint_names, logs.legs)
     board = lay_out(views, robot, [0], ["0"], library=LIBRARY, scales=scales)
     scorer = Scorer(board)
     return {

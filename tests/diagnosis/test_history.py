@@ -16,7 +16,7 @@ from diagnosis.report import history as filing
 from diagnosis.report.drift import Drift, drift_of
 from diagnosis.report.history import file_next, read_history
 from diagnosis.report.history_page import history_page, write_history
-from diagnosis.session import Inputs
+from diagnosis.session import DiagnosisRequest
 from spot_log import Run
 from spot_log.format.records import EventRecord, Severity
 from spot_model.effects.base import Effect
@@ -221,9 +221,9 @@ def test_the_command_files_it_and_tells_what_changed(history, logs, tmp_path, mo
     log = tmp_path / "a.mcap"
     log.touch()
     logs(12)
-    asked: list[Inputs] = []
+    asked: list[DiagnosisRequest] = []
 
-    def at_once(inputs: Inputs, out: Path, *_: object, **__: object) -> tuple[object, dict[str, Path]]:
+    def at_once(inputs: DiagnosisRequest, out: Path, *_: object, **__: object) -> tuple[object, dict[str, Path]]:
         asked.append(inputs)
         put(out.parent, out.name, gains=(number(0.8),), since=inputs.since)
         return SimpleNamespace(verdict=load_verdict(out / "verdict.json")), {}

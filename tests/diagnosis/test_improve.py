@@ -17,7 +17,7 @@ from diagnosis.improve.improvement import worth_training
 from diagnosis.improve.judgement import figures, is_taken
 from diagnosis.improve.limits import Limit, curve_of, is_nearer, limits_of, search_config, with_limits
 from diagnosis.improve.retraining import RETRAIN, refine_config, take_training, train_words
-from diagnosis.improve.session import Inputs, improve_policy
+from diagnosis.improve.session import ImproveRequest, improve_policy
 from diagnosis.improve.steps import Step, StepError, take
 from spot_model.errors import BadInputError, GpuMemoryError
 from spot_model.io.model_file import load_model, save_model
@@ -213,7 +213,7 @@ class Commands:
         self.seen: list[tuple[str, ...]] = []
         self.codes: list[int] = []
         self.leaves: dict[str, Any] = {}
-        monkeypatch.setattr(steps, "run", self.run)
+        monkeypatch.setattr(steps, "run_command", self.run)
 
     def run(self, words: Sequence[str]) -> int:
         self.seen.append(tuple(words))
@@ -355,7 +355,7 @@ class Loop(Commands):
             "evaluate": evaluated,
         }
 
-    def inputs(self, **changed: Any) -> Inputs:
+    def inputs(self, **changed: Any) -> ImproveRequest:
         given = {
             "policy": POLICY,
             "nominal": "paper_initial",
@@ -365,7 +365,7 @@ class Loop(Commands):
             "seed": 0,
             **changed,
         }
-        return Inputs.of([self.log], **given)
+        return ImproveRequest.of([self.log], **given)
 
     def improve(self, **changed: Any) -> Any:
         return improve_policy(self.inputs(**changed), self.out, workers=1, device="cuda", say=ignore)
@@ -438,7 +438,7 @@ def test_a_gap_without_a_name_is_no_reason_to_train() -> None:
 def test_wrong_inputs_are_told_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     loop = Loop(monkeypatch, tmp_path)
     with pytest.raises(BadInputError, match=r"no_such\.mcap"):
-        Inputs.of([tmp_path / "no_such.mcap"], POLICY, "paper_initial", None, (), 20, 0)
+        ImproveRequest.of([tmp_path / "no_such.mcap"], POLICY, "paper_initial", None, (), 20, 0)
     with pytest.raises(BadInputError, match="no_such_key"):
         loop.inputs(sets=("no_such_key=1",))
     loop.improve()
@@ -460,5 +460,8 @@ def test_a_refinement_that_finds_nothing_keeps_the_old_policy(monkeypatch: pytes
 
 
 def test_a_command_runs_in_a_process_of_its_own() -> None:
-    assert steps.run(("--version",)) == 0
-    assert steps.run(("improve", "no_such.mcap", "--policy", str(POLICY), "--nominal", "ideal", "--out", "none")) == 2
+    assert steps.run_command(("--version",)) == 0
+    assert (
+        steps.run_command(("improve", "no_such.mcap", "--policy", str(POLICY), "--nominal", "ideal", "--out", "none"))
+        == 2
+    )

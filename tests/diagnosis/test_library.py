@@ -9,7 +9,7 @@ from diagnosis.channels import Channel, Flags, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
-from diagnosis.library import LibraryEffect, Location, Robot
+from diagnosis.library import JointGroups, LibraryEffect, Location
 from diagnosis.library.held import IN_CHANNELS, groups_of, less_held
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.ripple import strongest_orders
@@ -32,7 +32,7 @@ from .planted import Truth, contract_json, planted_runs, walk_sequence
 
 pytestmark = pytest.mark.slow
 
-ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
+ROBOT = JointGroups(JOINT_NAMES, np.repeat(np.arange(4), 3))
 BESIDE = "command_drop"
 REFINEMENTS = 8
 """Rounds around the best shape, at most; they end when none is better."""

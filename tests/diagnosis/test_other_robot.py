@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from diagnosis.session import NO_MODEL, Inputs, Progress, run_session
+from diagnosis.session import NO_MODEL, DiagnosisProgress, DiagnosisRequest, run_session
 from diagnosis.terminal import twelve_lines
 from spot_log.importing import import_log, load_mapping
 
@@ -53,8 +53,8 @@ def test_it_says_what_it_can_do_and_never_to_train(names: list[str], tmp_path: P
     robot = tmp_path / "robot.yaml"
     robot.write_text(yaml.safe_dump({"schema": "spot-rl/robot/1", "name": "arm", "joint_names": names}))
     import_log(load_mapping(tmp_path / "m.yaml"), tmp_path / "r.npz", tmp_path / "log.mcap")
-    inputs = Inputs(logs=(str(tmp_path / "log.mcap"),), nominal="ideal")
-    with Progress() as progress:
+    inputs = DiagnosisRequest(logs=(str(tmp_path / "log.mcap"),), nominal="ideal")
+    with DiagnosisProgress() as progress:
         result, paths = run_session(inputs, tmp_path / "out", progress, robot_file=robot)
     told = result.verdict
     assert told.no_model == NO_MODEL

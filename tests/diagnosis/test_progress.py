@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 import diagnosis
-from diagnosis.session import STAGES, Progress
+from diagnosis.session import STAGES, DiagnosisProgress
 
 
 class _Clock:
@@ -32,7 +32,7 @@ def test_every_stage_is_the_beginning_of_something_that_is_said() -> None:
 
 def test_stage_share_and_time_left_in_a_file() -> None:
     clock, stream = _Clock(), io.StringIO()
-    progress = Progress(Console(file=stream, width=200), clock)
+    progress = DiagnosisProgress(Console(file=stream, width=200), clock)
     progress("reading logs")
     clock.now_s = 10.0
     progress("building channels of 3 logs")
@@ -49,7 +49,7 @@ def test_stage_share_and_time_left_in_a_file() -> None:
 
 def test_the_share_never_falls() -> None:
     clock = _Clock()
-    progress = Progress(Console(file=io.StringIO()), clock)
+    progress = DiagnosisProgress(Console(file=io.StringIO()), clock)
     shares = []
     for text, _ in STAGES:
         progress(text)

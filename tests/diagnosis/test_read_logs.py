@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.read import apart_by_gains, find_policy, find_policy_file, read_all, read_logs
 from diagnosis.read.segments import cut
-from diagnosis.session import Inputs
+from diagnosis.session import DiagnosisRequest
 from spot_log import read_run
 from spot_log.importing import Mapping, import_log
 from spot_log.read.run import Run
@@ -79,7 +79,7 @@ def test_one_log_of_another_robot_and_policy_is_set_aside_in_what_follows_too(
     runs, notes = read_logs([*logs, other])
     assert [run.path for run in runs] == logs
     assert any(note.startswith("other.mcap: set aside: it has joints hip; robot spot has") for note in notes)
-    Inputs(logs=tuple(map(str, [*logs, other])), nominal="ideal").save(tmp_path)
+    DiagnosisRequest(logs=tuple(map(str, [*logs, other])), nominal="ideal").save(tmp_path)
     monkeypatch.chdir(POLICIES.parent)
     assert find_policy_file(None, runs) == policy_file("walk")
 

@@ -247,7 +247,7 @@ def test_a_number_has_three_digits_and_a_unit_of_its_size(value: tuple[float, ..
 )
 def test_no_more_than_all_of_a_gap_closes(low: float | None, high: float | None, within: str) -> None:
     g = GapChange(gap="torque", unit="N·m", before=2.0, after=0.5, floor=0.3, share=0.88, low=low, high=high)
-    assert words.gap_told(g) == f"88 % of the torque gap closes{within}"
+    assert words.gap_phrase(g) == f"88 % of the torque gap closes{within}"
 
 
 @pytest.mark.parametrize(("ratios", "top"), [((40.0, 20.0), 40.0), ((1.1, 0.9), figures.LEAST_TOP)])

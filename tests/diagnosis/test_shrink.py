@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.shrink import SequenceDistances, _few, compare, shrinkage
+from diagnosis.closed_loop.shrink import SequenceDistances, _few, sequence_distances, shrinkage
 from diagnosis.closed_loop.trials import NOMINAL, Trials, measure_shrink
 from diagnosis.verdict.diagnose import _about
 
@@ -94,7 +94,7 @@ def test_runs_of_the_same_law_lie_at_the_floor() -> None:
         return (rng.standard_normal((400, 36)) + shift).astype(np.float32)
 
     real = [run(0.0) for _ in range(4)]
-    found = compare("a", real, {"same": [run(0.0) for _ in range(4)], "other": [run(0.5) for _ in range(4)]})
+    found = sequence_distances("a", real, {"same": [run(0.0) for _ in range(4)], "other": [run(0.5) for _ in range(4)]})
     assert found.models["same"].mean() == pytest.approx(1.0, abs=0.15)
     assert found.models["other"].mean() > 3.0
 
@@ -109,7 +109,7 @@ def test_a_run_that_ends_early_is_compared_up_to_its_end() -> None:
         return out[:n].astype(np.float32)
 
     real = [run(400), run(400), run(200)]
-    found = compare("a", real, {"same": [run(400), run(200)], "other": [run(200, 0.5)]})
+    found = sequence_distances("a", real, {"same": [run(400), run(200)], "other": [run(200, 0.5)]})
     # Between runs of 200 rows distances are larger than between runs of 400, by chance alone.
     assert found.real[0, 2] < 2.0 * found.real[0, 1]
     assert found.models["same"].mean() == pytest.approx(1.0, abs=0.2)
@@ -126,12 +126,13 @@ def test_models_that_stumble_do_not_widen_the_floor_of_a_robot_that_ran_once() -
 
     models = {"nominal": runs(0.1), "limited": runs(3.0), "heavier": runs(3.0)}
     real = runs(0.1)[:1]
-    wide, narrow = compare("a", real, models), compare("a", real, models, steady="nominal")
+    wide, narrow = sequence_distances("a", real, models), sequence_distances("a", real, models, steady="nominal")
     assert narrow.scale[0] < 0.3 * wide.scale[0]
     assert narrow.models["nominal"].mean() > 3.0 * wide.models["nominal"].mean()
     repeated = runs(0.1)
     np.testing.assert_array_equal(
-        compare("a", repeated, models).scale, compare("a", repeated, models, steady="nominal").scale
+        sequence_distances("a", repeated, models).scale,
+        sequence_distances("a", repeated, models, steady="nominal").scale,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from diagnosis import session
-from diagnosis.session import WITHOUT_ARM, Inputs, run_session
+from diagnosis.session import WITHOUT_ARM, DiagnosisRequest, run_session
 
 
 class EndError(Exception):
@@ -41,5 +41,5 @@ def test_a_nominal_model_that_lacks_the_arm_is_told_of(
     monkeypatch.setattr(session, "diagnose", end)
     said: Any = Said()
     with pytest.raises(EndError):
-        run_session(Inputs(logs=("a.mcap",), nominal=nominal), tmp_path, said)
+        run_session(DiagnosisRequest(logs=("a.mcap",), nominal=nominal), tmp_path, said)
     assert (f"note: {WITHOUT_ARM}" in said) is is_told

@@ -28,7 +28,7 @@ from benchmarks import conformance_errors
 from fake_robot.conformance import paths
 from fake_robot.conformance import server as server_module
 from fake_robot.conformance import session as session_module
-from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict
+from fake_robot.conformance.check import Basis, CheckOutcome, ConformanceCheck, Needs, Result
 from fake_robot.conformance.command import (
     CHECKS,
     UnreachableError,
@@ -40,9 +40,9 @@ from fake_robot.conformance.command import (
     summary,
 )
 from fake_robot.conformance.power import has_power, held, is_off
-from fake_robot.conformance.recording import Recorder, Recording
+from fake_robot.conformance.recording import RecordedPart, Recorder
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server
-from fake_robot.conformance.session import EXPIRED, HOLDING, Session, drive
+from fake_robot.conformance.session import EXPIRED, HOLDING, MotionRecord, drive
 from fake_robot.network.streams import StateSubscription, spoil
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
@@ -126,17 +126,17 @@ def planted(certificates: Any) -> Iterator[PlantedServer]:
 
 
 @pytest.fixture(scope="module")
-def driven(certificates: Any) -> Session:
+def driven(certificates: Any) -> MotionRecord:
     """The one motion of the suite, by a right robot."""
     with serving(BRISK, certificates) as (server, _):
         return drive(server)
 
 
 def wrong(results: list[Result]) -> list[str]:
-    return [f"{r.check.name}: {r.seen}" for r in results if r.verdict not in {Verdict.PASS, Verdict.SKIPPED}]
+    return [f"{r.check.name}: {r.seen}" for r in results if r.verdict not in {CheckOutcome.PASS, CheckOutcome.SKIPPED}]
 
 
-def checks(*names: str) -> list[Check]:
+def checks(*names: str) -> list[ConformanceCheck]:
     found = {item.name: item for item in CHECKS}
     return [found[name] for name in names]
 
@@ -152,7 +152,7 @@ def test_a_right_robot_conforms(start: Start, keys: dict[str, Any]) -> None:
     results = list(run_checks(start(keys)[0], Needs.MOTION))
     assert wrong(results) == []
     skipped = {"power_while_stopped"} | ({"arm_command"} if keys is WITH_ARM else set())
-    assert {r.check.name for r in results if r.verdict is Verdict.SKIPPED} == skipped
+    assert {r.check.name for r in results if r.verdict is CheckOutcome.SKIPPED} == skipped
     assert exit_code(results) == 0
 
 
@@ -160,7 +160,7 @@ def test_a_robot_with_an_arm_conforms_at_rest(start: Start, monkeypatch: pytest.
     """By states of nineteen joints; one that is polled with a manipulator and streams twelve does not."""
     names = ("stream_is_complete", "polled_state_is_complete", "stream_expired", "stream_of_eleven_loads")
     server, _ = start(WITH_ARM)
-    assert {r.verdict for r in run_checks(server, Needs.LEASE, names)} == {Verdict.PASS}
+    assert {r.verdict for r in run_checks(server, Needs.LEASE, names)} == {CheckOutcome.PASS}
     take = StateSubscription.get
     monkeypatch.setattr(StateSubscription, "get", lambda own, wait_s: spoil(take(own, wait_s) or b"", "no_arm"))
     server, _ = start(WITH_ARM)
@@ -183,11 +183,11 @@ def test_a_robot_that_hides_its_power_loses_it_before_anything_is_sent_that_coul
 ) -> None:
     server, planted = start(BRISK)
     with held(server) as lease:
-        session_module._Driver(server, lease, Recorder(server), Session()).power_on()
+        session_module._Driver(server, lease, Recorder(server), MotionRecord()).power_on()
     planted.plant(ERRORS["motor_state_always_off"])
     names = ("power_is_as_told", "stand_without_power", "stream_while_inactive")
     results = list(run_checks(log_in(planted, certificates), Needs.LEASE, names))
-    assert [r.verdict for r in results] == [Verdict.FAIL, Verdict.PASS, Verdict.PASS], results
+    assert [r.verdict for r in results] == [CheckOutcome.FAIL, CheckOutcome.PASS, CheckOutcome.PASS], results
     commands = [request.command for key, request in planted.asked if key == "RobotCommandService/RobotCommand"]
     sent = [command.full_body_command.WhichOneof("command") for command in commands]
     taken = sent.index("safe_power_off_request")
@@ -207,16 +207,16 @@ def test_one_error_leaves_the_other_checks_their_way(
     monkeypatch.setattr("fake_robot.conformance.power.CONTROLLED_OFF_S", 1.0)
     planted.plant(ERRORS[name])
     results = list(run_checks(log_in(planted, certificates), Needs.LEASE))
-    assert [f"{r.check.name}: {r.seen}" for r in results if r.verdict is Verdict.OPEN] == []
-    assert Verdict.FAIL in {r.verdict for r in results}
+    assert [f"{r.check.name}: {r.seen}" for r in results if r.verdict is CheckOutcome.OPEN] == []
+    assert CheckOutcome.FAIL in {r.verdict for r in results}
 
 
 def test_a_robot_whose_two_witnesses_say_that_it_has_power_is_left_alone(start: Start) -> None:
     server, planted = start(BRISK)
     with held(server) as lease:
-        session_module._Driver(server, lease, Recorder(server), Session()).power_on()
+        session_module._Driver(server, lease, Recorder(server), MotionRecord()).power_on()
     (result,) = run_checks(server, Needs.LEASE, ("stand_without_power",))
-    assert (result.verdict, has_power(server.state())) == (Verdict.OPEN, True)
+    assert (result.verdict, has_power(server.state())) == (CheckOutcome.OPEN, True)
     assert "the motors are not off" in result.seen
     assert all(
         request.command.full_body_command.HasField("stop_request")
@@ -230,7 +230,7 @@ def test_power_that_nobody_asked_for_is_taken_away_and_told(start: Start, monkey
     server, planted = start(BRISK)
     planted.plant(ERRORS["power_for_anybody"])
     results = list(run_checks(server, Needs.MOTION, ("power_without_lease", "feet_stand_in_motion")))
-    assert [r.verdict for r in results[:2]] == [Verdict.FAIL, Verdict.OPEN]
+    assert [r.verdict for r in results[:2]] == [CheckOutcome.FAIL, CheckOutcome.OPEN]
     assert "the motors got power: its motors were switched off" in results[0].seen
     assert exit_code(results) == 4
     assert "Motors had power that they should not have had" in summary(results)
@@ -242,7 +242,7 @@ def test_power_that_nobody_asked_for_is_taken_away_and_told(start: Start, monkey
 def test_a_power_command_that_was_never_given_is_no_success(planted: PlantedServer, certificates: Any) -> None:
     planted.plant(ERRORS["power_feedback_of_nothing_succeeds"])
     (result,) = run_checks(log_in(planted, certificates), Needs.MOTION, ("power_feedback_of_nothing",))
-    assert (result.verdict, result.seen) == (Verdict.FAIL, "STATUS_SUCCESS")
+    assert (result.verdict, result.seen) == (CheckOutcome.FAIL, "STATUS_SUCCESS")
 
 
 @IN_REAL_TIME
@@ -261,8 +261,8 @@ def test_a_suite_that_is_ended_in_its_motion_powers_the_robot_off_first(start: S
 
 def test_the_exit_code_says_whether_all_was_judged() -> None:
     item = CHECKS[0]
-    passed, skipped = Result(item, Verdict.PASS, "yes"), Result(item, Verdict.SKIPPED, "needs --with-motion")
-    is_open, failed = Result(item, Verdict.OPEN, "the motors are on"), Result(item, Verdict.FAIL, "no")
+    passed, skipped = Result(item, CheckOutcome.PASS, "yes"), Result(item, CheckOutcome.SKIPPED, "needs --with-motion")
+    is_open, failed = Result(item, CheckOutcome.OPEN, "the motors are on"), Result(item, CheckOutcome.FAIL, "no")
     assert [exit_code([passed, skipped, *more]) for more in ([], [is_open], [is_open, failed])] == [0, 3, 1]
     assert "1 not judged: needs --with-motion." in summary([passed, skipped])
     assert "is not known" in summary([passed, is_open])
@@ -396,10 +396,10 @@ def test_an_error_that_shows_at_rest_is_found(planted: PlantedServer, certificat
     before.ask("lease", "ReturnLease", lease=before.ask("lease", "TakeLease", resource="body").lease)  # if one was lost
     planted.plant(ERRORS[name])
     (result,) = run_checks(server, Needs.LEASE, (AT_REST[name],))
-    assert result.verdict in {Verdict.FAIL, Verdict.DIFFERS}, result.seen
+    assert result.verdict in {CheckOutcome.FAIL, CheckOutcome.DIFFERS}, result.seen
 
 
-def changed(session: Session, error: PlantedError) -> Session:
+def changed(session: MotionRecord, error: PlantedError) -> MotionRecord:
     """A motion as a server with the error would have reported it."""
     pieces = {}
     memories: dict[str, dict[str, Any]] = {STREAM: {}, STATE: {}}  # a server remembers what it told before
@@ -411,13 +411,13 @@ def changed(session: Session, error: PlantedError) -> Session:
                 for message in messages:
                     error.answers[key](None, message, memories[key])
         answers = [answer.robot_state for answer in polls]
-        pieces[part] = Recording(part, states, answers, right.arrived_ns, right.polled_ns)
+        pieces[part] = RecordedPart(part, states, answers, right.arrived_ns, right.polled_ns)
     return replace(session, pieces=pieces)
 
 
 @IN_REAL_TIME
 @pytest.mark.parametrize("name", IN_MOTION)
-def test_an_error_that_shows_in_motion_is_found(driven: Session, name: str) -> None:
+def test_an_error_that_shows_in_motion_is_found(driven: MotionRecord, name: str) -> None:
     server: Any = Server(SimpleNamespace(service_client_factories_by_type={}), None)
     (item,) = checks(IN_MOTION[name])
     server._kept[drive] = driven
@@ -470,13 +470,13 @@ def test_errors_of_commands_are_found(start: Start, monkeypatch: pytest.MonkeyPa
                 mine[key] = lambda *a, one=earlier, two=hook: (one(*a), two(*a))[1]
     planted.plant(both)
     results = list(run_checks(server, Needs.MOTION, tuple(LIVE[name] for name in names)))
-    assert {r.check.name for r in results if r.verdict is Verdict.FAIL} == {LIVE[name] for name in names}
+    assert {r.check.name for r in results if r.verdict is CheckOutcome.FAIL} == {LIVE[name] for name in names}
     assert not has_power(server.state())
 
 
 def held_by(kp: float, kd: float, load: float) -> Server:
     """A motion in which the servos have these shares of the gains that were asked for, by the law and without noise."""
-    session, rng = Session(), np.random.default_rng(0)
+    session, rng = MotionRecord(), np.random.default_rng(0)
     at_rad = np.tile([0.1, 0.8, -1.5], 4)
     states = []
     for key in range(1, 161):
@@ -494,8 +494,8 @@ def held_by(kp: float, kd: float, load: float) -> Server:
                 pose.rotation.w = 1.0
             states.append(state)
     session.pieces = {
-        HOLDING: Recording(HOLDING, states, [], [], []),
-        EXPIRED: Recording(EXPIRED, states[-7:], [], [], []),
+        HOLDING: RecordedPart(HOLDING, states, [], [], []),
+        EXPIRED: RecordedPart(EXPIRED, states[-7:], [], [], []),
     }
     server: Any = Server(SimpleNamespace(service_client_factories_by_type={}), None)
     server._kept[drive] = session
@@ -555,8 +555,8 @@ def test_what_a_server_does_not_offer_is_skipped(planted: PlantedServer, certifi
     names = ("unknown_camera", "images_are_as_told", "delete_unknown_object", "registration_is_kept")
     results = run_checks(log_in(planted, certificates), Needs.LEASE, (*names, "services_are_listed"))
     assert {r.check.name: r.verdict for r in results} == {
-        "services_are_listed": Verdict.FAIL,
-        **dict.fromkeys(names, Verdict.SKIPPED),
+        "services_are_listed": CheckOutcome.FAIL,
+        **dict.fromkeys(names, CheckOutcome.SKIPPED),
     }
 
 
@@ -580,7 +580,7 @@ def test_polled_joints_may_come_in_any_order_and_a_battery_bay_may_be_empty(
     names = ("polled_state_is_complete", "stream_agrees_with_poll", "units_are_plausible", "stamps_are_robot_time")
     results = run_checks(answered(planted, certificates, STATE, change), Needs.LEASE, names)
     results = list(results)
-    assert {r.check.name: r.verdict for r in results} == dict.fromkeys(names, Verdict.PASS), wrong(results)
+    assert {r.check.name: r.verdict for r in results} == dict.fromkeys(names, CheckOutcome.PASS), wrong(results)
 
 
 @pytest.mark.parametrize("looks_at_clocks", [False, True])
@@ -597,10 +597,10 @@ def test_a_server_may_look_at_the_power_before_end_times_and_frames(
     names = ("unknown_frame", "expired_command", "timed_without_clock", "stand_without_power")
     server = answered(planted, certificates, "RobotCommandService/RobotCommand", power_first)
     assert {r.check.name: r.verdict for r in run_checks(server, Needs.LEASE, names)} == {
-        "unknown_frame": Verdict.SKIPPED,
-        "expired_command": Verdict.SKIPPED,
-        "timed_without_clock": Verdict.PASS if looks_at_clocks else Verdict.SKIPPED,
-        "stand_without_power": Verdict.PASS,
+        "unknown_frame": CheckOutcome.SKIPPED,
+        "expired_command": CheckOutcome.SKIPPED,
+        "timed_without_clock": CheckOutcome.PASS if looks_at_clocks else CheckOutcome.SKIPPED,
+        "stand_without_power": CheckOutcome.PASS,
     }
 
 
@@ -618,7 +618,7 @@ def test_a_tree_of_frames_may_have_any_root(planted: PlantedServer, certificates
 
     server = answered(planted, certificates, STATE, replant)
     (result,) = run_checks(server, Needs.LEASE, ("stream_agrees_with_poll",))
-    assert result.verdict is Verdict.PASS, result.seen
+    assert result.verdict is CheckOutcome.PASS, result.seen
 
 
 def test_answers_that_cannot_be_read_leave_the_check_open(planted: PlantedServer, certificates: Any) -> None:
@@ -627,7 +627,7 @@ def test_answers_that_cannot_be_read_leave_the_check_open(planted: PlantedServer
 
     server = answered(planted, certificates, "LeaseService/AcquireLease", no_epoch)
     (result,) = run_checks(server, Needs.LEASE, ("older_lease",))
-    assert (result.verdict, exit_code([result])) == (Verdict.OPEN, 3)
+    assert (result.verdict, exit_code([result])) == (CheckOutcome.OPEN, 3)
     assert "cannot be read: IndexError" in result.seen
 
 
@@ -639,7 +639,7 @@ def test_a_call_that_is_not_answered_in_time_leaves_the_check_open(
     server.require("directory")
     monkeypatch.setattr(server_module, "RPC_TIMEOUT_S", -1.0)
     (result,) = run_checks(server, Needs.LEASE, ("unknown_service",))
-    assert (result.verdict, result.seen) == (Verdict.OPEN, "no answer: DEADLINE_EXCEEDED")
+    assert (result.verdict, result.seen) == (CheckOutcome.OPEN, "no answer: DEADLINE_EXCEEDED")
 
 
 # ---- the table, the command ----

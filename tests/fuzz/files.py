@@ -150,13 +150,13 @@ def recording(data: bytes) -> None:
     """A foreign recording, by its first byte as CSV or NPZ through one of some mappings, up to a log's records."""
     from spot_log.importing.checks import doubts_of
     from spot_log.importing.importer import records_of
-    from spot_log.importing.recording import Recording
+    from spot_log.importing.recording import ForeignRecording
 
     first = (data[:1] or b"\0")[0]
     source = folder() / ("input.csv" if first < 0x40 else "input.npz")
     source.write_bytes(data[1:])
     with refusing(OSError):
-        taken = Recording(source, _mappings()[first % 3])
+        taken = ForeignRecording(source, _mappings()[first % 3])
         doubts_of(taken)
         for record in records_of(taken):
             record.SerializeToString()

@@ -12,7 +12,7 @@ from spot_model.errors import BadInputError
 from spot_model.text import parameter_words, plain, plain_lines
 from spot_protos import operator_pb2
 from spot_runtime.host.journal import Console
-from spot_tools.checks import Check, ok
+from spot_tools.checks import DoctorCheck, ok
 from spot_tools.client import plain_message
 
 ATTACKS = (
@@ -46,7 +46,7 @@ def test_every_way_out_uses_it(text: str) -> None:
     console = Console(stream)
     console.say(text)
     console.close()
-    told = Check("name", lambda: ok(text)).make()
+    told = DoctorCheck("name", lambda: ok(text)).make()
     status = operator_pb2.Status(robot=text, run=operator_pb2.RunStatus(faults=[text], log_path=text))
     status.last.sentence = text
     plain_message(status)

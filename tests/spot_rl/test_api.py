@@ -227,7 +227,7 @@ def test_a_policy_is_trained_and_exported(in_project: None, tmp_path: Path) -> N
 
 
 def test_a_diagnosis_made_in_python_can_be_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from diagnosis.session import INPUTS, Inputs
+    from diagnosis.session import INPUTS, DiagnosisRequest
     from spot_model.io.model_file import load_model
 
     def at_once(inputs: Any, out: Path, *_: Any, **__: Any) -> Any:
@@ -238,11 +238,11 @@ def test_a_diagnosis_made_in_python_can_be_continued(tmp_path: Path, monkeypatch
     monkeypatch.setattr("spot_rl.analysis.run_session", at_once)
     model = spot_rl.load_model("paper_identified")
     assert spot_rl.diagnose(WALK, model, tmp_path / "gap", without="armature") == "done"
-    inputs = Inputs.model_validate_json((tmp_path / "gap" / INPUTS).read_bytes())
+    inputs = DiagnosisRequest.model_validate_json((tmp_path / "gap" / INPUTS).read_bytes())
     assert (inputs.logs, inputs.without) == ((str(Path(WALK).absolute()),), ("armature",))
     assert load_model(inputs.nominal) == model
     spot_rl.diagnose(WALK, "ideal", tmp_path / "other")
-    assert Inputs.model_validate_json((tmp_path / "other" / INPUTS).read_bytes()).nominal == "ideal"
+    assert DiagnosisRequest.model_validate_json((tmp_path / "other" / INPUTS).read_bytes()).nominal == "ideal"
 
 
 @pytest.mark.slow

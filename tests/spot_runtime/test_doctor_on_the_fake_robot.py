@@ -21,7 +21,7 @@ from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.errors import HalError, NoServiceError
-from spot_tools.checks import Finding, Verdict, is_fit
+from spot_tools.checks import CheckResult, Finding, is_fit
 from spot_tools.doctor import doctor
 from spot_tools.robot_checks import LOOKS, RobotDoctor
 
@@ -69,10 +69,10 @@ def check_up(address: FakeAddress, monkeypatch: pytest.MonkeyPatch) -> CheckUp:
 
 
 def failed(results: dict[str, Finding]) -> set[str]:
-    return {name for name, result in results.items() if result.verdict is Verdict.FAIL}
+    return {name for name, result in results.items() if result.verdict is CheckResult.FAIL}
 
 
-def after(results: dict[str, Finding], name: str) -> set[Verdict]:
+def after(results: dict[str, Finding], name: str) -> set[CheckResult]:
     names = list(results)
     return {results[later].verdict for later in names[names.index(name) + 1 :]}
 
@@ -82,10 +82,10 @@ def test_a_healthy_robot_is_looked_at_and_left_as_it_was(check_up: CheckUp, admi
     results = check_up()
     assert failed(results) == set()
     # The link may be slow on a busy computer, which is a warning.
-    assert [r.verdict for r in results.values()].count(Verdict.OK) >= 8
+    assert [r.verdict for r in results.values()].count(CheckResult.OK) >= 8
     assert results["lease"].found == "free"
     assert "operator's tablet" in results["e-stop"].found
-    assert results["clock"].verdict is Verdict.WARN  # the fake's clock is minutes off, as a robot's may be
+    assert results["clock"].verdict is CheckResult.WARN  # the fake's clock is minutes off, as a robot's may be
     status = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
     for name in ("mode", "motor_power", "estop_level", "lease_owner", "commands_received", "robot_stamp_ns"):
         assert getattr(status, name) == getattr(before, name)
@@ -124,24 +124,24 @@ def test_wall_power_is_told_before_the_motors_are_refused_it() -> None:
     message = robot_state_pb2.RobotState()
     reader: Any = SimpleNamespace(state=lambda: message)
     message.power_state.shore_power_state = message.power_state.SHORE_POWER_STATE_OFF
-    assert LOOKS["faults"](reader, CONFIG).verdict is Verdict.OK
+    assert LOOKS["faults"](reader, CONFIG).verdict is CheckResult.OK
     message.power_state.shore_power_state = message.power_state.SHORE_POWER_STATE_ON
     told = LOOKS["faults"](reader, CONFIG)
-    assert (told.verdict, told.advice) == (Verdict.FAIL, "unplug it or have it leave its dock")
+    assert (told.verdict, told.advice) == (CheckResult.FAIL, "unplug it or have it leave its dock")
 
 
 def test_an_arm_is_told_before_a_run_is_refused_for_it() -> None:
     message = robot_state_pb2.RobotState()
     reader: Any = SimpleNamespace(state=lambda: message)
     message.kinematic_state.joint_states.add(name="hr.kn")
-    assert LOOKS["joints"](reader, CONFIG).verdict is Verdict.OK
+    assert LOOKS["joints"](reader, CONFIG).verdict is CheckResult.OK
     shoulder = message.kinematic_state.joint_states.add(name="arm0.sh1")
     shoulder.position.value = -3.1
     told = LOOKS["joints"](reader, CONFIG)
-    assert (told.verdict, told.found) == (Verdict.OK, "2, with an arm, stowed: it is held while the legs walk")
+    assert (told.verdict, told.found) == (CheckResult.OK, "2, with an arm, stowed: it is held while the legs walk")
     shoulder.position.value = -1.0
     told = LOOKS["joints"](reader, CONFIG)
-    assert told.verdict is Verdict.FAIL
+    assert told.verdict is CheckResult.FAIL
     assert told.found == "the robot's arm is not stowed: arm0_sh1 at -1.00 rad (allowed: -3.3 to -2.8)"
     assert told.advice == "stow it, with its gripper closed, then start again"
 
@@ -154,7 +154,7 @@ def test_a_robot_without_a_licence_service_may_run_and_one_whose_service_is_sile
         return SimpleNamespace(license_info=license_info)
 
     told = LOOKS["licence"](reader(NoServiceError("finding license: not registered")), CONFIG)
-    assert (told.verdict, told.found) == (Verdict.WARN, "the robot offers no licence service")
+    assert (told.verdict, told.found) == (CheckResult.WARN, "the robot offers no licence service")
     assert "joint control" in told.advice
     with pytest.raises(HalError, match="did not answer"):
         LOOKS["licence"](reader(HalError("reading the licence: the robot did not answer")), CONFIG)
@@ -176,7 +176,7 @@ def test_a_lease_that_a_client_holds(check_up: CheckUp, address: FakeAddress) ->
 def test_a_wrong_password_ends_there(check_up: CheckUp) -> None:
     results = check_up(password="s3cret-canary")  # noqa: S106
     assert failed(results) == {"account"}
-    assert after(results, "account") == {Verdict.SKIPPED}
+    assert after(results, "account") == {CheckResult.SKIPPED}
     assert "s3cret" not in str(results)
 
 
@@ -185,7 +185,7 @@ def test_a_certificate_that_is_not_trusted_ends_there(check_up: CheckUp) -> None
     assert failed(results) == {"certificate"}
     assert "not trusted" in results["certificate"].found
     assert "--ca-file" in results["certificate"].advice
-    assert after(results, "certificate") == {Verdict.SKIPPED}
+    assert after(results, "certificate") == {CheckResult.SKIPPED}
 
 
 def test_a_certificate_file_that_is_not_there(check_up: CheckUp, tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_nobody_at_the_address(check_up: CheckUp) -> None:
     results = check_up(robot="127.0.0.1:1")
     assert failed(results) == {"route"}
     assert "Connection refused" in results["route"].found
-    assert after(results, "route") == {Verdict.SKIPPED}
+    assert after(results, "route") == {CheckResult.SKIPPED}
     assert "allowed" in check_up(robot="not an address")["route"].advice
 
 
@@ -216,7 +216,7 @@ def test_a_robot_that_nobody_can_stop_and_what_stays_until_a_person_clears_it(
             return results
 
         assert failed(look("external")) == {"e-stop", "battery"}
-        assert look("auto")["e-stop"].verdict is Verdict.WARN
+        assert look("auto")["e-stop"].verdict is CheckResult.WARN
         with grpc.insecure_channel(fake.address.admin) as channel:
             admin = fake_admin_pb2_grpc.FakeAdminStub(channel)
             inject(admin, "behavior_fault", cause="fall")

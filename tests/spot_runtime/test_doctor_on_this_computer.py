@@ -16,7 +16,7 @@ from spot_model.errors import BadInputError
 from spot_runtime.config import RunConfig
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
 from spot_tools import computer_checks as computer
-from spot_tools.checks import Check, Finding, Verdict, is_fit, ok
+from spot_tools.checks import CheckResult, DoctorCheck, Finding, is_fit, ok
 from spot_tools.computer_checks import Host
 from spot_tools.doctor import line_of
 from spot_tools.robot_checks import judge_expiry, judge_latency
@@ -169,13 +169,13 @@ def test_asking_leaves_a_computer_as_it_was(tmp_path: Path) -> None:
 
 
 def test_policy(tmp_path: Path) -> None:
-    assert computer.policy_file(None).verdict is Verdict.SKIPPED
+    assert computer.policy_file(None).verdict is CheckResult.SKIPPED
     (tmp_path / "bad.onnx").write_bytes(b"no model")
-    result = Check("policy", lambda: computer.policy_file(tmp_path / "bad.onnx")).make()
-    assert result.verdict is Verdict.FAIL
+    result = DoctorCheck("policy", lambda: computer.policy_file(tmp_path / "bad.onnx")).make()
+    assert result.verdict is CheckResult.FAIL
     assert "bad.onnx" in result.found
     good = computer.policy_file(REPOSITORY / "policies" / "walk.onnx")
-    assert good.verdict is Verdict.OK
+    assert good.verdict is CheckResult.OK
     assert "50 Hz" in good.found
 
 
@@ -186,23 +186,23 @@ def test_a_check_that_breaks_is_a_failure_and_the_error_of_ours_gives_its_advice
     def refuse() -> Finding:
         raise BadInputError("the thing is wrong; mend it")
 
-    broken, refused = Check("a", break_down).make(), Check("b", refuse).make()
-    assert (broken.verdict, broken.found) == (Verdict.FAIL, "the check broke: ZeroDivisionError: by zero")
+    broken, refused = DoctorCheck("a", break_down).make(), DoctorCheck("b", refuse).make()
+    assert (broken.verdict, broken.found) == (CheckResult.FAIL, "the check broke: ZeroDivisionError: by zero")
     assert (refused.found, refused.advice) == ("the thing is wrong", "mend it")
-    fine = Check("c", lambda: ok("fine")).make()
+    fine = DoctorCheck("c", lambda: ok("fine")).make()
     assert is_fit([fine])
     assert not is_fit([fine, refused])
     assert line_of(refused) == "fail     b: the thing is wrong; mend it"
-    assert line_of(Finding(Verdict.OK, "fine", name="c")) == "ok       c: fine"
+    assert line_of(Finding(CheckResult.OK, "fine", name="c")) == "ok       c: fine"
 
 
 def test_latency_and_expiry() -> None:
-    assert judge_latency([0.001] * 10, "h", "").verdict is Verdict.OK
-    assert judge_latency([0.001] * 9 + [0.02], "h", "").verdict is Verdict.WARN
-    assert judge_latency([0.031] * 10, "h", "").verdict is Verdict.FAIL
+    assert judge_latency([0.001] * 10, "h", "").verdict is CheckResult.OK
+    assert judge_latency([0.001] * 9 + [0.02], "h", "").verdict is CheckResult.WARN
+    assert judge_latency([0.031] * 10, "h", "").verdict is CheckResult.FAIL
     day_s = 86400.0
     assert judge_expiry(100 * day_s, 50 * day_s) == ok("trusted, until 1970-04-11")
-    assert judge_expiry(100 * day_s, 90 * day_s).verdict is Verdict.WARN
+    assert judge_expiry(100 * day_s, 90 * day_s).verdict is CheckResult.WARN
 
 
 def log(folder: Path, name: str, size_bytes: int, age_s: int) -> Path:
@@ -249,14 +249,14 @@ def test_a_folder_of_logs_that_is_none(tmp_path: Path) -> None:
 
 
 def test_what_a_dead_process_left_behind(tmp_path: Path) -> None:
-    assert computer.left_behind(tmp_path / "none").verdict is Verdict.OK
+    assert computer.left_behind(tmp_path / "none").verdict is CheckResult.OK
     path = note_path("192.168.50.3:443", tmp_path)
     held = HeldNote.write(path, LeaseNote("192.168.50.3:443", "body", "epoch", 7, "a secret"))
     assert computer.left_behind(tmp_path) == ok("1 in hand now")
     held.let_go()
     finding = computer.left_behind(tmp_path)
-    assert finding.verdict is Verdict.WARN
+    assert finding.verdict is CheckResult.WARN
     assert "spot-rl make-safe --robot 192.168.50.3:443" in finding.advice
     assert "secret" not in str(finding)
     path.write_text("{")
-    assert computer.left_behind(tmp_path).verdict is Verdict.WARN  # a service may start all the same
+    assert computer.left_behind(tmp_path).verdict is CheckResult.WARN  # a service may start all the same

@@ -45,7 +45,7 @@ from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.keepalive import watch_for_silence
 from spot_runtime.hal.spot.pace import Jobs, RealTime
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
 from spot_runtime.hal.spot.state_receiver import StateReceiver
 from spot_runtime.hal.spot.vendor_errors import enum_word, translate
@@ -257,7 +257,7 @@ def test_the_charge_is_the_summary_of_the_robot_else_that_of_the_emptiest_batter
 
 def test_a_robot_whose_arm_is_out_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = HostClock()
-    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    session = RobotCalls(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
     state = robot_state_pb2.RobotState()
     state.battery_states.add().charge_percentage.value = 80.0
     for name in ("fl.hx", "hr.kn"):
@@ -274,7 +274,7 @@ def test_a_robot_whose_arm_is_out_is_refused_before_anything_moves(monkeypatch: 
 
 def test_a_charge_that_is_not_reported_is_not_known_and_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, state = HostClock(), robot_state_pb2.RobotState()
-    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    session = RobotCalls(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
     monkeypatch.setattr(session, "_state", lambda: state)
     for _ in range(2):  # no battery; one that tells its voltage alone
         slow = slow_state_from_message(state, STAMP_NS)
@@ -293,7 +293,7 @@ def test_a_charge_that_is_not_reported_is_not_known_and_starts_nothing(monkeypat
 
 def test_a_charge_that_is_missing_for_a_moment_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, state = HostClock(), robot_state_pb2.RobotState()
-    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    session = RobotCalls(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
     monkeypatch.setattr(session, "_state", lambda: state)
     waited_s: list[float] = []
 
@@ -312,7 +312,7 @@ def test_a_charge_that_is_missing_for_a_moment_is_waited_for(monkeypatch: pytest
 
 def test_an_answer_that_does_not_tell_of_the_power_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, state = HostClock(), robot_state_pb2.RobotState()
-    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    session = RobotCalls(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
     monkeypatch.setattr(session, "_state", lambda: state)
     with pytest.raises(HalError, match="does not say whether its motors have power"):
         session.poll()

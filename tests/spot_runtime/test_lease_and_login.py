@@ -23,16 +23,16 @@ from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
 from spot_runtime.hal.errors import CredentialsError, HalError, LeaseHeldError
 from spot_runtime.hal.spot.calls import BODY, Calls
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from tests.spot_runtime.test_hal_parts import _FailedCall
 
 US, OTHER = "spot-rl of this process", "a tablet"
 
 
-def new_session() -> Session:
+def new_session() -> RobotCalls:
     clock = HostClock()
-    return Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    return RobotCalls(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
 
 
 # The lease -----------------------------------------------------------------------------------------------------------
@@ -102,7 +102,7 @@ def leases() -> StrangeLeases:
 
 
 @pytest.fixture
-def session(leases: StrangeLeases, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+def session(leases: StrangeLeases, monkeypatch: pytest.MonkeyPatch) -> Iterator[RobotCalls]:
     server = grpc.server(ThreadPoolExecutor(2))
     lease_service_pb2_grpc.add_LeaseServiceServicer_to_server(leases, server)
     port = server.add_insecure_port("127.0.0.1:0")
@@ -129,7 +129,7 @@ UNAVAILABLE, DEADLINE = grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EX
     [([], 1), ([UNAVAILABLE], 2), ([DEADLINE], 2), ([UNAVAILABLE, UNAVAILABLE], 3), ([DEADLINE, UNAVAILABLE], 3)],
 )
 def test_a_lease_whose_grant_got_lost_is_ours(
-    session: Session, leases: StrangeLeases, lost: list[grpc.StatusCode], asked: int
+    session: RobotCalls, leases: StrangeLeases, lost: list[grpc.StatusCode], asked: int
 ) -> None:
     leases.lost = lost
     session.acquire_lease()
@@ -140,7 +140,7 @@ def test_a_lease_whose_grant_got_lost_is_ours(
 
 @pytest.mark.parametrize("code", [UNAVAILABLE, DEADLINE])
 def test_a_call_that_never_arrived_is_made_again(
-    session: Session, leases: StrangeLeases, code: grpc.StatusCode
+    session: RobotCalls, leases: StrangeLeases, code: grpc.StatusCode
 ) -> None:
     leases.lost, leases.grants = [code], False
     session.acquire_lease()
@@ -149,7 +149,7 @@ def test_a_call_that_never_arrived_is_made_again(
 
 @pytest.mark.parametrize(("owner", "lost"), [(OTHER, []), (OTHER, [UNAVAILABLE]), (OTHER, [DEADLINE]), (US, [])])
 def test_a_lease_of_anybody_else_is_not_touched(
-    session: Session, leases: StrangeLeases, owner: str, lost: list[grpc.StatusCode]
+    session: RobotCalls, leases: StrangeLeases, owner: str, lost: list[grpc.StatusCode]
 ) -> None:
     """Nor one of this process that was not asked for just now: two of its robots have one name."""
     leases.owner, leases.lost = owner, lost
@@ -158,14 +158,16 @@ def test_a_lease_of_anybody_else_is_not_touched(
     assert not session.has_lease
 
 
-def test_a_lease_that_is_taken_from_us_at_once_is_not_ours(session: Session, leases: StrangeLeases) -> None:
+def test_a_lease_that_is_taken_from_us_at_once_is_not_ours(session: RobotCalls, leases: StrangeLeases) -> None:
     leases.lost, leases.taken_by = [UNAVAILABLE], OTHER
     with pytest.raises(LeaseHeldError):
         session.acquire_lease()
     assert not session.has_lease
 
 
-def test_a_command_that_overtakes_a_keep_alive_has_not_taken_the_lease(session: Session, leases: StrangeLeases) -> None:
+def test_a_command_that_overtakes_a_keep_alive_has_not_taken_the_lease(
+    session: RobotCalls, leases: StrangeLeases
+) -> None:
     session.acquire_lease()
     wallet, times = session._robot.lease_wallet, [2]
 
@@ -185,7 +187,7 @@ def test_a_command_that_overtakes_a_keep_alive_has_not_taken_the_lease(session: 
 
 @pytest.mark.parametrize("lost", [[DEADLINE, DEADLINE], [grpc.StatusCode.INTERNAL]])
 def test_two_time_outs_are_an_end_and_so_is_any_other_error(
-    session: Session, leases: StrangeLeases, lost: list[grpc.StatusCode]
+    session: RobotCalls, leases: StrangeLeases, lost: list[grpc.StatusCode]
 ) -> None:
     leases.lost, asked = lost, len(lost)
     with pytest.raises(HalError, match="taking the lease: the robot did not answer"):

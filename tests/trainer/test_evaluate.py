@@ -16,7 +16,7 @@ from trainer.evaluate import trials
 from trainer.evaluate.command import _evaluated
 from trainer.evaluate.page import _how_often, evaluation_page
 from trainer.evaluate.setting import FOOT_GEOMS, Setting
-from trainer.evaluate.trials import _grid, evaluate
+from trainer.evaluate.trials import _grid, evaluate_setting
 from trainer.simulate.walks import WalkRecord, record_walks
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
@@ -93,7 +93,7 @@ def test_a_whole_evaluation_and_its_page() -> None:
     slow = replace(setting.policy, contract=contract)
     told: dict[str, float] = {}
     kept: list[dict[str, Any]] = []
-    result = evaluate(
+    result = evaluate_setting(
         Setting(slow, n_threads=1), n=3, tell=told.__setitem__, keep=lambda figures: kept.append(dict(figures))
     )
     assert list(told) == ["tracking", "top_speed", "episodes_slow", "pushes", "slippery_patch", "holds"]
@@ -101,7 +101,7 @@ def test_a_whole_evaluation_and_its_page() -> None:
     assert told["tracking"] == 0.0
     assert told["holds"] < 1.0
     again: list[str] = []
-    resumed = evaluate(Setting(slow, n_threads=1), n=3, done=kept[4], tell=lambda name, _: again.append(name))
+    resumed = evaluate_setting(Setting(slow, n_threads=1), n=3, done=kept[4], tell=lambda name, _: again.append(name))
     assert again == ["holds"]  # what had ended is not run again
     assert resumed == result == kept[-1]
     assert json.loads(json.dumps(result)) == result

@@ -97,7 +97,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path, each: int | None = No
     from spot_model.errors import BadInputError
     from spot_model.io.whole import write_over
     from trainer.evaluate.trials import about
-    from trainer.evaluate.trials import evaluate as run_trials
+    from trainer.evaluate.trials import evaluate_setting as run_trials
 
     same = {**about(setting), "robots": [n, each]}
     try:

@@ -47,7 +47,7 @@ def evaluation_page(result: dict[str, Any], file: str) -> str:
     """The page's text.
 
     Args:
-        result: Of :func:`trainer.evaluate.trials.evaluate`.
+        result: Of :func:`trainer.evaluate.trials.evaluate_setting`.
         file: Name of the policy's file, by which people know it; its contract may have the name of another.
     """
     data = Fold("All figures, as in evaluation.json", Mark(json.dumps(result, indent=1), "pre"))

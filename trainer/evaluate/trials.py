@@ -230,7 +230,7 @@ LEAN = 0.5
 Trial = Callable[[], dict[str, Any]]
 
 
-def evaluate(
+def evaluate_setting(
     setting: Setting,
     *,
     n: int = 100,

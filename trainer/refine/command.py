@@ -41,7 +41,7 @@ def refine(
     from trainer.ppo.checkpoint_policy import policy_of, read_layers
     from trainer.refine.config import load_refine_config
     from trainer.refine.gains import gains_of, with_gains
-    from trainer.refine.search import Problem, compare, in_words, search
+    from trainer.refine.search import Problem, compare_candidates, in_words, search
     from trainer.simulate.engine import Place
 
     settings = load_refine_config(config)
@@ -64,7 +64,7 @@ def refine(
             place=place,
             tell=lambda g: progress.update(g.index + 1, f"best {min(g.results):.3f}"),
         )
-    before, after = compare(problem, values, place=place)
+    before, after = compare_candidates(problem, values, place=place)
     figures: dict[str, Any] = {
         "policy": in_words(before, settings),
         "refined": in_words(after, settings),

@@ -186,7 +186,7 @@ def search(
     return mean
 
 
-def compare(
+def compare_candidates(
     problem: Problem, values: Array, *, place: Place = IN_THIS_PROCESS, seeds: int = 5
 ) -> tuple[list[Judgement], list[Judgement]]:
     """The policy and the candidate on starts that the search did not see, one judgement a seed."""

@@ -30,7 +30,7 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.pace import Jobs, Pace, RealTime, States
 from spot_runtime.hal.spot.power_off import power_off
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.hal.spot.state_receiver import OnEnd, StateReceiver, take_all
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import Stop, StopReason, unforeseen
@@ -75,7 +75,7 @@ class BosdynHal:
         clock = HostClock()
         self._estimate = RobotClockEstimate()
         self._pace: Pace = pace or RealTime(clock, self._estimate)
-        self._session = Session(address, config.robot, clock, self._estimate, self._pace.host_now_ns)
+        self._session = RobotCalls(address, config.robot, clock, self._estimate, self._pace.host_now_ns)
         self._jobs = Jobs(self._job_failed)
         self._problems: deque[Stop] = deque(maxlen=100)
         self._slow: SlowState | None = None

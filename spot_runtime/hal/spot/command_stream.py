@@ -13,7 +13,7 @@ from bosdyn.api import robot_command_pb2
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import Array, Gains, JointCommand
 from spot_runtime.hal.spot.arm import NO_ARM, Arm
-from spot_runtime.hal.spot.vendor_errors import describe, enum_word
+from spot_runtime.hal.spot.vendor_errors import describe_error, enum_word
 
 COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
 T = TypeVar("T")
@@ -165,7 +165,7 @@ class CommandStream:
         try:
             response = call.result()
         except grpc.RpcError as error:
-            self._on_end(describe(error))
+            self._on_end(describe_error(error))
         except grpc.FutureCancelledError:
             return
         else:

@@ -15,7 +15,7 @@ from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.pace import Jobs, States
 from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, PolledStates, StateQueue, take_all
-from spot_runtime.hal.spot.vendor_errors import describe
+from spot_runtime.hal.spot.vendor_errors import describe_error
 from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 
 ANSWER_TIMEOUT_S: Final = 10.0
@@ -253,7 +253,7 @@ class LockStep:
                 return admin.GetStatus(fake_admin_pb2.GetStatusRequest(), timeout=ANSWER_TIMEOUT_S)
             except grpc.RpcError as error:
                 doing = "asking for its status through the fake robot's admin service"
-                raise LockStepError(f"{doing} at {self._address} failed: {describe(error)}") from error
+                raise LockStepError(f"{doing} at {self._address} failed: {describe_error(error)}") from error
 
     def _lost(self, reason: str) -> LockStepError:
         return LockStepError(f"stepping the fake robot at {self._address} failed: {reason}")

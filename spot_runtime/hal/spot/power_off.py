@@ -8,7 +8,7 @@ from typing import Final
 from spot_runtime.hal.errors import HalError, LeaseHeldError
 from spot_runtime.hal.spot.motions import Motions, Pause
 from spot_runtime.hal.spot.pace import Pace
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 
 RETRY_S: Final = 0.5
 """Robot time between two attempts."""
@@ -18,7 +18,7 @@ TAKEN_OVER_S: Final = 3.0
 
 
 def power_off(
-    session: Session,
+    session: RobotCalls,
     motions: Callable[[], Motions],
     pause: Pause,
     pace: Pace,
@@ -56,7 +56,7 @@ def power_off(
         pace.pause(RETRY_S)
 
 
-def _take_up_lease(session: Session) -> None:
+def _take_up_lease(session: RobotCalls) -> None:
     """Take the lease that was lost, unless somebody has it."""
     try:
         session.acquire_lease()

@@ -66,7 +66,7 @@ ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
 """gRPC's option by which the thread that reads a stream also waits for it: one thread switch less for each state."""
 
 
-class Session:
+class RobotCalls:
     """Everything of one robot that goes by single calls. Every method raises HalError and nothing else."""
 
     def __init__(

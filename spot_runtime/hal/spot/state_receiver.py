@@ -14,7 +14,7 @@ from spot_log.format.records import WireState
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
-from spot_runtime.hal.spot.vendor_errors import describe
+from spot_runtime.hal.spot.vendor_errors import describe_error
 from spot_runtime.host.realtime import let_others_run
 
 STATE_METHOD: Final = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
@@ -109,7 +109,7 @@ class StateReceiver:
                 let_others_run()
                 on_wire(WireState(wire, stamp_ns))
         except grpc.RpcError as error:
-            return describe(error)
+            return describe_error(error)
         except StateMessageError as error:
             self._call.cancel()
             return str(error)

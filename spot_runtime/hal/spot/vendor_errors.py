@@ -45,25 +45,29 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
     """
     if isinstance(error, HalError):
         return error
-    if lacks := shortage(describe(error)):
-        return HalError(f"{doing}: {lacks} ({describe(error)})")
+    if lacks := shortage(describe_error(error)):
+        return HalError(f"{doing}: {lacks} ({describe_error(error)})")
     if isinstance(error, sdk.RpcError):
         if explain_connection is not None and code_of(error) in NO_CONNECTION:
-            return explain_connection(describe(error))
+            return explain_connection(describe_error(error))
         if code_of(error) in (grpc.StatusCode.UNAUTHENTICATED, grpc.StatusCode.PERMISSION_DENIED):
-            return CredentialsError(f"{doing}: the robot denies access ({describe(error)}); check the user's rights")
+            return CredentialsError(
+                f"{doing}: the robot denies access ({describe_error(error)}); check the user's rights"
+            )
         if isinstance(error, sdk.UnimplementedError):
-            return HalError(f"{doing}: the robot has no such call ({describe(error)}); its software may be too old")
-        return HalError(f"{doing}: the robot did not answer ({describe(error)}); check the link")
+            return HalError(
+                f"{doing}: the robot has no such call ({describe_error(error)}); its software may be too old"
+            )
+        return HalError(f"{doing}: the robot did not answer ({describe_error(error)}); check the link")
     if isinstance(error, lease.ResourceAlreadyClaimedError):
         return _lease_held(error)
     for kinds, ours, advice in _TABLE:
         if isinstance(error, kinds):
-            return ours(f"{doing}: {describe(error)}; {advice}")
-    return HalError(f"{doing}: {describe(error)}")
+            return ours(f"{doing}: {describe_error(error)}; {advice}")
+    return HalError(f"{doing}: {describe_error(error)}")
 
 
-def describe(error: Exception) -> str:
+def describe_error(error: Exception) -> str:
     """What an error of the SDK or gRPC says, on one line, without the request's content."""
     if isinstance(error, sdk.RpcError):
         text = _details(error.error)

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.network.streams import Channel
+from fake_robot.network.streams import DelayLine
 from fake_robot.scenario.parts import COMMAND_CHANNEL, STATE_CHANNEL, ChannelConfig
 from spot_model.plant.delay import ConstantDelay, GammaDelay
 
 MS = 1_000_000
 
 
-def channel(seed: int = 0, **config: object) -> Channel[int]:
-    return Channel(ChannelConfig(**config), np.random.default_rng(seed))
+def channel(seed: int = 0, **config: object) -> DelayLine[int]:
+    return DelayLine(ChannelConfig(**config), np.random.default_rng(seed))
 
 
 def test_a_constant_delay_is_exact():

@@ -20,7 +20,7 @@ from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.address import parse_address
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
 from .conftest import wait_until
@@ -54,7 +54,7 @@ class Thief:
         for name, value in fake.environment.items():
             monkeypatch.setenv(name, value)
         clock, config = HostClock(), RobotConfig(ca_file=fake.ca_file)
-        self._session = Session(parse_address(fake.robot), config, clock, RobotClockEstimate(), clock.now_ns)
+        self._session = RobotCalls(parse_address(fake.robot), config, clock, RobotClockEstimate(), clock.now_ns)
         self._session.log_in()
 
     def take(self) -> None:

@@ -27,7 +27,7 @@ from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.errors import CertificateError, HalError, LeaseHeldError, MotionError
 from spot_runtime.hal.spot.keepalive import SILENT_S
 from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.session import RobotCalls
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.operator.server.run_process import Rescue
 from spot_runtime.rescue.guarded import NotingHal
@@ -93,8 +93,8 @@ class Robot:
         wanted = {"lock_step": self.fake.admin, "within_s": 0.0, **options}
         return make_safe_by_note(self.fake.robot, self.config, self.folder, **wanted)
 
-    def session(self) -> Session:
-        session = Session(
+    def session(self) -> RobotCalls:
+        session = RobotCalls(
             parse_address(self.fake.robot), self.config.robot, HostClock(), RobotClockEstimate(), HostClock().now_ns
         )
         session.log_in()
@@ -251,12 +251,12 @@ def test_a_robot_that_cannot_be_reached_is_tried_again_and_then_told_of(
     robot.leave_standing()
     tries: list[str] = []
 
-    def log_in(session: Session, token: str = "") -> str:
+    def log_in(session: RobotCalls, token: str = "") -> str:
         tries.append("try")
         raise HalError("nothing answers")
 
     with monkeypatch.context() as patched:
-        patched.setattr(Session, "log_in", log_in)
+        patched.setattr(RobotCalls, "log_in", log_in)
         with pytest.raises(NotSafeError, match=r"THE ROBOT MAY HAVE POWER, see to it: nothing answers"):
             robot.make_safe_by_note(within_s=1.5)
     assert len(tries) == 2
@@ -267,11 +267,11 @@ def test_a_robot_that_cannot_be_reached_is_tried_again_and_then_told_of(
 def test_what_no_second_try_mends_is_told_of_at_once(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     robot.leave_standing()
 
-    def log_in(session: Session, token: str = "") -> str:
+    def log_in(session: RobotCalls, token: str = "") -> str:
         raise CertificateError("not trusted")
 
     with monkeypatch.context() as patched:
-        patched.setattr(Session, "log_in", log_in)
+        patched.setattr(RobotCalls, "log_in", log_in)
         with pytest.raises(NotSafeError, match="not trusted"):
             robot.make_safe_by_note(within_s=600.0)
     assert "sat down" in robot.make_safe_by_note()
