@@ -66,6 +66,6 @@ if __name__ == "__main__":
     record(given.work.absolute(), given.logs, given.seconds)
     print(f"{platform.node()}, {os.cpu_count()} cores; {given.logs} logs of {given.seconds:g} s")
     print(f"{'tree':<32}{'CPU s':>8}{'wall s':>8}{'peak MB':>9}")
-    for tree in (Path(__file__).absolute().parents[1], *(other.absolute() for other in given.beside)):
+    for tree in (Path(__file__).absolute().parents[2], *(other.absolute() for other in given.beside)):
         found = cost(tree, given.work.absolute(), given.work.absolute() / f"{tree.name}-{time.time_ns()}")
         print(f"{tree.name:<32}{found[0]:8.1f}{found[1]:8.1f}{found[2]:9.0f}", flush=True)
