@@ -21,6 +21,7 @@ from diagnosis.read.robot_file import SPOT, load_robot
 from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.headline import headline
 from diagnosis.report.output import write_all
+from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.robot_models import merged
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.console import progress
@@ -104,6 +105,7 @@ class Progress(progress.Progress):
         self.update(100 * self.share, text, ahead=100 * max(0.0, self._end - self.share), is_told=is_told)
 
 
+@one_thread()
 def run_session(
     inputs: Inputs,
     out: Path,

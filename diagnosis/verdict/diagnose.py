@@ -20,7 +20,6 @@ from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.robot_models import by_joint, merged, model_of
 from diagnosis.selection.scoring import crossed
 from diagnosis.verdict.assemble import assemble
@@ -104,11 +103,10 @@ def diagnose(
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     # What is there, and how this robot is calibrated.
-    with one_thread():
-        belief = decide(found, library)
-        board = found.board
-        best = crossed(board, belief.best)
-        board.forget()
+    belief = decide(found, library)
+    board = found.board
+    best = crossed(board, belief.best)
+    board.forget()
     is_spot = board.robot.joint_names == facts.JOINT_NAMES
     corrected = by_joint(merged(model_of(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
     # What it does.
