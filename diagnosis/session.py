@@ -105,7 +105,6 @@ class Progress(progress.Progress):
         self.update(100 * self.share, text, ahead=100 * max(0.0, self._end - self.share), is_told=is_told)
 
 
-@one_thread()
 def run_session(
     inputs: Inputs,
     out: Path,
@@ -150,7 +149,7 @@ def run_session(
         notes = (*notes, *at_other_gains)
     for text in notes:
         say(f"note: {text}")
-    with nullcontext() if policy is None else rollouts_under(policy, place) as engine:
+    with one_thread(), nullcontext() if policy is None else rollouts_under(policy, place) as engine:
         result = diagnose(
             runs,
             nominal,

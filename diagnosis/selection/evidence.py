@@ -180,15 +180,12 @@ class Evidence:
         return made
 
     def forget(self) -> None:
-        """Free the columns of all that was tried, here and in the channels; what is asked for again is made again.
-
-        GNU's C library keeps what was freed between what was not, a third of a diagnosis' memory, until it is told.
-        """
+        """Free the columns of all that was tried, here and in the channels; what is asked for again is made again."""
         self._cache.clear()
         self._bytes = 0
         for view in self.views.values():
             getattr(view.signals, "cache", {}).clear()
-        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)
+        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # glibc keeps what is freed between what is not
 
     def _made(self, effect: LibraryEffect, shape: Shape) -> Columns:
         units = self.robot.units(effect.location)

@@ -6,8 +6,8 @@ products of the first and the last stay as they are whatever is tried; :class:`O
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -23,11 +23,10 @@ SWEEPS: Final = 60
 RIDGE: Final = 1e-9
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
+def one_thread() -> AbstractContextManager[object]:
     """Within it, linear algebra runs on one thread: threads that share small matrices wait longer than they compute."""
-    with threadpool_limits(1):
-        yield
+    limits: AbstractContextManager[object] = threadpool_limits(1)
+    return limits
 
 
 @dataclass(frozen=True)

@@ -183,8 +183,7 @@ class Scorer:
         board, size, k = self.board, len(effect.coefficients), len(self.low)
         cross, with_own = self.crosses(effect, shape), self._crosses_with_own(effect, shape) if k else []
         width = k + len(board.robot.units(effect.location)) * size
-        gram, mixed = np.zeros((width, width)), np.zeros((width, board.ordinary.size))
-        right = np.zeros(width)
+        gram, mixed, right = np.zeros((width, width)), np.zeros((width, board.ordinary.size)), np.zeros(width)
         factor, right_ordinary, own_gram, own_mixed, own_right = self._weighted(weights)
         gram[:k, :k], mixed[:k], right[:k] = own_gram, own_mixed, own_right
         for number, part in enumerate(cross):

@@ -103,8 +103,7 @@ def diagnose(
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     # What is there, and how this robot is calibrated.
-    belief = decide(found, library)
-    board = found.board
+    belief, board = decide(found, library), found.board
     best = crossed(board, belief.best)
     board.forget()
     is_spot = board.robot.joint_names == facts.JOINT_NAMES

@@ -98,7 +98,6 @@ def cross(a: AnyArray, b: AnyArray) -> AnyArray:
 
 
 def _cross(xp: Any, a: AnyArray, b: AnyArray) -> AnyArray:
-    # Slices of width 1, since stacking numbers costs NumPy three times as long by the call.
-    ax, ay, az = a[..., :1], a[..., 1:2], a[..., 2:]
-    bx, by, bz = b[..., :1], b[..., 1:2], b[..., 2:]
+    # Slices of width 1: to stack numbers costs NumPy more, by the call.
+    (ax, ay, az), (bx, by, bz) = ((v[..., :1], v[..., 1:2], v[..., 2:]) for v in (a, b))
     return xp.concat([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
