@@ -23,6 +23,7 @@ from diagnosis.read.robot_file import SPOT, RobotFile, load_robot
 from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.headline import headline
 from diagnosis.report.output import write_all
+from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.robot_models import merged
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_log.read.run import Run
@@ -161,7 +162,7 @@ def run_session(
         notes = (*notes, WITHOUT_ARM)
     for text in notes:
         say(f"note: {text}")
-    with nullcontext() if policy is None else rollouts_under(policy, place) as engine:
+    with one_thread(), nullcontext() if policy is None else rollouts_under(policy, place) as engine:
         result = diagnose(
             runs,
             nominal,

@@ -5,6 +5,7 @@ A block is one scalar row of a channel, thinned, in units of its noise, with the
 
 from __future__ import annotations
 
+import ctypes
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -184,6 +185,7 @@ class Evidence:
         self._bytes = 0
         for view in self.views.values():
             getattr(view.signals, "cache", {}).clear()
+        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # glibc keeps what is freed between what is not
 
     def _made(self, effect: LibraryEffect, shape: Shape) -> Columns:
         units = self.robot.units(effect.location)

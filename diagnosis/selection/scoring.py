@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import cho_solve
 from scipy.special import gammaln
 
-from diagnosis.channels import Array, Shape
+from diagnosis.channels import Array, Ints, Shape
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Evidence, key_of
 from diagnosis.selection.faultless import FAULTLESS
@@ -121,6 +121,8 @@ class Products(NamedTuple):
     """Shape (uP, q + 1)."""
     own: Array
     """Shape (uP, uP)."""
+    units: Ints
+    """Which the candidate's columns are of. Shape (u,)."""
 
 
 class Scorer:
@@ -154,9 +156,10 @@ class Scorer:
         """By block the products of a candidate's columns; kept on the board."""
         key = ("cross", *key_of(effect, shape))
         if key not in self.board.kept:
+            made = self.board.columns(effect, shape)
             self.board.kept[key] = [
-                Products(self.board.products(n, x), self.board.products_of(n, x, x)) if x.shape[1] else None
-                for n, x in enumerate(self.board.columns(effect, shape).flat())
+                Products(self.board.products(n, x), self.board.products_of(n, x, x), units) if x.shape[1] else None
+                for n, (x, units) in enumerate(zip(made.flat(), made.units, strict=True))
             ]
         kept: list[Products | None] = self.board.kept[key]
         return kept
@@ -177,19 +180,17 @@ class Scorer:
         Returns:
             XᵀWX − XᵀWZ(ZᵀWZ + 1)⁻¹ZᵀWX, and the same of X and y; shape (K + UP,) twice and once.
         """
-        board, columns = self.board, self.board.columns(effect, shape)
-        cross, with_own = self.crosses(effect, shape), self._crosses_with_own(effect, shape)
-        size, k = len(effect.coefficients), len(self.low)
+        board, size, k = self.board, len(effect.coefficients), len(self.low)
+        cross, with_own = self.crosses(effect, shape), self._crosses_with_own(effect, shape) if k else []
         width = k + len(board.robot.units(effect.location)) * size
-        gram, mixed = np.zeros((width, width)), np.zeros((width, board.ordinary.size))
-        right = np.zeros(width)
+        gram, mixed, right = np.zeros((width, width)), np.zeros((width, board.ordinary.size)), np.zeros(width)
         factor, right_ordinary, own_gram, own_mixed, own_right = self._weighted(weights)
         gram[:k, :k], mixed[:k], right[:k] = own_gram, own_mixed, own_right
         for number, part in enumerate(cross):
             if part is None:
                 continue
             at = board.ordinary.numbers[number]
-            columns_at = k + (columns.units[number][:, None] * size + np.arange(size)).ravel()
+            columns_at = k + (part.units[:, None] * size + np.arange(size)).ravel()
             base = weights[number] * part.base
             right[columns_at] += base[:, -1]
             mixed[columns_at[:, None], at] += base[:, :-1]

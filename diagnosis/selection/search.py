@@ -22,7 +22,7 @@ NEAR_SHARE: Final = 0.1
 WORTH_SHARE: Final = 0.25
 """An effect whose first try adds less than this share of what the best so far adds is not refined."""
 HOPELESS: Final = 5.0
-"""Where the best coarse shape lacks so many nats of its price, no finer one is tried."""
+"""Where the best coarse shape, by these weights or its own, lacks so many nats of its price, no finer one is tried."""
 ROUNDS: Final = 5
 WEIGHT_ROUNDS: Final = 2
 SHAPES_AGAIN: Final = 8
@@ -156,18 +156,18 @@ def _best_by_weights(
         gains = scorer.gains(effect, shape, where, weights)
         at = int(np.argmax(gains))
         tried[key] = float(gains[at])
-        if gains[at] > best[0] + 1e-6:
-            best = (float(gains[at]), where[at], shape)
-            return True
-        return False
+        is_better = bool(gains[at] > best[0] + 1e-6)
+        best = (float(gains[at]), where[at], shape) if is_better else best
+        return is_better
 
     for shape in shapes:
         attempt(shape, places)
     again = sorted(shapes, key=lambda s: -tried[tuple(sorted(s.items()))])[:SHAPES_AGAIN]
+    there = scorer.now.value if scorer.terms else 0.0
     is_near = best[0] > float(prices(scorer.board, effect, best[1][None])[0]) - HOPELESS
+    is_near = is_near and scorer.scored(effect, best[2], best[1]).value > there - HOPELESS
     for _ in range(ROUNDS if is_near else 0):
-        moved = [attempt(shape, best[1][None]) for shape in effect.refined(best[2])]
-        if not any(moved):
+        if not any([attempt(shape, best[1][None]) for shape in effect.refined(best[2])]):  # noqa: C419 - each is tried
             break
     return best[2], best[1], again
 
@@ -196,9 +196,8 @@ def _near(first: Sequence[Scored], board: Evidence) -> set[str]:
     """Effects that alone explain at least a tenth of what the best explains, or the best in some channel."""
     top = max(first[0].value, 1.0) if first else 1.0
     names = {r.terms[-1].effect.name for r in first if r.value > NEAR_SHARE * top}
-    for numbers in board.by_channel.values():
-        if first:
-            names.add(max(first, key=lambda r: float(r.by_block[numbers].sum())).terms[-1].effect.name)
+    for numbers in board.by_channel.values() if first else ():
+        names.add(max(first, key=lambda r: float(r.by_block[numbers].sum())).terms[-1].effect.name)
     return names
 
 

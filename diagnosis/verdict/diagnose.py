@@ -20,7 +20,6 @@ from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.ordinary_errors import UNLIKE_MOTION
 from diagnosis.selection.robot_models import by_joint, merged, model_of
 from diagnosis.selection.scoring import crossed
@@ -109,11 +108,9 @@ def diagnose(
     say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad, is_from_motion)
     # What is there, and how this robot is calibrated.
-    with one_thread():
-        belief = decide(found, library)
-        board = found.board
-        best = crossed(board, belief.best)
-        board.forget()
+    belief, board = decide(found, library), found.board
+    best = crossed(board, belief.best)
+    board.forget()
     is_spot = board.robot.joint_names == facts.JOINT_NAMES
     corrected = by_joint(merged(model_of(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
     # What it does.

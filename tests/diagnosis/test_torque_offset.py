@@ -64,6 +64,11 @@ def test_grip_shows_where_feet_slip() -> None:
 
 
 def test_what_shows_in_a_channel_is_shown_and_what_has_none_is_not() -> None:
-    hidden = cannot_show(_board(channels=(Channel.SET_POINT_TO_LOAD,)))
+    board = _board(channels=(Channel.SET_POINT_TO_LOAD,))
+    hidden = cannot_show(board)
+    # What was tried is known by its products: no column is made again.
+    board.forget()
+    assert cannot_show(board) == hidden
+    assert not board._cache
     assert {"payload_mass", "encoder_offset", "ground_friction", "command_delay"} <= set(hidden)
     assert not {"torque_gain", "torque_offset", "armature", "coulomb_friction", "torque_limit"} & set(hidden)

@@ -105,8 +105,8 @@ class RecordedLoop:
         for tick in loop.run(lambda i: commands[:, i], schedule, self.last_action):
             self._keep(tick)
             tell(tick.index / n_ticks)
-        states = {name: stacked(rows) for name, rows in self._states.items()}
-        ticks = {name: stacked(rows) for name, rows in self._ticks.items()}
+        # Rows go as they are stacked: of many long runs, both at once would be the most that is ever in memory.
+        states, ticks = ({name: stacked(own.pop(name)) for name in list(own)} for own in (self._states, self._ticks))
         return [self._run(i, states, ticks) for i in range(len(self.courses))]
 
     # The loop's command path ------------------------------------------------------------------------------------------
