@@ -124,12 +124,13 @@ def sequence_distances(
 
     own = cuts(real)
     pairs = pair_distances(own, own, distance)
-    if len(real) > 1:
-        scale = pairs.sum(axis=(0, 1)) / (len(real) * (len(real) - 1))
-    else:
-        # The robot did not repeat itself: what its models scatter by stands in for what it scatters by.
+    scale = pairs.sum(axis=(0, 1)) / max(1, len(real) * (len(real) - 1))
+    if not (scale > 0.0).all():
+        # The robot did not repeat itself, or to the last bit: what its models scatter by stands in for its own.
         others = {n: SequenceReference.build(sequence, list(r)).scale for n, r in models.items() if len(r) > 1}
-        scale = np.median(list(others.values()), axis=0) if others else reference.scale
+        scale = (
+            np.median(list(others.values()), axis=0) if others else SequenceReference.build(sequence, [real[0]]).scale
+        )
         scale = np.minimum(scale, others.get(steady, scale))
 
     def one_number(distances: Array) -> Array:

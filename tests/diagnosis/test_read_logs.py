@@ -25,14 +25,14 @@ POLICIES = Path(__file__).parents[2] / "policies"
 
 
 def _log(
-    folder: Path, name: str, n: int = 400, *, is_commanded: bool = False, joints: Sequence[str] = ("hip",)
+    folder: Path, name: str, n: int = 400, *, is_commanded: bool = False, joints: Sequence[str] = ("hip",), of: str = ""
 ) -> Path:
     signals = {"position": {"from": "q", "unit": "rad"}}
     if is_commanded:
         signals["setpoint_position"] = signals["position"]
     time_s = np.arange(n) * 0.005
     rest_rad = 0.0 if len(joints) == 1 else DEFAULT_POSITION_RAD
-    np.savez(folder / "data.npz", t=time_s, q=rest_rad + 0.1 * np.sin(time_s)[:, None])
+    np.savez(folder / "data.npz", t=time_s, q=rest_rad + 0.1 * np.sin(time_s + sum((of or name).encode()))[:, None])
     mapping = Mapping.model_validate(
         {
             "schema": "spot-rl/import/1",
@@ -84,6 +84,15 @@ def test_one_log_of_another_robot_and_policy_is_set_aside_in_what_follows_too(
     assert find_policy_file(None, runs) == policy_file("walk")
 
 
+def test_a_copy_of_a_log_is_no_repeat(tmp_path: Path) -> None:
+    log = _log(tmp_path, "walk.mcap", is_commanded=True)
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(log.read_bytes())
+    runs, warnings = read_all([log, copy])
+    assert [r.path.name for r in runs] == ["walk.mcap"]
+    assert f"{copy}: left out: its states are in {log}, too" in warnings
+
+
 def test_a_robot_that_got_no_command_says_nothing_beside_one_that_did(tmp_path: Path) -> None:
     idle, other = _log(tmp_path, "idle.mcap"), _log(tmp_path, "other.mcap")
     commanded = _log(tmp_path, "walk.mcap", is_commanded=True)
@@ -113,7 +122,7 @@ def test_a_log_whose_clock_runs_backwards_is_left_out(tmp_path: Path, monkeypatc
 
 def test_a_run_that_is_in_two_files_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where its last seconds were kept apart."""
-    whole, last = _log(tmp_path, "whole.mcap"), _log(tmp_path, "last.mcap")
+    whole, last = _log(tmp_path, "whole.mcap"), _log(tmp_path, "last.mcap", of="whole.mcap")
 
     def read(file: Path) -> Run:
         run = read_run(file)
@@ -122,7 +131,7 @@ def test_a_run_that_is_in_two_files_counts_once(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("trainer.signals.log_files.read_run", read)
     runs, warnings = read_all([last, whole])
     assert [run.path.name for run in runs] == ["whole.mcap"]
-    assert warnings == (f"{last}: left out: its states are in {whole}, which is longer",)
+    assert warnings == (f"{last}: left out: its states are in {whole}, too",)
 
 
 def test_nothing_left_is_one_error_with_every_reason(tmp_path: Path) -> None:

@@ -129,6 +129,9 @@ def test_models_that_stumble_do_not_widen_the_floor_of_a_robot_that_ran_once() -
     wide, narrow = sequence_distances("a", real, models), sequence_distances("a", real, models, steady="nominal")
     assert narrow.scale[0] < 0.3 * wide.scale[0]
     assert narrow.models["nominal"].mean() > 3.0 * wide.models["nominal"].mean()
+    same = sequence_distances("a", [real[0], real[0]], models, steady="nominal")
+    np.testing.assert_array_equal(same.scale, narrow.scale, "runs that are alike to the last bit are no repeats")
+    assert np.isfinite(sequence_distances("a", [real[0], real[0]], {"one": real}).scale).all()
     repeated = runs(0.1)
     np.testing.assert_array_equal(
         sequence_distances("a", repeated, models).scale,

@@ -48,21 +48,21 @@ def read_each(
 
 
 def _each_once(runs: Sequence[Run], warnings: list[str]) -> list[Run]:
-    """Of several files of one run, such as its log and the record of its last seconds, the longest."""
+    """Of several files of one run, such as a copy or the record of its last seconds, the longest."""
     kept: list[Run] = []
     for run in sorted(runs, key=lambda run: -len(run.states)):
         whole = next((other for other in kept if _holds(other, run)), None)
         if whole is None:
             kept.append(run)
         else:
-            warnings.append(f"{run.path}: left out: its states are in {whole.path}, which is longer")
+            warnings.append(f"{run.path}: left out: its states are in {whole.path}, too")
     return [run for run in runs if any(run is one for one in kept)]
 
 
 def _holds(whole: Run, part: Run) -> bool:
-    """Whether a log has the first state of a shorter one, by name of the run, stamp and joints."""
+    """Whether a log has the first state of one that is no longer, by name of the run, stamp and joints."""
     a, b = whole.states, part.states
-    if whole.header.run_id != part.header.run_id or len(b) == len(a) or not len(b):
+    if whole.header.run_id != part.header.run_id or not len(b):
         return False
     at = a.position_rad[a.robot_stamp_ns == b.robot_stamp_ns[0]]
     return len(at) > 0 and np.array_equal(at[0], b.position_rad[0], equal_nan=True)

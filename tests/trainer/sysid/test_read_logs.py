@@ -143,7 +143,7 @@ def test_the_recording_of_an_incident_is_part_of_its_log(
     monkeypatch.setattr("trainer.signals.log_files.read_run", lambda f: replace(last if f == end else log, path=f))
     found = read_logs([tmp_path], policy)
     assert [run.path for run in found.runs] == [whole]
-    assert found.warnings[0] == f"{end}: left out: its states are in {whole}, which is longer"
+    assert found.warnings[0] == f"{end}: left out: its states are in {whole}, too"
 
 
 def test_nothing_usable_is_an_error_with_all_reasons(tmp_path: Path, policy: Policy) -> None:
