@@ -2,7 +2,7 @@
 # installed once; after that no target but `lock` needs a network.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all check safety audit fuzz lint types layers protos-check docs-check leftovers docs format protos lock clean distclean
+.PHONY: help setup demo test test-all check safety audit fuzz lint types layers protos-check docs-check leftovers docs reference format protos lock clean distclean
 SHELL := /bin/bash
 
 # One thread for each numerical library: processes share the cores, and a spinning pool would steal them from the loop.
@@ -30,7 +30,7 @@ test: $(INSTALLED) ## Run the tests that protect a change: all but those marked 
 test-all: $(INSTALLED) ## Run all tests, as .ci/run does
 test: WHICH := -m "not slow"
 # Programs that tests start find their modules compiled, whatever the shell says.
-test test-all: | docs/reference/commands.md
+test test-all: | reference
 test test-all:
 	@unset PYTHONDONTWRITEBYTECODE && folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist worksteal -ra --basetemp "$$folder/t" $(WHICH) $(ARGS)
@@ -64,8 +64,9 @@ docs-check: $(INSTALLED)
 	$(RUN) scripts/write_docs.py --check
 	$(RUN) -m mkdocs build --quiet --strict
 
-docs/reference/commands.md: | $(INSTALLED)
-	$(RUN) scripts/write_docs.py
+# Tests read the pages that the code writes.
+reference: $(INSTALLED)
+	@$(RUN) scripts/write_docs.py --check
 
 leftovers: $(INSTALLED)
 	$(RUN) scripts/check_leftovers.py

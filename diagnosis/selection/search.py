@@ -22,7 +22,7 @@ NEAR_SHARE: Final = 0.1
 WORTH_SHARE: Final = 0.25
 """An effect whose first try adds less than this share of what the best so far adds is not refined."""
 HOPELESS: Final = 5.0
-"""Where the best coarse shape, by these weights or its own, lacks so many nats of its price, no finer one is tried."""
+"""Where the best coarse shape lacks so many nats of its price, no finer one is tried."""
 ROUNDS: Final = 5
 WEIGHT_ROUNDS: Final = 2
 SHAPES_AGAIN: Final = 8
@@ -163,9 +163,7 @@ def _best_by_weights(
     for shape in shapes:
         attempt(shape, places)
     again = sorted(shapes, key=lambda s: -tried[tuple(sorted(s.items()))])[:SHAPES_AGAIN]
-    there = scorer.now.value if scorer.terms else 0.0
     is_near = best[0] > float(prices(scorer.board, effect, best[1][None])[0]) - HOPELESS
-    is_near = is_near and scorer.scored(effect, best[2], best[1]).value > there - HOPELESS
     for _ in range(ROUNDS if is_near else 0):
         if not any([attempt(shape, best[1][None]) for shape in effect.refined(best[2])]):  # noqa: C419 - each is tried
             break
