@@ -100,10 +100,7 @@ class OperatorClient:
     def call(self, name: str, request: Any, timeout_s: float | None = None) -> Any:
         """One call; stop, damp and attend are tried again until the time is over, each time on a new connection.
 
-        Args:
-            name: Of the method.
-            request: Its message.
-            timeout_s: Until when it is answered; None: :data:`INSIST_S` for those, :data:`TIMEOUT_S` for the others.
+        Without a time, those take :data:`INSIST_S`, and the others :data:`TIMEOUT_S`.
 
         Raises:
             RefusedError: The service refused.

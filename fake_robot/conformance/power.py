@@ -157,12 +157,7 @@ def wait_for(ask: Callable[[], Made], is_done: Callable[[Made], bool], timeout_s
 def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
     """Have the robot sit down and switch its motors off; where it does not, switch them off as they are.
 
-    Args:
-        server: The robot.
-        held_lease: The lease, if it is held already; otherwise it is acquired.
-
-    Returns:
-        What became of it, in words.
+    The lease is acquired unless it is held already. Returns what became of it, in words.
     """
 
     def has_none() -> bool:

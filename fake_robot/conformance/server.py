@@ -104,12 +104,7 @@ class Sync(NamedTuple):
 
 
 class Server:
-    """One server, logged in.
-
-    Args:
-        robot: Authenticated.
-        stranger: The same host, not logged in.
-    """
+    """One server, logged in; ``stranger`` is the same host, not logged in."""
 
     def __init__(self, robot: Robot, stranger: Robot) -> None:
         self.robot, self.stranger = robot, stranger

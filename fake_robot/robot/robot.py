@@ -118,11 +118,9 @@ class Robot:
                     return
 
     def advance_states(self, count: int, max_duration_ns: int | None = None) -> None:
-        """Let robot time pass until ``count`` more states were handed over, though not for longer than a maximum.
+        """Let robot time pass until ``count`` more states were handed over, or for ``max_duration_ns``.
 
-        Args:
-            count: How many states.
-            max_duration_ns: Robot time after which to stop waiting for them; by default what they take and a second.
+        By default that is what they take and a second.
 
         Raises:
             TimeModeError: The robot runs in real time.

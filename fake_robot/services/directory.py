@@ -162,8 +162,7 @@ class DirectoryService(Service):
 class UnknownServiceHandler(grpc.GenericRpcHandler):
     """Answers for every method that no service took: passes it on to a client's service of that type, or refuses it.
 
-    Args:
-        address_of_type: Host and port of the one service of a type that a client registered, or nothing.
+    ``address_of_type`` gives host and port of the one service of a type that a client registered, or nothing.
     """
 
     def __init__(self, address_of_type: Callable[[str], str]) -> None:

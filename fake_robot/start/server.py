@@ -124,16 +124,10 @@ class Endpoints:
 
 
 class FakeServer:
-    """Serves one robot. A context manager: leaving it stops the servers and the robot.
+    """Serves one robot, which it starts and stops. A context manager: leaving it stops the servers and the robot.
 
-    Args:
-        robot: Started by ``start``, stopped by ``stop``.
-        config: Settings of the services.
-        credentials: The user name and password that open it.
-        certificates: Certificate and key of the TLS server.
-        address: IP address to listen on, or ``unix:/path`` without a port.
-        port: TCP port; 0 picks a free one. Ignored for a Unix socket.
-        admin: gRPC target of the admin service: ``unix:/path``, or ``127.0.0.1:PORT`` (0 picks one).
+    ``address`` is an IP address to listen on, at a TCP port (0 picks a free one), or ``unix:/path``; ``admin`` is the
+    gRPC target of the admin service: ``unix:/path``, or ``127.0.0.1:PORT`` (0 picks one).
     """
 
     def __init__(

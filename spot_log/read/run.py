@@ -115,12 +115,8 @@ def run_of_columns(
 ) -> Run:
     """A run from columns in memory, such as a simulation's; columns that are not given hold missing values.
 
-    Args:
-        path: What messages call the run.
-        header: Whose names give the number of joints and feet.
-        states: Columns of :class:`StateTable`; ``robot_stamp_ns`` is needed.
-        commands: Columns of :class:`CommandTable`; ``key`` is needed.
-        ticks: Columns of :class:`TickTable`; ``robot_stamp_ns`` is needed.
+    Messages call it ``path``; the header's names give the number of joints and feet. ``robot_stamp_ns`` of states and
+    ticks, and ``key`` of commands, are needed.
     """
     n_states = len(states["robot_stamp_ns"])
     widths = {"joints": len(header.joint_names), "feet": 0, "#": N_OBSERVATION}

@@ -27,13 +27,7 @@ class ExportError(BadInputError):
 
 
 def export_run(run: Run, directory: Path, file_format: str, topics: Sequence[str] | None = None) -> list[Path]:
-    """Write one file a topic, and ``header.json``.
-
-    Args:
-        run: What to export.
-        directory: Where to; made if need be.
-        file_format: ``parquet`` (needs pyarrow) or ``csv``.
-        topics: Which tables; all that have rows by default.
+    """Write one file a topic, and ``header.json``: the topics asked for, or all that have rows.
 
     Returns:
         The files written.
@@ -110,11 +104,7 @@ class RosExportError(BadInputError):
 
 
 def write_rosbag2(run: Run, directory: Path) -> Path:
-    """Write the bag; stamps are the host's clock.
-
-    Args:
-        run: What to write; its states in full, 333 a second on Spot.
-        directory: The bag's folder, which must not exist.
+    """Write the bag of a run to a new folder, its states in full; stamps are the host's clock.
 
     Raises:
         OutputExistsError: The folder exists.

@@ -67,13 +67,9 @@ class _Layout:
     def __init__(
         self, kind: Kind, table: type[Table], places: Mapping[str, str] = MappingProxyType({}), width: int | None = None
     ) -> None:
-        """Pack the columns of ``table``.
+        """Pack the columns of ``table``; every array has the given width, if there is one.
 
-        Args:
-            kind: Of the datagrams.
-            table: Whose columns are packed.
-            places: Attributes of the record whose names are not the columns', by column.
-            width: Of every array, where it is fixed.
+        ``places`` are attributes of the record whose names are not the columns', by column.
         """
         columns = table.columns()
         self._width = width

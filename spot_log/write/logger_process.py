@@ -44,12 +44,7 @@ class LoggerProcess:
 
     @staticmethod
     def start(path: Path, header: RunHeader, *, timeout_s: float = START_TIMEOUT_S) -> LoggerProcess:
-        """Start the process and wait until the file is open.
-
-        Args:
-            path: The log's final name; until it is closed it is called ``path`` + ``.active``.
-            header: What goes into the header record.
-            timeout_s: How long to wait for the process.
+        """Start the process and wait until the file is open; until it is closed it is called ``path`` + ``.active``.
 
         Raises:
             LogError: The log exists, the disk is too full or not writable, or the process does not start.

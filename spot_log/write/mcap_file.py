@@ -223,8 +223,7 @@ class McapFile:
     def finish(self, final_name: str = "") -> None:
         """Flush, add the index, and close. A file that is not finished can still be read, slower.
 
-        Args:
-            final_name: What the file is called from now on, in its folder; empty: as before.
+        The file is called ``final_name`` from now on, in its folder; where that is empty, as before.
 
         Raises:
             OSError: The disk is full, or gone; the file is closed all the same.

@@ -157,16 +157,10 @@ def asked_setpoint(
     measured_rad: Array,
     config: HandoverConfig,
 ) -> Setpoint:
-    """The set-point that a mode asks for, before any limit.
+    """The set-point that a mode which sends asks for, before any limit; poses and set-points have shape (12,).
 
-    Args:
-        mode: One that sends.
-        in_mode_s: Robot time since it began; since the robot confirmed joint control, while it takes hold.
-        hold: The pose in which the vendor's stand handed over.
-        policy_rad: The policy's set-point of this tick, shape (12,); None in modes that run no policy.
-        policy_gains: The policy's gains.
-        measured_rad: The newest measured pose, shape (12,).
-        config: The ramps.
+    ``in_mode_s`` is robot time since the mode began; since the robot confirmed joint control, while it takes hold.
+    ``hold`` is the pose in which the vendor's stand handed over.
 
     Raises:
         ValueError: The mode runs the policy, but the policy's set-point is missing.

@@ -28,12 +28,9 @@ class ServiceManager:
     def __init__(
         self, address: str = "", watchdog_ns: int = 0, *, monotonic_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        """Connect.
+        """Connect to a datagram socket's path, or ``@name`` for an abstract one; nothing for an empty address.
 
-        Args:
-            address: Path of a datagram socket, or ``@name`` for an abstract one; empty for none.
-            watchdog_ns: The interval within which the manager expects a sign of progress; 0 for none.
-            monotonic_ns: The clock of the watchdog.
+        The manager expects a sign of progress each ``watchdog_ns`` by this clock; 0 for none.
         """
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._monotonic_ns = monotonic_ns

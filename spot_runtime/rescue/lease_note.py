@@ -88,10 +88,7 @@ class HeldNote:
     def write(path: Path, note: LeaseNote, instead_of: HeldNote | None = None) -> HeldNote:
         """Write a note to the disk, as a new file that takes the place of an old one, whoever may read that.
 
-        Args:
-            path: Where it lies.
-            note: What it says.
-            instead_of: The one that this process holds there, and lets go in any case.
+        ``instead_of`` is the one that this process holds there; it is let go in any case.
 
         Raises:
             LeaseNoteError: It cannot be written, or the process lives that wrote the old one.

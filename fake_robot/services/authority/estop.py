@@ -44,12 +44,8 @@ class Endpoint:
 class EstopService(Service):
     """Registers endpoints and hears their check-ins; every change reaches the robot at once.
 
-    Args:
-        clock: Measures how long endpoints are silent.
-        cut_after_settle_s: Time from settling to the cut, unless the endpoint says otherwise.
-        are_motors_on: Whether the motors have power, or are about to.
-        apply_level: Brings a level to the robot.
-        has_operator: Whether an operator holds a released endpoint at start.
+    A silent endpoint settles the robot, and cuts its power ``cut_after_settle_s`` later unless it says otherwise. With
+    ``has_operator``, an operator holds a released endpoint at start.
     """
 
     modules = (estop_service_pb2,)

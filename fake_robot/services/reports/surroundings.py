@@ -47,11 +47,7 @@ Kind = ray_cast_pb2.RayIntersection
 
 
 class GroundService(Service):
-    """Maps the level ground around the robot, and casts rays on it. The robot maps no terrain and has no hand.
-
-    Args:
-        snapshot: Gives the robot's frames.
-    """
+    """Maps the level ground around the robot, and casts rays on it. The robot maps no terrain and has no hand."""
 
     modules = (local_grid_service_pb2, ray_cast_service_pb2)
 
@@ -141,8 +137,7 @@ _KIND_OF_FIELD = {
 class WorldObjectService(Service):
     """Keeps the objects of all clients, numbered by the service. The robot itself perceives none.
 
-    Args:
-        snapshot: Gives the robot's frames, which every listed object bears beside its own.
+    Every listed object bears the robot's frames beside its own.
     """
 
     modules = (world_object_service_pb2,)

@@ -111,13 +111,9 @@ class CommandStream:
         now_ns: Callable[[], int],
         on_end: Callable[[str], None],
     ) -> None:
-        """Open the stream.
+        """Open the stream with key and wire bytes of the first command.
 
-        Args:
-            channel: Secure channel to the command streaming service.
-            first: Key and wire bytes of the first command.
-            now_ns: The host's clock.
-            on_end: Takes the robot's verdict when the stream ends other than by :meth:`stop`.
+        ``on_end`` takes the robot's verdict when the stream ends other than by :meth:`stop`.
         """
         self._slot: LatestSlot[tuple[int, bytes]] = LatestSlot()
         self._slot.put(first)

@@ -71,12 +71,9 @@ class LockStep:
     """
 
     def __init__(self, admin_address: str, host_now_ns: int, *, every_state: bool = False) -> None:
-        """Connect to the admin service.
+        """Connect to the admin service at ``HOST:PORT`` or ``unix:/path``; host stamps run on from ``host_now_ns``.
 
-        Args:
-            admin_address: ``HOST:PORT`` or ``unix:/path``.
-            host_now_ns: What the host's clock says now; host stamps run on from here.
-            every_state: Whether the loop wakes at each state, as in real time, and not only where a tick is due.
+        With ``every_state`` the loop wakes at each state, as in real time, and not only where a tick is due.
 
         Raises:
             LockStepError: Nothing answers there, or the fake robot is not in lock-step mode.

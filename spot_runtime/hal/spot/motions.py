@@ -76,15 +76,9 @@ class Motions:
         is_without_power: Callable[[], bool],
         pause: Pause,
     ) -> None:
-        """Prepare.
+        """Take the helm over; ``pause`` lets robot time pass.
 
-        Args:
-            calls: Reaches the robot.
-            config: Time-outs.
-            helm: Taken over.
-            is_powered: Asks the robot whether its motors have power.
-            is_without_power: Asks whether they have none; while they are being powered on, neither is so.
-            pause: Lets robot time pass.
+        While the motors are being powered on, neither ``is_powered`` nor ``is_without_power`` holds.
         """
         self._calls, self._config, self._pause = calls, config, pause
         self._is_powered, self._is_without_power = is_powered, is_without_power

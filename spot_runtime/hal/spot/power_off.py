@@ -27,16 +27,10 @@ def power_off(
     even_if_off: bool,
     on_taken_up: Callable[[], None],
 ) -> None:
-    """Sit and cut power; returns when it is cut.
+    """Sit and cut power; returns when it is cut. A robot that refuses is asked again for ``timeout_s``.
 
-    Args:
-        session: With the robot.
-        motions: Makes the vendor's motions anew for each attempt.
-        pause: Lets robot time pass, and raises where the lease is lost.
-        pace: Of robot time.
-        timeout_s: How long a robot that refuses is asked again.
-        even_if_off: As :meth:`Motions.power_off` has it.
-        on_taken_up: Told where the lease was lost, nobody had it any more, and it was taken again.
+    ``motions`` makes the vendor's motions anew for each attempt; ``pause`` lets robot time pass, and raises where the
+    lease is lost; ``on_taken_up`` is told where nobody had a lost lease any more, and it was taken again.
 
     Raises:
         LeaseHeldError: Somebody has taken the lease and keeps it, or who has it is not known.

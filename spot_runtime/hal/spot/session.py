@@ -77,14 +77,9 @@ class RobotCalls:
         estimate: RobotClockEstimate,
         host_now_ns: Callable[[], int],
     ) -> None:
-        """Prepare; nothing is sent yet.
+        """Prepare; nothing is sent yet. ``clock`` is for time sync, and ``estimate`` takes its round trips.
 
-        Args:
-            address: Where the robot is.
-            config: How to reach it.
-            clock: The host's clock, for time sync.
-            estimate: Takes the round trips.
-            host_now_ns: Stamps what is received; in lock-step, host time passes with robot time.
+        ``host_now_ns`` stamps what is received; in lock-step, host time passes with robot time.
         """
         self._host_now_ns = host_now_ns
         self._address, self._config, self._clock, self._estimate = address, config, clock, estimate

@@ -36,12 +36,9 @@ gRPC's text, so an unreachable robot at port 42909 raises ``TooManyRequestsError
 
 
 def translate(error: Exception, doing: str, explain_connection: Callable[[str], HalError] | None = None) -> HalError:
-    """Our error for one of the SDK's.
+    """Our error for what the SDK or gRPC raised while ``doing`` something, such as "taking the lease".
 
-    Args:
-        error: What the SDK or gRPC raised.
-        doing: What was being done, as "taking the lease".
-        explain_connection: Finds out why there is no connection, given the SDK's words; None where that is not asked.
+    ``explain_connection`` finds out why there is no connection, given the SDK's words; None where that is not asked.
     """
     if isinstance(error, HalError):
         return error

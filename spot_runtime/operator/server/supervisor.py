@@ -53,15 +53,7 @@ class Supervisor:
         tell: Callable[[EventRecord], None],
         lock_step: str = "",
     ) -> None:
-        """Begin idle.
-
-        Args:
-            robot: The robot's address.
-            config: Of every run, and of the service.
-            manager: The service manager.
-            tell: Also told of every event; must not block.
-            lock_step: Admin address of a fake robot in lock-step mode.
-        """
+        """Begin idle. ``tell`` is also told of every event, and must not block."""
         self._robot, self._config, self._lock_step = robot, config, lock_step
         self._manager = manager
         self.policies = PolicyFolder(config.service)
