@@ -40,7 +40,6 @@ from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
 from spot_tools.checks import CheckResult, DoctorCheck, Finding, fail, ok, skipped, warn
 
-PROBES: Final = 10
 LATENCY_WARN_S: Final = 0.005
 LATENCY_FAIL_S: Final = 0.030
 """A command is void 50 ms after it was sent, a state is too old after 40 ms: little may be spent on the way."""
@@ -78,7 +77,7 @@ class RobotDoctor:
         """The address is one, and TCP connections are taken there, soon."""
         address, robot = parse_address(self._text), self._config.robot
         round_trips_s, local = [], ""
-        for _ in range(PROBES):
+        for _ in range(10):
             begin_s = time.perf_counter()
             try:
                 with connect(address, robot.rpc_timeout_s) as connection:

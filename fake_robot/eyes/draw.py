@@ -17,7 +17,6 @@ from fake_robot.network.requests import MAX_DEPTH_M, CameraView
 from fake_robot.scenario.scenario import Scenario
 
 NICENESS = 15
-_MM_PER_M = 1000.0
 _LENS_FROM_OPENGL_WXYZ = np.array([0.0, 1.0, 0.0, 0.0])
 """OpenGL looks along -z, with y up: half a turn about x."""
 
@@ -63,7 +62,7 @@ class Scene:
         pixels = renderer.render()
         if view.is_depth:
             renderer.disable_depth_rendering()
-            return np.where(pixels <= MAX_DEPTH_M, _MM_PER_M * pixels, 0.0).astype(np.uint16)
+            return np.where(pixels <= MAX_DEPTH_M, 1000.0 * pixels, 0.0).astype(np.uint16)
         # Luma of ITU-R BT.601.
         return np.asarray(pixels @ np.array([0.299, 0.587, 0.114])).round().astype(np.uint8)
 

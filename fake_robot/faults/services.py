@@ -11,8 +11,6 @@ from typing_extensions import override
 
 from fake_robot.faults.fault import ServiceFault
 
-DEFAULT_CUT_S = 5.0
-
 
 class TokenExpired(ServiceFault, name="token_expired"):
     """Every user token becomes invalid; a client has to log in again."""
@@ -83,7 +81,7 @@ class NetworkCut(ServiceFault, name="network_cut"):
 
     @override
     def begin(self, world: Any, duration_s: float | None) -> None:
-        world.link.cut(duration_s or DEFAULT_CUT_S, "the network is cut")
+        world.link.cut(duration_s or 5.0, "the network is cut")
 
 
 class Reboot(ServiceFault, name="reboot"):

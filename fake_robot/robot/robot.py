@@ -32,7 +32,6 @@ from spot_model.errors import BadInputError, SpotRlError
 from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS, Array
 
 _LOGGER = logging.getLogger(__name__)
-_MAX_WAIT_FOR_STATES_NS = NS_PER_S
 
 
 class TimeModeError(SpotRlError):
@@ -127,7 +126,7 @@ class Robot:
         """
         self._check_lock_step()
         goal = self.states_sent + count
-        longest_ns = count * STATE_PERIOD_NS + _MAX_WAIT_FOR_STATES_NS if max_duration_ns is None else max_duration_ns
+        longest_ns = count * STATE_PERIOD_NS + NS_PER_S if max_duration_ns is None else max_duration_ns
         end_ns = self._simulation.now_ns + longest_ns
         while self.states_sent < goal and self._simulation.now_ns < end_ns:
             with self._changed:

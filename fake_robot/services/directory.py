@@ -68,10 +68,9 @@ _LISTED_ONLY = {
     "robot-mission": ("mission.MissionService", "robot-mission"),
     "spot-check": ("spot.SpotCheckService", "check"),
 }
-_TOKENLESS = ("auth", "payload-registration", "robot-id")
 OWN_SERVICES = {name: (_API + kind, host + _HOST) for name, (kind, host) in _OWN.items()}
 LISTED = OWN_SERVICES | {name: (_API + kind, host + _HOST) for name, (kind, host) in _LISTED_ONLY.items()}
-TOKENLESS_TYPES = frozenset(OWN_SERVICES[name][0] for name in _TOKENLESS)
+TOKENLESS_TYPES = frozenset(OWN_SERVICES[name][0] for name in ("auth", "payload-registration", "robot-id"))
 """Types of the services that need no user token."""
 _OF_THE_TRANSPORT = ("grpc-", "user-agent", ":")
 

@@ -26,8 +26,6 @@ from spot_model.errors import SpotRlError
 from spot_model.process.private_folder import new_private_file
 
 VALIDITY = dt.timedelta(days=365)
-RENEW_BEFORE_EXPIRY = dt.timedelta(days=7)
-CLOCK_TOLERANCE = dt.timedelta(days=1)
 _PEM = serialization.Encoding.PEM
 CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "server.pem", "server.key"
 
@@ -108,7 +106,7 @@ def _serves(stored: ServerCertificates, addresses: tuple[str, ...]) -> bool:
     now = dt.datetime.now(dt.UTC)
     return (
         key.public_key() == leaf.public_key()
-        and all(c.not_valid_before_utc <= now <= c.not_valid_after_utc - RENEW_BEFORE_EXPIRY for c in (ca, leaf))
+        and all(c.not_valid_before_utc <= now <= c.not_valid_after_utc - dt.timedelta(days=7) for c in (ca, leaf))
         and all(_general_name(address) in _names(leaf) for address in addresses)
     )
 
@@ -174,7 +172,7 @@ def _builder(
         .issuer_name(issuer)
         .public_key(key)
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - CLOCK_TOLERANCE)
+        .not_valid_before(now - dt.timedelta(days=1))
         .not_valid_after(now + VALIDITY)
     )
 

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from fake_robot.start.certificates import CertificateError, write_private
 
-SDK_FOLDER = "sdk"
 CA_VARIABLE = "SPOT_RL_CA_FILE"
 
 _SITECUSTOMIZE = '''\
@@ -107,7 +106,7 @@ def write_sdk_folder(state_folder: Path, ca_path: Path) -> Path:
     Raises:
         CertificateError: It cannot be written.
     """
-    folder = state_folder / SDK_FOLDER
+    folder = state_folder / "sdk"
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_private(folder / "sitecustomize.py", _SITECUSTOMIZE.format(ca_file=str(ca_path.absolute())).encode())

@@ -98,10 +98,6 @@ def _prepare_socket(path: Path) -> None:
 
 _LOGGER = logging.getLogger(__name__)
 
-TICK_PERIOD_S = 0.05
-STOP_GRACE_S = 0.5
-ADMIN_THREADS = 4
-
 
 class SimulationCrashError(SpotRlError):
     """The robot's simulation ended by itself; a defect of the fake, or a scenario beyond what it can compute."""
@@ -194,7 +190,7 @@ class FakeServer:
         if self._ticker is not None and self._ticker is not threading.current_thread():
             self._ticker.join()
         self._world.link.end_streams()
-        for stopped in [server.stop(STOP_GRACE_S) for server in self._servers]:
+        for stopped in [server.stop(0.5) for server in self._servers]:
             stopped.wait()
         self._servers.clear()
         if self._steps is not None:
@@ -248,7 +244,7 @@ class FakeServer:
 
     def _start_admin_server(self) -> str:
         server = grpc.server(
-            futures.ThreadPoolExecutor(max_workers=ADMIN_THREADS, thread_name_prefix="fake-admin"),
+            futures.ThreadPoolExecutor(max_workers=4, thread_name_prefix="fake-admin"),
             options=[("grpc.so_reuseport", 0)],
         )
         stepping = Stepping(self._world, self._faults)
@@ -265,7 +261,7 @@ class FakeServer:
         return f"{target.rpartition(':')[0]}:{port}"
 
     def _tick_until_stopped(self) -> None:
-        while not self._stop_requested.wait(TICK_PERIOD_S):
+        while not self._stop_requested.wait(0.05):
             if self._robot.crash is not None:
                 _LOGGER.error("the simulation ended: %r", self._robot.crash, exc_info=self._robot.crash)
                 self.request_stop()

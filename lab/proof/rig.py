@@ -31,7 +31,7 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.journal import Console
-from spot_runtime.session.run import RunRequest, SinkFactory, run
+from spot_runtime.session.run import RunRequest, SinkFactory, run_once
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources import CommandSource
 from spot_tools.sources import ScriptedSource
@@ -165,7 +165,7 @@ class Rig(FakeRobot):
 
         console = Console(io.StringIO())
         try:
-            summary = run(request, make_hal, make_sink or self.start_logger, console)
+            summary = run_once(request, make_hal, make_sink or self.start_logger, console)
         finally:
             console.close()
         return Drive(summary, made[0], path)

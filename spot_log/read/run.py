@@ -133,11 +133,11 @@ def run_of_columns(
     )
 
 
-Table = dict[str, NDArray[Any]]
+Columns = dict[str, NDArray[Any]]
 """Columns of equal length by name; ``pandas.DataFrame`` takes one as it is."""
 
 
-def tables_of(run: Run) -> dict[str, Table]:
+def tables_of(run: Run) -> dict[str, Columns]:
     """All tables of a run by topic: state, imu, arm, command, tick, slow_state, event."""
     names = {"joints": tuple(run.header.joint_names), "feet": tuple(run.header.foot_names)}
     return {
@@ -151,7 +151,7 @@ def tables_of(run: Run) -> dict[str, Table]:
     }
 
 
-def _lists(run: Run) -> Table:
+def _lists(run: Run) -> Columns:
     """What a poll has any number of: a column a battery's cell, and faults in one text."""
     slow, table = run.slow_states, {}
     cells = max((len(row) for row in slow.battery_temperature_c), default=0)
@@ -163,7 +163,7 @@ def _lists(run: Run) -> Table:
     return table
 
 
-def _events(run: Run) -> Table:
+def _events(run: Run) -> Columns:
     events = run.events
     return {
         "host_stamp_ns": np.array([event.host_stamp_ns for event in events], dtype=np.int64),

@@ -15,9 +15,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 SOCKET_VARIABLE: Final = "NOTIFY_SOCKET"
-PERIOD_VARIABLE: Final = "WATCHDOG_USEC"
 PROCESS_VARIABLE: Final = "WATCHDOG_PID"
-NS_PER_US: Final = 1_000
 FEEDS_PER_PERIOD: Final = 4
 """systemd asks for at least two; with four, one late or lost message does not end a run."""
 
@@ -47,9 +45,9 @@ class ServiceManager:
 
         A watchdog meant for another process, as the variable ``WATCHDOG_PID`` says, is not fed.
         """
-        address, period_us = environment.get(SOCKET_VARIABLE, ""), environment.get(PERIOD_VARIABLE, "")
+        address, period_us = environment.get(SOCKET_VARIABLE, ""), environment.get("WATCHDOG_USEC", "")
         is_ours = environment.get(PROCESS_VARIABLE, str(os.getpid())) == str(os.getpid())
-        watchdog_ns = int(period_us) * NS_PER_US if is_ours and period_us.isdecimal() else 0
+        watchdog_ns = int(period_us) * 1_000 if is_ours and period_us.isdecimal() else 0
         return ServiceManager(address if address.startswith(("/", "@")) else "", watchdog_ns)
 
     @property

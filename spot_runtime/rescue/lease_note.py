@@ -21,7 +21,6 @@ from spot_model.process.private_folder import new_private_file
 from spot_runtime.causes import shortage
 from spot_runtime.host.instance_lock import open_locked
 
-FOLDER_NAME: Final = "spot-rl"
 MAX_BYTES: Final = 65_536
 WITHIN_S: Final = 20.0
 """Longest silence of a robot that a note names until it is given up. With a last try of some 30 s, less than the unit
@@ -57,7 +56,7 @@ def note_folder(environment: Mapping[str, str]) -> Path:
     if unit:
         return Path(unit)
     base = environment.get("XDG_STATE_HOME", "")
-    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / FOLDER_NAME
+    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "spot-rl"
 
 
 def note_path(robot: str, folder: Path) -> Path:

@@ -58,10 +58,10 @@ RECORD_TIMEOUT_S: Final = 5.0
 
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]
-Tell = Callable[[EventRecord], None]
+TellEvent = Callable[[EventRecord], None]
 
 
-def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
+def log_header(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
     """The log's header: all that tells this run from others."""
     contract = request.policy.contract
     return RunHeader(
@@ -98,14 +98,14 @@ def recover_at_start(directory: Path, console: Console) -> None:
         console.say(f"warning: leftovers in {directory} could not be recovered: {error.strerror or error}")
 
 
-def run(
+def run_once(
     request: RunRequest,
     make_hal: HalFactory,
     make_sink: SinkFactory,
     console: Console,
     *,
     manager: ServiceManager | None = None,
-    tell: Tell | None = None,
+    tell: TellEvent | None = None,
 ) -> RunSummary:
     """Drive the robot through one run; it ends at rest and without power, or the summary says why not.
 
@@ -115,7 +115,7 @@ def run(
     Raises:
         SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
     """
-    header = header_of(request, HostClock().now_ns())
+    header = log_header(request, HostClock().now_ns())
     sink = FlightRecorder(make_sink(request.log_path, header), WANTED_ENDS)
     attempt = _Attempt(request, header, sink, console, manager, tell or console.event)
     with attempt.signals:
@@ -132,7 +132,7 @@ class Driver:
     """Drives one robot through its session: what a single run and an operator's arming have in common."""
 
     def __init__(
-        self, config: RunConfig, sink: LogSink, tell: Tell, manager: ServiceManager | None = None, sender: str = ""
+        self, config: RunConfig, sink: LogSink, tell: TellEvent, manager: ServiceManager | None = None, sender: str = ""
     ) -> None:
         self.config, self.sink, self.manager = config, sink, manager or ServiceManager()
         self._tell, self._clock, self.signals = tell, HostClock(), StopSignals(sender)
@@ -187,7 +187,7 @@ class _Attempt(Driver):
         sink: FlightRecorder,
         console: Console,
         manager: ServiceManager | None,
-        tell: Tell,
+        tell: TellEvent,
     ) -> None:
         super().__init__(request.config, sink, tell, manager)
         self._request, self._header, self._flight, self._console = request, header, sink, console

@@ -41,7 +41,7 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.journal import Console
-from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.run import RunRequest, run_once
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources import Wanted
 from spot_tools.sources import ScriptedSource
@@ -97,7 +97,7 @@ class Fake:
             request = RunRequest(
                 where, policy_from_bytes(self.policy_bytes, source="test policy"), source, config, path
             )
-            summary = run(request, make_hal, LoggerProcess.start, console)
+            summary = run_once(request, make_hal, LoggerProcess.start, console)
         finally:
             console.close()
         return summary, read_run(path)

@@ -32,7 +32,6 @@ _HANDOVER_S: Final = 0.5
 _RELEASE_S: Final = 0.3
 """And back again: the last steps end where the feet stand."""
 _PATH_SLEW: Final[Velocity] = (1.5, 1.5, 2.0)
-_STOP_SLEW: Final[Velocity] = (2.0, 2.0, 4.0)
 _STOP_S: Final = (0.5, 2.0)
 """A walk that stops is at rest once the body is slow, after this long at the earliest and at the latest."""
 _SLOW_M_S: Final = 0.15
@@ -172,7 +171,7 @@ class Walker:
         if isinstance(plan, PathPlan) and self.progress is WalkProgress.ARRIVED:
             return hold(plan, self._ground_pose()), _PATH_SLEW
         if plan is None or self._stop_ns is not None:
-            return (0.0, 0.0, turn_towards(self._stop_yaw_rad, self._ground_pose())), _STOP_SLEW
+            return (0.0, 0.0, turn_towards(self._stop_yaw_rad, self._ground_pose())), (2.0, 2.0, 4.0)
         slew = plan.slew if isinstance(plan, VelocityPlan) else _PATH_SLEW
         steering = steer(plan, (now_ns - self._plan_start_ns) * 1e-9, self._ground_pose())
         self._note(plan, steering, now_ns)

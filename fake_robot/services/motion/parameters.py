@@ -31,7 +31,6 @@ DEFAULT_SLEW: Velocity = (4.0, 4.0, 2.0)
 """Where a velocity command names none: what the SDK's own builder sends."""
 ACCURACY_M: Final = (0.02, 0.10)
 """Least and largest accuracy that can be asked for. Source: the proto."""
-DEFAULT_ACCURACY_M: Final = 0.05
 
 
 class RefusedCommandError(Exception):
@@ -217,7 +216,7 @@ def read_stance(request: Any) -> tuple[Callable[[Snapshot], Array], float]:
         given = ", ".join(sorted(stance.foot_positions)) or "none"
         raise _invalid(f"foot_positions has {given}; it needs each of {', '.join(LEG_NAMES)}")
     feet = [(stance.foot_positions[leg].x, stance.foot_positions[leg].y) for leg in LEG_NAMES]
-    accuracy_m = stance.accuracy or DEFAULT_ACCURACY_M
+    accuracy_m = stance.accuracy or 0.05
     if not all(math.isfinite(v) for foot in feet for v in foot):
         raise _invalid("foot_positions holds a value that is no finite number")
     if not ACCURACY_M[0] - 1e-6 <= accuracy_m <= ACCURACY_M[1] + 1e-6:

@@ -120,7 +120,6 @@ class GroundService(Service):
             at.x, at.y, at.z = (a + distance_m * b for a, b in zip(origin, way, strict=True))
 
 
-MAX_OBJECTS = 1024
 FIRST_ID = 1
 
 _KIND_OF_FIELD = {
@@ -159,7 +158,7 @@ class WorldObjectService(Service):
         """Add, change or delete one object."""
         mutation, wanted = request.mutation, request.mutation.object
         is_new = mutation.action == request.ACTION_ADD
-        is_full = len(self._objects) >= MAX_OBJECTS
+        is_full = len(self._objects) >= 1024
         if mutation.action not in {request.ACTION_ADD, request.ACTION_CHANGE, request.ACTION_DELETE} or (
             is_new and (is_full or not _has_properties(wanted))
         ):

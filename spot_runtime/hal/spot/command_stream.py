@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import grpc
 from bosdyn.api import robot_command_pb2
@@ -15,7 +15,6 @@ from spot_model.robot.state import Array, Gains, JointCommand
 from spot_runtime.hal.spot.arm import NO_ARM, Arm
 from spot_runtime.hal.spot.vendor_errors import describe_error, enum_word
 
-COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
 T = TypeVar("T")
 
 
@@ -121,7 +120,7 @@ class CommandStream:
         self._departures: deque[tuple[int, int]] = deque(maxlen=256)
         self._is_stopped = False
         stream = channel.stream_unary(
-            COMMAND_METHOD,
+            "/bosdyn.api.RobotCommandStreamingService/JointControlStream",
             request_serializer=bytes,
             response_deserializer=robot_command_pb2.JointControlStreamResponse.FromString,
         )

@@ -21,8 +21,6 @@ from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 ANSWER_TIMEOUT_S: Final = 10.0
 """Host time within which a step must be done."""
 
-MAX_ANSWER_BYTES: Final = 1 << 18
-
 
 class StepSocket:
     """One step at a time, a datagram each way. Methods raise ``OSError`` where the fake robot is gone or hangs."""
@@ -43,7 +41,7 @@ class StepSocket:
 
     def answer(self) -> fake_admin_pb2.StepResponse:
         """Wait for the end of the step that was asked for."""
-        datagram = self._socket.recv(MAX_ANSWER_BYTES)
+        datagram = self._socket.recv(1 << 18)
         if not datagram:
             raise ConnectionResetError("it ended")
         return fake_admin_pb2.StepResponse.FromString(datagram)

@@ -25,7 +25,7 @@ CUT_S: Final = 3.0
 _STANDS: Final = basic_command_pb2.StandCommand.Feedback.STATUS_IS_STANDING
 _FEEDBACK: Final = basic_command_pb2.RobotCommandFeedbackStatus
 
-Pause = Callable[[float], None]
+Wait = Callable[[float], None]
 """Lets this many seconds of robot time pass."""
 
 
@@ -74,7 +74,7 @@ class Motions:
         helm: Helm,
         is_powered: Callable[[], bool],
         is_without_power: Callable[[], bool],
-        pause: Pause,
+        pause: Wait,
     ) -> None:
         """Take the helm over; ``pause`` lets robot time pass.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from spot_runtime.hal.errors import HalError, LeaseHeldError
-from spot_runtime.hal.spot.motions import Motions, Pause
+from spot_runtime.hal.spot.motions import Motions, Wait
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.hal.spot.session import RobotCalls
 
@@ -20,7 +20,7 @@ TAKEN_OVER_S: Final = 3.0
 def power_off(
     session: RobotCalls,
     motions: Callable[[], Motions],
-    pause: Pause,
+    pause: Wait,
     pace: Pace,
     *,
     timeout_s: float,
@@ -60,7 +60,7 @@ def _take_up_lease(session: RobotCalls) -> None:
         raise LeaseHeldError(f"the lease is gone, and THE ROBOT MAY HAVE POWER, see to it: {error}") from error
 
 
-def _try(motions: Callable[[], Motions], pause: Pause, pace: Pace, until_s: float, *, even_if_off: bool) -> None:
+def _try(motions: Callable[[], Motions], pause: Wait, pace: Pace, until_s: float, *, even_if_off: bool) -> None:
     """Try again, also where the robot refuses: what is in the way for a moment must not leave it standing."""
     while True:
         try:

@@ -17,8 +17,6 @@ from spot_model.robot.state import RobotState
 from spot_runtime.hal.spot.vendor_errors import describe_error
 from spot_runtime.host.realtime import let_others_run
 
-STATE_METHOD: Final = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
-
 StateQueue = queue.SimpleQueue[RobotState | None]
 """States as they come; None after the last one."""
 
@@ -60,7 +58,7 @@ class StateReceiver:
         self._is_stopped = False
         self._request = request
         self._stream = channel.unary_stream(
-            STATE_METHOD,
+            "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream",
             request_serializer=robot_state_pb2.RobotStateStreamRequest.SerializeToString,
             response_deserializer=bytes,
         )

@@ -33,10 +33,9 @@ from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.steering import Attendance
 from spot_runtime.session.robot_session import ControlEnd, check_standing, control_end, fall_of
-from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, header_of, log_file_name
+from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, log_file_name, log_header
 from spot_runtime.stops import Reaction, Stop, StopReason, unforeseen
 
-STANDBY_WAIT_S: Final = 0.02
 STANDBY_PAUSE_S: Final = 0.2
 """Between two looks; far less than the silence of the robot that ends the arming."""
 
@@ -108,7 +107,7 @@ class OperatedRun(Requests):
     def open_log(self, labels: dict[str, str]) -> NewLog:
         """Open a log; in any thread. Raises LogError."""
         request = self._request(labels)
-        return self._logs.open(request.log_path, header_of(request, self.now_ns()))
+        return self._logs.open(request.log_path, log_header(request, self.now_ns()))
 
     def begin_log(self, log: NewLog) -> Path:
         """Write to this log from now on."""
@@ -149,7 +148,7 @@ class OperatedRun(Requests):
         newest_ns, battery = hal.host_now_ns(), BatteryMemory()
         watch = pauses(self.config.real_time, shortest_s=STANDBY_PAUSE_S)
         while self._waits():
-            states = hal.receive(0, STANDBY_WAIT_S)
+            states = hal.receive(0, 0.02)
             # While this process does not run, nobody can say that the robot is silent.
             paused_ns = 0 if watch is None else round(watch.look() * NS_PER_S)
             newest_ns = states[-1].host_stamp_ns if states else newest_ns + paused_ns

@@ -27,7 +27,6 @@ from spot_runtime.session.run import Driver
 from spot_runtime.stops import Reaction, Stop, StopReason
 
 _BUSY: Final = "the request before this one is still being carried out; wait for its answer"
-_NOT_STANDING: Final = "the policy has the joints; stop with keep_standing first"
 
 
 class BackgroundTask:
@@ -194,7 +193,7 @@ class Requests(Driver, ABC):
     def _switch_policy(self, message: run_link_pb2.ToRun) -> None:
         asked = message.switch_policy
         if self.loop is not None:
-            self._refuse(message, _NOT_STANDING)
+            self._refuse(message, "the policy has the joints; stop with keep_standing first")
         elif self.background.is_busy:
             self._refuse(message, _BUSY)
         elif self.log_path:
