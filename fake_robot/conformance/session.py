@@ -85,11 +85,7 @@ class MotionRecord:
 
 
 def drive(server: Server) -> MotionRecord:
-    """Do it; at the end, whatever happened, the robot sits down and its motors lose power.
-
-    Raises:
-        OpenError: The robot is e-stopped, has power already, or somebody holds the lease.
-    """
+    """Do it; at the end, whatever happened, the robot sits down and its motors lose power. Raises OpenError."""
     status = server.ask("estop", "GetEstopSystemStatus").status
     is_pressed = any(estop.state != estop.STATE_NOT_ESTOPPED for estop in server.state().estop_states)
     if is_pressed and enum_name(status, "stop_level") != "ESTOP_LEVEL_NONE":

@@ -245,11 +245,7 @@ class Robot:
         return fault_kinds(of_services=False)
 
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
-        """Make a fault happen now, for a while or until it is cleared; returns its number.
-
-        Raises:
-            BadInputError: The name or a parameter is unknown, or a value is not allowed.
-        """
+        """Make a fault happen now, for a while or until it is cleared; returns its number. Raises BadInputError."""
         fault = make_fault(name, parameters)
         if isinstance(fault, ServiceFault):
             raise BadInputError(f"fault {name} is one of the services, not of the body; inject it by the admin service")

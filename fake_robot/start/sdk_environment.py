@@ -101,11 +101,7 @@ class SdkEnvironment:
 
 
 def write_sdk_folder(state_folder: Path, ca_path: Path) -> Path:
-    """Write the folder with the ``sitecustomize`` module; returns the folder.
-
-    Raises:
-        CertificateError: It cannot be written.
-    """
+    """Write the folder with the ``sitecustomize`` module; returns the folder. Raises CertificateError."""
     folder = state_folder / "sdk"
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)

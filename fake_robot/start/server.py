@@ -58,11 +58,7 @@ def sdk_host(address: str, port: int) -> str:
 
 
 def bind(target: str, add_port: Callable[[], int]) -> int:
-    """Add a port to a server; returns its number.
-
-    Raises:
-        BindError: ``target`` cannot be listened on.
-    """
+    """Add a port to a server; returns its number. Raises BindError: ``target`` cannot be listened on."""
     if target.startswith(UNIX_PREFIX):
         _prepare_socket(Path(target.removeprefix(UNIX_PREFIX)))
     try:
@@ -159,11 +155,7 @@ class FakeServer:
         return self._faults
 
     def start(self) -> Endpoints:
-        """Start robot and servers.
-
-        Raises:
-            BindError: An address or port cannot be listened on; nothing is left running.
-        """
+        """Start robot and servers. Raises BindError."""
         try:
             robot_server, robot_target, port = self._start_robot_server()
             admin_target = self._start_admin_server()
@@ -198,11 +190,7 @@ class FakeServer:
         self._robot.stop()
 
     def raise_crash(self) -> None:
-        """Raise what ended the simulation, if anything did.
-
-        Raises:
-            SimulationCrashError: The simulation ended by itself.
-        """
+        """Raise what ended the simulation, if anything did. Raises SimulationCrashError."""
         if self._robot.crash is not None:
             raise SimulationCrashError(f"the simulation ended by itself: {self._robot.crash!r}") from self._robot.crash
 

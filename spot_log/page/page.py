@@ -21,12 +21,7 @@ _LOOKS: Final = {"error": "bad", "warning": "fair"}
 
 
 def write_page(run: Run, path: str | Path) -> Path:
-    """Write the page of a run.
-
-    Raises:
-        OutputExistsError: The page exists already.
-        OSError: The page cannot be written.
-    """
+    """Write the page of a run. Raises OutputExistsError and OSError."""
     path = Path(path)
     check_new(path)
     write_new(path, page_html(run))

@@ -222,11 +222,7 @@ def _write(file: McapFile, messages: list[RawMessage], scan: Scan) -> None:
 
 
 def _verify(path: Path, messages: list[RawMessage]) -> None:
-    """Read the result again: it must hold the same messages, and be a log.
-
-    Raises:
-        LogError: It does not.
-    """
+    """Read the result again: it must hold the same messages, and be a log. Raises LogError: it does not."""
     scan = scan_mcap(path.read_bytes())
     if scan.damage or [m[2:] for m in scan.messages] != [m[2:] for m in messages]:
         raise LogError(f"{path}: the recovered log does not hold what was written; check the disk and try again")

@@ -59,11 +59,7 @@ def free_path(path: Path) -> Path:
 
 
 def make_log_folder(directory: Path) -> None:
-    """Make the folder of the logs where it is missing.
-
-    Raises:
-        LogError: It cannot be made.
-    """
+    """Make the folder of the logs where it is missing. Raises LogError: it cannot be made."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -48,11 +48,7 @@ class LoadAverage(NamedTuple):
         return bool(self.samples) and self.samples[-1][0] - self.samples[0][0] >= 0.9 * self.window_ns
 
     def mean_nm(self) -> Array:
-        """Mean load, shape (12,), N·m.
-
-        Raises:
-            ValueError: No state was taken yet.
-        """
+        """Mean load, shape (12,), N·m. Raises ValueError: no state was taken yet."""
         if not self.samples:
             raise ValueError("no state to average over")
         return np.asarray(np.mean([load for _, load in self.samples], axis=0))

@@ -82,11 +82,7 @@ class Walker:
         self.progress = WalkProgress.NONE
 
     def load(self) -> Policy:
-        """Read the policy, once.
-
-        Raises:
-            PolicyError: It cannot be read, or does not hold what it must.
-        """
+        """Read the policy, once. Raises PolicyError: it cannot be read, or does not hold what it must."""
         if self._loaded is None:
             from spot_model.policy.policy import load_policy
 

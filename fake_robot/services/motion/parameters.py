@@ -60,11 +60,7 @@ class BodyCourse:
 
 
 def read_course(packed: object) -> BodyCourse:
-    """Read the mobility params of a stand command.
-
-    Raises:
-        RefusedCommandError: They cannot be read, or hold a value that is not finite.
-    """
+    """Read the mobility params of a stand command. Raises RefusedCommandError."""
     params = spot_command_pb2.MobilityParams()
     try:
         is_known = packed.Unpack(params)  # type: ignore[attr-defined]
@@ -83,11 +79,7 @@ def read_course(packed: object) -> BodyCourse:
 
 
 def stand_poses(course: BodyCourse, snapshot: Snapshot) -> tuple[StandPose, ...]:
-    """The course as offsets over the feet, as the robot believes to stand.
-
-    Raises:
-        RefusedCommandError: The robot has no frame of that name.
-    """
+    """The course as offsets over the feet, as the robot believes to stand. Raises RefusedCommandError."""
     footprint_from_frame = SE3Pose.from_identity()
     if course.frame != FOOTPRINT:
         tree = frame_tree(snapshot)

@@ -45,11 +45,7 @@ class BackgroundTask:
         return self._then is not None
 
     def run(self, task: Callable[[], Any], then: Callable[[Any, Exception | None], None]) -> None:
-        """Begin a task; ``then`` gets its result or its error, called by :meth:`finish`.
-
-        Raises:
-            RuntimeError: One is under way.
-        """
+        """Begin a task; ``then`` gets its result or its error, called by :meth:`finish`. Raises RuntimeError."""
         if self.is_busy:
             raise RuntimeError("a task is under way")
         self._then, self._result = then, None
