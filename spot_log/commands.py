@@ -67,8 +67,7 @@ def export(
 
 @app.command()
 def recover(
-    file: LogArgument,
-    out: Annotated[Path, typer.Option("--out", help="Name of the repaired log; never overwritten.")],
+    file: LogArgument, out: Annotated[Path, typer.Option("--out", help="Name of the repaired log; never overwritten.")]
 ) -> None:
     """Repair a cut or damaged log, and report what is lost."""
     from spot_log.read.recover import recover_log
@@ -115,8 +114,7 @@ def import_recording(
 
 @app.command()
 def report(
-    file: LogArgument,
-    out: Annotated[Path, typer.Option("--out", help="Name of the HTML page; never overwritten.")],
+    file: LogArgument, out: Annotated[Path, typer.Option("--out", help="Name of the HTML page; never overwritten.")]
 ) -> None:
     """Draw a log: one HTML page that opens from disk, without a network."""
     from spot_log.page.page import write_page

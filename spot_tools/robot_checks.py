@@ -17,24 +17,13 @@ from bosdyn.client.license import LicenseClient
 from bosdyn.client.robot_state import RobotStateClient
 
 from spot_runtime.config import RobotConfig, RunConfig
-from spot_runtime.hal.address import (
-    TLS_NAME,
-    Address,
-    connect,
-    explain_no_connection,
-    parse_address,
-)
+from spot_runtime.hal.address import TLS_NAME, Address, connect, explain_no_connection, parse_address
 from spot_runtime.hal.credentials import trusted_certificates
 from spot_runtime.hal.errors import HalError, NoServiceError
 from spot_runtime.hal.spot.arm import polled_arm_rad, refuse_arm_out
 from spot_runtime.hal.spot.estop import is_alive
 from spot_runtime.hal.spot.session import RobotCalls
-from spot_runtime.hal.spot.slow_state import (
-    charge_percent,
-    pressed_estops,
-    reporting_battery,
-    slow_state_from_message,
-)
+from spot_runtime.hal.spot.slow_state import charge_percent, pressed_estops, reporting_battery, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import enum_word
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL

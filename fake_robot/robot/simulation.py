@@ -231,9 +231,7 @@ class Simulation:
         x, y = (feet - feet.mean(axis=0)).T
         turn_rad = math.atan2(_STAND_FEET_M[:, 0] @ y - _STAND_FEET_M[:, 1] @ x, (_STAND_FEET_M * feet).sum())
         return GroundPose(
-            pose.x_m + cos * ahead_m - sin * left_m,
-            pose.y_m + sin * ahead_m + cos * left_m,
-            pose.yaw_rad + turn_rad,
+            pose.x_m + cos * ahead_m - sin * left_m, pose.y_m + sin * ahead_m + cos * left_m, pose.yaw_rad + turn_rad
         )
 
     def _apply_faults(self) -> None:

@@ -44,8 +44,7 @@ def fake_robot(
     port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0 picks a free one.")] = 8443,
     socket: Annotated[Path | None, typer.Option(help="Listen on this Unix socket instead of TCP.")] = None,
     admin: Annotated[
-        str,
-        typer.Option(help="Address of the admin service: unix:/PATH or 127.0.0.1:PORT; default: a private socket."),
+        str, typer.Option(help="Address of the admin service: unix:/PATH or 127.0.0.1:PORT; default: a private socket.")
     ] = "",
     state_dir: Annotated[
         Path | None, typer.Option(help="Folder of certificates and password; default: one per user.")

@@ -65,11 +65,7 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
     except DecodeError as error:
         raise StateMessageError(f"state message of {len(wire)} bytes cannot be parsed: {error}") from error
     joints, n_contacts = message.joint_states, len(message.contact_states)
-    for name, n in (
-        ("position", len(joints.position)),
-        ("velocity", len(joints.velocity)),
-        ("load", len(joints.load)),
-    ):
+    for name, n in (("position", len(joints.position)), ("velocity", len(joints.velocity)), ("load", len(joints.load))):
         if n not in (N_JOINTS, N_JOINTS_WITH_ARM):
             raise _wrong_length(name, n)
     if not len(joints.position) == len(joints.velocity) == len(joints.load):

@@ -106,12 +106,7 @@ class Run:
 
 
 def run_of_columns(
-    path: Path,
-    header: RunHeader,
-    *,
-    states: Mapping[str, Any],
-    commands: Mapping[str, Any],
-    ticks: Mapping[str, Any],
+    path: Path, header: RunHeader, *, states: Mapping[str, Any], commands: Mapping[str, Any], ticks: Mapping[str, Any]
 ) -> Run:
     """A run from columns in memory, such as a simulation's; columns that are not given hold missing values.
 

@@ -65,12 +65,7 @@ def when_new(say: Tell) -> Tell:
 
 
 def make_safe(
-    note: LeaseNote,
-    config: RunConfig,
-    *,
-    lock_step: str = "",
-    within_s: float = WITHIN_S,
-    tell: Tell = lambda _: None,
+    note: LeaseNote, config: RunConfig, *, lock_step: str = "", within_s: float = WITHIN_S, tell: Tell = lambda _: None
 ) -> Safety:
     """Bring the robot of a note, which the dead process left, to rest, however often that must be tried.
 

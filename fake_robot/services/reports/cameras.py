@@ -116,11 +116,7 @@ def _cameras() -> dict[str, Camera]:
             Camera(f"{place}_fisheye_image", is_depth=False, size=VISUAL_SIZE, frame=fisheye, body_from_lens=pose),
             Camera(f"{place}_depth", is_depth=True, size=(424, 240), frame=place, body_from_lens=pose),
             Camera(
-                f"{place}_depth_in_visual_frame",
-                is_depth=True,
-                size=VISUAL_SIZE,
-                frame=fisheye,
-                body_from_lens=pose,
+                f"{place}_depth_in_visual_frame", is_depth=True, size=VISUAL_SIZE, frame=fisheye, body_from_lens=pose
             ),
         ]
     return {camera.name: camera for camera in sorted(cameras, key=lambda camera: camera.name)}

@@ -133,10 +133,7 @@ class RobotStateService(Service):
         """The state of one instant."""
         world, state = self._world, response.robot_state
         fill_state(
-            state,
-            world.robot.snapshot(),
-            is_wifi_on=world.is_wifi_on,
-            are_payload_ports_on=world.are_payload_ports_on,
+            state, world.robot.snapshot(), is_wifi_on=world.is_wifi_on, are_payload_ports_on=world.are_payload_ports_on
         )
         state.service_fault_state.CopyFrom(world.service_faults.state())
 

@@ -26,11 +26,7 @@ from spot_runtime.hal.errors import (
 SDK_ERRORS = (sdk.Error, lease.Error, grpc.RpcError)
 """What a call raises; the SDK's errors of its lease wallet are no others of its errors."""
 
-NO_CONNECTION = (
-    grpc.StatusCode.UNAVAILABLE,
-    grpc.StatusCode.DEADLINE_EXCEEDED,
-    grpc.StatusCode.UNIMPLEMENTED,
-)
+NO_CONNECTION = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED, grpc.StatusCode.UNIMPLEMENTED)
 """What a call ends with where no robot answers. The SDK's own classes cannot tell: they are chosen by numbers found in
 gRPC's text, so an unreachable robot at port 42909 raises ``TooManyRequestsError`` for the 429 in it."""
 
