@@ -56,10 +56,11 @@ class FakeSpot:
         """A stub of the admin service: ``with fake_spot.admin() as admin: admin.GetTruth(...)``."""
         import grpc
 
-        from spot_protos import fake_admin_pb2_grpc
+        from spot_protos import fake_admin_pb2
+        from spot_protos.stub import stub
 
         with grpc.insecure_channel(self.admin_target) as channel:
-            yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+            yield stub(channel, fake_admin_pb2)
 
     def run_program(self, words: Sequence[str], *, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
         """Run an unmodified program against this robot; every word ``HOST`` becomes the host argument.

@@ -24,7 +24,8 @@ from spot_log.write.run_writer import active_path
 from spot_log.write.sink import LogSink
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import Policy, load_policy
-from spot_protos import fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.spot.lock_step import LockStep
@@ -200,7 +201,7 @@ def rig(folder: Path, policy_file: Path, *, is_lock_step: bool = True, scenario:
         ) as process,
         grpc.insecure_channel(process.address.admin) as channel,
     ):
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin = stub(channel, fake_admin_pb2)
         variables, credentials = process.address.environment, folder / "credentials"
         user = {"username": variables["BOSDYN_CLIENT_USERNAME"], "password": variables["BOSDYN_CLIENT_PASSWORD"]}
         credentials.touch(mode=0o600)

@@ -28,7 +28,8 @@ from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import TickResult, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.state import JointCommand, RobotState
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig
 from spot_runtime.control.memory import Step
 from spot_runtime.control.safety.commands import LimitedSetpoint
@@ -157,7 +158,7 @@ def running(folder: Path, more: str = "") -> Iterator[tuple[FakeAddress, Any]]:
         FakeProcess(scenario=str(scenario), is_lock_step=True, state_dir=folder / "state") as process,
         grpc.insecure_channel(process.address.admin) as channel,
     ):
-        yield process.address, fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield process.address, stub(channel, fake_admin_pb2)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,8 @@ import grpc
 
 from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
 from spot_model.robot.state import RobotState
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.pace import Jobs, States
@@ -243,7 +244,7 @@ class LockStep:
 
     def _status(self) -> Any:
         with grpc.insecure_channel(self._address) as channel:
-            admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+            admin = stub(channel, fake_admin_pb2)
             try:
                 return admin.GetStatus(fake_admin_pb2.GetStatusRequest(), timeout=ANSWER_TIMEOUT_S)
             except grpc.RpcError as error:
