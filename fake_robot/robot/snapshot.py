@@ -17,10 +17,8 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
     effects, odom, vision = simulation.faults.effects, simulation.odom, simulation.vision
     position = report.position_of_body_in_world_m.tolist()
     attitude = report.world_from_body_wxyz.tolist()
-    linear, angular = (
-        report.linear_vel_of_body_in_world_m_s.tolist(),
-        report.angular_vel_of_body_in_world_rad_s.tolist(),
-    )
+    linear = report.linear_vel_of_body_in_world_m_s.tolist()
+    angular = report.angular_vel_of_body_in_world_rad_s.tolist()
     ground = (*position[:2], position[2] - simulation.body.height_m())
     return Snapshot(
         robot_stamp_ns=clock.stamp_ns(report.elapsed_ns),

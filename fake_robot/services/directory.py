@@ -41,7 +41,6 @@ _OWN = {
     "world-objects": ("WorldObjectService", "world-objects"),
 }
 """Type and authority by name."""
-"""Type and authority by name."""
 _LISTED_ONLY = {
     # Every robot lists these, so programs make clients of them at start; most calls to them are UNIMPLEMENTED here.
     "auto-return": ("auto_return.AutoReturnService", "auto-return"),

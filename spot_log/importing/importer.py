@@ -46,7 +46,7 @@ class Imported:
     """What probably is not as the mapping says; the log repeats it."""
 
 
-def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -> Imported:
+def import_log(mapping: Mapping, source: Path, result: Path) -> Imported:
     """Write the recording ``source`` as the log ``result``.
 
     Raises:
@@ -63,7 +63,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
         raise BadInputError(f"{source} is not what the mapping says: {'; '.join(certain)}; {more}")
     records = [*_doubted(recording, doubts), *records_of(recording)]
     header = RunHeader(
-        run_id=run_id or source.stem,
+        run_id=source.stem,
         started_host_stamp_ns=int(recording.stamps_ns[0]),
         robot_id=mapping.robot,
         adapter="import",

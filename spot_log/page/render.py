@@ -101,7 +101,7 @@ def _table(t: s.Table) -> str:
     return f"<table{' class=many' if is_many else ''}>{''.join(lines)}</table>"
 
 
-def _cell(value: s.Words, name: str = "") -> str:
+def _cell(value: s.Words, name: str) -> str:
     head = f' data-head="{esc(name)}"' if name else ""
     if isinstance(value, bool) or not isinstance(value, (int, float, type(None))):
         return f"<td{head}>{_words(value)}</td>"
