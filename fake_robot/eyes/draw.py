@@ -40,14 +40,9 @@ class Scene:
         self._renderer(64, 48).render()
 
     def draw(self, position: NDArray[np.float64], view: CameraView) -> NDArray[Any]:
-        """What a camera sees.
+        """What a camera sees, shape (rows, cols): grey from 0 to 255, or mm of depth, 0 where nothing is near enough.
 
-        Args:
-            position: The body's place (m) and attitude (wxyz) in the world, then the joints (rad); shape (19,).
-            view: The camera.
-
-        Returns:
-            Shape (rows, cols): grey from 0 to 255, or millimetres of depth, 0 where nothing is near enough.
+        ``position`` is the body's place (m) and attitude (wxyz) in the world, then the joints (rad); shape (19,).
         """
         model, data, mujoco = self._model, self._data, self._mujoco
         model.cam_pos[0], model.cam_fovy[0] = view.position_in_body_m, np.degrees(view.field_of_view_y_rad)

@@ -48,12 +48,8 @@ def ensure_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> Ser
     """Load the certificates in ``folder``, or make them where there are none or they no longer serve.
 
     A robot that runs keeps those that it began with. So new ones name what the old ones named, and the file that
-    clients trust keeps the authority before.
-
-    Args:
-        folder: Made with mode 0700 if missing. Keys get mode 0600. The authority's own key is never stored.
-        addresses: IP addresses or host names that the leaf must name beside ``*.spot.robot``, ``localhost`` and
-            ``127.0.0.1``.
+    clients trust keeps the authority before. The folder is made with mode 0700, keys with 0600; the authority's own key
+    is never stored. ``addresses`` are what the leaf must name beside ``*.spot.robot``, ``localhost`` and ``127.0.0.1``.
 
     Raises:
         CertificateError: The folder or a file cannot be written or read; the message names it.

@@ -47,12 +47,8 @@ _HEIGHT, _ROLL, _PITCH = range(3)
 class Walker:
     """Steps a policy along a plan. Times are nanoseconds of robot time since the start.
 
-    Args:
-        policy_path: The policy's file; the built-in *walk* if None.
-        report: The robot's newest report.
-        ground_pose: Where the body is in odom.
-        stamp_ns: Turns a time into a stamp of the robot's clock, as plans bear them.
-        stand_height_m: Height of the nominal stand.
+    Without a file, the policy is the built-in *walk*. ``report`` gives the robot's newest report, ``ground_pose`` where
+    the body is in odom; ``stamp_ns`` turns a time into a stamp of the robot's clock, as plans bear them.
     """
 
     def __init__(

@@ -176,10 +176,8 @@ class Supervisor:
     def steer(self, request: run_link_pb2.ToRun, identity: str, name: str) -> None:
         """Pass a velocity on; no answer is waited for.
 
-        Args:
-            request: The velocity.
-            identity: Who steers, by certificate or user; whoever steers keeps others out.
-            name: What they call themselves, which tells two of one identity apart.
+        Whoever steers keeps others out; ``identity`` is the certificate or user, ``name`` what they call themselves,
+        which tells two of one identity apart.
 
         Raises:
             Refusal: The policy is not in full control, or somebody else steers.
