@@ -36,12 +36,9 @@ class FakeSpot:
     """Variables with which an unmodified program, started as a process, trusts and opens the fake."""
 
     def sdk_robot(self, *service_clients: type, client_name: str = "test", is_authenticated: bool = True) -> Any:
-        """A ``bosdyn.client.robot.Robot``, logged in.
+        """A ``bosdyn.client.robot.Robot``, logged in unless told otherwise, under this client's name.
 
-        Args:
-            service_clients: Client classes to register beside the SDK's defaults, say ``RobotStateStreamingClient``.
-            client_name: Name under which the client appears at the robot.
-            is_authenticated: Whether to log in.
+        The client classes, say ``RobotStateStreamingClient``, are registered beside the SDK's defaults.
         """
         from bosdyn.client.sdk import create_standard_sdk
 
@@ -56,10 +53,11 @@ class FakeSpot:
         """A stub of the admin service: ``with fake_spot.admin() as admin: admin.GetTruth(...)``."""
         import grpc
 
-        from spot_protos import fake_admin_pb2_grpc
+        from spot_protos import fake_admin_pb2
+        from spot_protos.stub import stub
 
         with grpc.insecure_channel(self.admin_target) as channel:
-            yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+            yield stub(channel, fake_admin_pb2)
 
     def run_program(self, words: Sequence[str], *, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
         """Run an unmodified program against this robot; every word ``HOST`` becomes the host argument.
@@ -83,10 +81,8 @@ def running_fake_spot(
 ) -> Iterator[FakeSpot]:
     """Run a fake robot in a process of its own while the block runs.
 
-    Args:
-        scenario: A scenario file, the name of a shipped one, or the keys of one.
-        lock_step: Robot time advances only through the admin service.
-        state_folder: Where certificates and password are kept; one a user if None.
+    ``scenario`` is a file, the name of a shipped one, or the keys of one; in lock-step, robot time advances only by
+    the admin service. Without a ``state_folder``, a user's certificates and password are kept in one.
 
     Raises:
         FakeProcessError: It did not come up; the message holds what it said.

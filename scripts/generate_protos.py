@@ -1,13 +1,12 @@
 """Generate spot_protos/ from protos/, or check that what is committed is what would be generated.
 
-python scripts/generate_protos.py            write spot_protos/*_pb2.py, *.pyi and, for services, *_pb2_grpc.py
+python scripts/generate_protos.py            write spot_protos/*_pb2.py and *.pyi
 python scripts/generate_protos.py --check    write nothing; exit 1 and name the files that differ
 """
 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import tempfile
 from importlib.resources import files
@@ -19,7 +18,6 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 PROTO_ROOT = REPOSITORY / "protos"
 PACKAGE = "spot_protos"
 GENERATED = "*_pb2*.py*"
-SERVICE = re.compile(r"^service\s", re.MULTILINE)
 
 
 def generate(out: Path) -> None:
@@ -28,8 +26,6 @@ def generate(out: Path) -> None:
     well_known = str(files("grpc_tools") / "_proto")
     for proto in sorted((PROTO_ROOT / PACKAGE).glob("*.proto")):
         arguments = ["protoc", f"-I{PROTO_ROOT}", f"-I{well_known}", f"--python_out={out}", f"--pyi_out={out}"]
-        if SERVICE.search(proto.read_text(encoding="utf-8")):
-            arguments.append(f"--grpc_python_out={out}")
         if protoc.main([*arguments, str(proto)]) != 0:
             raise SystemExit(f"protoc refused {proto.relative_to(REPOSITORY)}; its message stands above")
 

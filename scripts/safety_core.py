@@ -8,11 +8,7 @@ _CAUSES = "tests/spot_runtime/test_causes.py"
 _MODES = "tests/spot_runtime/test_modes_and_stops.py"
 _SET_POINT = "tests/spot_runtime/test_set_point.py"
 
-_SIGNALS = (
-    _SIGNAL_BOUNDS,
-    "tests/spot_runtime/test_signal_memories.py",
-    "tests/spot_runtime/test_signals.py",
-)
+_SIGNALS = (_SIGNAL_BOUNDS, "tests/spot_runtime/test_signal_memories.py", "tests/spot_runtime/test_signals.py")
 _ANSWERS = "tests/spot_runtime/test_answers.py"
 _HOLD = "tests/spot_runtime/test_hold.py"
 _STANCE = "tests/spot_runtime/test_stance.py"

@@ -25,7 +25,8 @@ from typing import Any
 import grpc
 
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 INSIDE = "SPOT_RL_TRY_SYSTEMD_INSIDE"
@@ -129,10 +130,10 @@ def files(root: Path) -> set[str]:
 
 
 @contextlib.contextmanager
-def robot(folder: Path) -> Iterator[tuple[FakeAddress, fake_admin_pb2_grpc.FakeAdminStub]]:
+def robot(folder: Path) -> Iterator[tuple[FakeAddress, Any]]:
     """A fake robot outside the container, on the loopback of this network namespace."""
     with FakeProcess(fifo_priority=30, state_dir=folder) as fake, grpc.insecure_channel(fake.address.admin) as channel:
-        yield fake.address, fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield fake.address, stub(channel, fake_admin_pb2)
 
 
 def wait_for(is_so: Callable[[], bool], what: str) -> float:

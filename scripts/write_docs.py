@@ -42,10 +42,7 @@ EVERYWHERE = ("help", "install_completion", "show_completion")
 
 def commands_page() -> str:
     """Every command with its arguments and options."""
-    parts = [
-        "# Commands\n",
-        f"{NOTE}[Exit codes](stops.md) are the same for all commands.\n",
-    ]
+    parts = ["# Commands\n", f"{NOTE}[Exit codes](stops.md) are the same for all commands.\n"]
     for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda e: e.name):
         if entry.value.startswith(("spot_", "fake_robot", "trainer", "diagnosis", "compare", "proof", "withheld")):
             for words, command in walk(f"spot-rl {entry.name.replace('.', ' ')}", click_command(load_command(entry))):

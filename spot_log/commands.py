@@ -13,12 +13,12 @@ from spot_model.text import plain, plain_lines
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 
-LogFile = Annotated[Path, typer.Argument(help="A log: *.mcap, or *.mcap.active after a crash.", metavar="LOG")]
+LogArgument = Annotated[Path, typer.Argument(help="A log: *.mcap, or *.mcap.active after a crash.", metavar="LOG")]
 
 
 @app.command()
 def info(
-    file: LogFile,
+    file: LogArgument,
     everything: Annotated[
         bool,
         typer.Option(
@@ -42,7 +42,7 @@ def info(
 
 @app.command()
 def export(
-    file: LogFile,
+    file: LogArgument,
     out: Annotated[Path, typer.Option("--out", help="Folder for the tables, or the bag; nothing is overwritten.")],
     file_format: Annotated[str, typer.Option("--format", help="parquet, csv, or rosbag2.")] = "parquet",
     topics: Annotated[
@@ -67,8 +67,7 @@ def export(
 
 @app.command()
 def recover(
-    file: LogFile,
-    out: Annotated[Path, typer.Option("--out", help="Name of the repaired log; never overwritten.")],
+    file: LogArgument, out: Annotated[Path, typer.Option("--out", help="Name of the repaired log; never overwritten.")]
 ) -> None:
     """Repair a cut or damaged log, and report what is lost."""
     from spot_log.read.recover import recover_log
@@ -115,8 +114,7 @@ def import_recording(
 
 @app.command()
 def report(
-    file: LogFile,
-    out: Annotated[Path, typer.Option("--out", help="Name of the HTML page; never overwritten.")],
+    file: LogArgument, out: Annotated[Path, typer.Option("--out", help="Name of the HTML page; never overwritten.")]
 ) -> None:
     """Draw a log: one HTML page that opens from disk, without a network."""
     from spot_log.page.page import write_page

@@ -26,11 +26,7 @@ def admission(config: ServiceConfig, policy: Path) -> Callable[[str], None]:
 
 
 def check_allowed(policy: Path, sha256: str, allowed_sha256: tuple[str, ...]) -> None:
-    """Refuse a policy whose digest is not on the configuration's list, where there is one.
-
-    Raises:
-        PolicyError: It is not; the message names its digest.
-    """
+    """Refuse a policy whose digest is not on the configuration's list, where there is one. Raises PolicyError."""
     if allowed_sha256 and sha256 not in allowed_sha256:
         raise PolicyError(
             f"policy {policy} has the digest {sha256}, which is not among the {len(allowed_sha256)} of "

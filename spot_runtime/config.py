@@ -193,11 +193,7 @@ def for_lock_step(config: RunConfig) -> RunConfig:
 
 
 def load_config(path: Path) -> RunConfig:
-    """Read a configuration from YAML.
-
-    Raises:
-        BadInputError: The file cannot be read or holds a key or value that is not allowed; the message names it.
-    """
+    """Read a configuration from YAML. Raises BadInputError."""
     content = read_yaml(path, "configuration")
     try:
         # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.

@@ -58,10 +58,7 @@ class StopReason(Enum):
         Reaction.HAND_BACK, 15, "no guardian watches over this program", "check this computer, then start again"
     )
     PROCESS_PAUSED = StopRule(
-        Reaction.DAMP,
-        16,
-        "this process did not run",
-        "see what stopped it: a signal, a debugger, a sleeping computer",
+        Reaction.DAMP, 16, "this process did not run", "see what stopped it: a signal, a debugger, a sleeping computer"
     )
     STATE_STALE = StopRule(
         Reaction.DAMP,

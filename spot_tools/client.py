@@ -16,7 +16,8 @@ from typing_extensions import Self
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.yaml_text import FileTooLargeError, read_at_most
 from spot_model.text import plain
-from spot_protos import operator_pb2_grpc
+from spot_protos import operator_pb2
+from spot_protos.stub import stub
 from spot_runtime.causes import refusal, shortage
 from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, user_socket
 
@@ -100,10 +101,7 @@ class OperatorClient:
     def call(self, name: str, request: Any, timeout_s: float | None = None) -> Any:
         """One call; stop, damp and attend are tried again until the time is over, each time on a new connection.
 
-        Args:
-            name: Of the method.
-            request: Its message.
-            timeout_s: Until when it is answered; None: :data:`INSIST_S` for those, :data:`TIMEOUT_S` for the others.
+        Without a time, those take :data:`INSIST_S`, and the others :data:`TIMEOUT_S`.
 
         Raises:
             RefusedError: The service refused.
@@ -112,14 +110,16 @@ class OperatorClient:
         if name in INSISTED_ON:
             return self._insist(name, request, timeout_s or INSIST_S)
         try:
-            return plain_message(getattr(_stub(self._channel), name)(request, timeout=timeout_s or TIMEOUT_S))
+            return plain_message(
+                getattr(stub(self._channel, operator_pb2), name)(request, timeout=timeout_s or TIMEOUT_S)
+            )
         except grpc.RpcError as error:
             raise self._explain(error) from None
 
     def stream(self, name: str, request: Any) -> Any:
         """One call that answers again and again. Raises as :meth:`call` does."""
         try:
-            yield from map(plain_message, getattr(_stub(self._channel), name)(request))
+            yield from map(plain_message, getattr(stub(self._channel, operator_pb2), name)(request))
         except grpc.RpcError as error:
             raise self._explain(error) from None
 
@@ -130,7 +130,9 @@ class OperatorClient:
             while True:
                 left_s = until_s - time.monotonic()
                 try:
-                    return plain_message(getattr(_stub(channel), name)(request, timeout=min(try_s, left_s)))
+                    return plain_message(
+                        getattr(stub(channel, operator_pb2), name)(request, timeout=min(try_s, left_s))
+                    )
                 except grpc.RpcError as error:
                     is_silent = error.code() is grpc.StatusCode.DEADLINE_EXCEEDED
                     told = told if is_silent and told else self._explain(error)
@@ -156,10 +158,6 @@ class OperatorClient:
                 f"address with --address or {ADDRESS_VARIABLE}"
             )
         return RefusedError(words or str(code))
-
-
-def _stub(channel: grpc.Channel) -> Any:
-    return operator_pb2_grpc.OperatorStub(channel)  # type: ignore[no-untyped-call]
 
 
 def plain_message(message: Any) -> Any:

@@ -17,8 +17,6 @@ from spot_runtime.config import RunConfig
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNoteError, NoteHeldError, note_folder
 from spot_tools.checks import DoctorCheck, Finding, fail, ok, skipped, warn
 
-PYTHON_LOW: Final = (3, 10)
-PYTHON_HIGH: Final = (3, 12)
 MACHINES: Final = ("x86_64", "aarch64")
 GB: Final = 1e9
 DISK_FAIL_GB: Final = 1.0
@@ -26,7 +24,6 @@ DISK_WARN_GB: Final = 10.0
 """A raw log takes about 1 GB an hour."""
 
 _PIN: Final = re.compile(r"^([A-Za-z0-9_.-]+)==([^ ;]+)(.*)$")
-_GOVERNORS: Final = "sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor"
 
 
 class Host:
@@ -124,9 +121,9 @@ def python(host: Host) -> Finding:
     """The interpreter is one that the runtime is made for."""
     version, machine = host.python_version(), host.machine()
     found = f"Python {'.'.join(map(str, version))} on {machine}"
-    if version[:2] < PYTHON_LOW:
+    if version[:2] < (3, 10):
         return fail(found, "install Python 3.10, 3.11 or 3.12")
-    if version[:2] > PYTHON_HIGH:
+    if version[:2] > (3, 12):
         return warn(found, "the runtime is made for Python 3.10 to 3.12; use one of those")
     if machine not in MACHINES:
         return warn(found, f"the wheels are checked for {' and '.join(MACHINES)} only")
@@ -180,7 +177,7 @@ def policy_file(path: Path | None) -> Finding:
 
 def cpu_governor(host: Host) -> Finding:
     """No CPU sleeps its way down: a governor that saves power adds milliseconds of lateness."""
-    governors = host.texts(_GOVERNORS)
+    governors = host.texts("sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor")
     if not governors:
         return skipped("this kernel has no frequency governors (a virtual machine?)")
     slow = sorted({text for text in governors.values() if text != "performance"})

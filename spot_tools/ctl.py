@@ -172,9 +172,7 @@ def drive(
 
 @app.command("switch-policy")
 def switch_policy(
-    context: typer.Context,
-    policy: Annotated[str, typer.Argument(help="Name of the policy.")],
-    sha256: Sha256 = "",
+    context: typer.Context, policy: Annotated[str, typer.Argument(help="Name of the policy.")], sha256: Sha256 = ""
 ) -> None:
     """Load another policy while the vendor's controller stands."""
     _ask(context, "SwitchPolicy", operator_pb2.SwitchPolicyRequest(policy=policy, sha256=sha256))

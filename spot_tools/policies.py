@@ -31,13 +31,9 @@ def card(
     evaluation: Annotated[Path, typer.Argument(help="evaluation.json of 'spot-rl evaluate' of that file.")],
     about: Annotated[str, typer.Option(help="Description in one line.")] = "",
     gait: Annotated[str, typer.Option(help="Its gait: trot, bound, ...")] = "",
-    tried_on: Annotated[
-        list[str] | None,
-        typer.Option(help="Robot or ground that it walked on; repeatable."),
-    ] = None,
+    tried_on: Annotated[list[str] | None, typer.Option(help="Robot or ground that it walked on; repeatable.")] = None,
     not_tried_on: Annotated[
-        list[str] | None,
-        typer.Option(help="Robot or ground that it was not tried on; repeatable."),
+        list[str] | None, typer.Option(help="Robot or ground that it was not tried on; repeatable.")
     ] = None,
 ) -> None:
     """Write a policy's card beside it, with the figures of its evaluation."""
@@ -94,8 +90,7 @@ def sign(
 
 
 def verify(
-    policy: PolicyArgument,
-    public_key: Annotated[Path, typer.Option(help="PEM file of the keys that are trusted.")],
+    policy: PolicyArgument, public_key: Annotated[Path, typer.Option(help="PEM file of the keys that are trusted.")]
 ) -> None:
     """Check a policy's signature; exit code 3 if it is not valid."""
     from spot_model.policy.policy import load_policy

@@ -43,12 +43,7 @@ class ReplayHal:
     """Plays states as fast as they are asked for."""
 
     def __init__(self, states: Sequence[RobotState], sink: LogSink, *, robot_id: str = "") -> None:
-        """Take recorded states, oldest first.
-
-        Args:
-            states: At least one.
-            sink: Takes every state that is played.
-            robot_id: Whose states these are.
+        """Take recorded states, oldest first; the sink takes every state that is played.
 
         Raises:
             BadInputError: There is no state.

@@ -17,30 +17,18 @@ from bosdyn.client.license import LicenseClient
 from bosdyn.client.robot_state import RobotStateClient
 
 from spot_runtime.config import RobotConfig, RunConfig
-from spot_runtime.hal.address import (
-    TLS_NAME,
-    Address,
-    connect,
-    explain_no_connection,
-    parse_address,
-)
+from spot_runtime.hal.address import TLS_NAME, Address, connect, explain_no_connection, parse_address
 from spot_runtime.hal.credentials import trusted_certificates
 from spot_runtime.hal.errors import HalError, NoServiceError
 from spot_runtime.hal.spot.arm import polled_arm_rad, refuse_arm_out
 from spot_runtime.hal.spot.estop import is_alive
 from spot_runtime.hal.spot.session import RobotCalls
-from spot_runtime.hal.spot.slow_state import (
-    charge_percent,
-    pressed_estops,
-    reporting_battery,
-    slow_state_from_message,
-)
+from spot_runtime.hal.spot.slow_state import charge_percent, pressed_estops, reporting_battery, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import enum_word
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
 from spot_tools.checks import CheckResult, DoctorCheck, Finding, fail, ok, skipped, warn
 
-PROBES: Final = 10
 LATENCY_WARN_S: Final = 0.005
 LATENCY_FAIL_S: Final = 0.030
 """A command is void 50 ms after it was sent, a state is too old after 40 ms: little may be spent on the way."""
@@ -78,7 +66,7 @@ class RobotDoctor:
         """The address is one, and TCP connections are taken there, soon."""
         address, robot = parse_address(self._text), self._config.robot
         round_trips_s, local = [], ""
-        for _ in range(PROBES):
+        for _ in range(10):
             begin_s = time.perf_counter()
             try:
                 with connect(address, robot.rpc_timeout_s) as connection:

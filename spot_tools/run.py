@@ -67,8 +67,7 @@ def run(
     from spot_runtime.host.service_manager import ServiceManager
     from spot_runtime.rescue.guarded import guarded
     from spot_runtime.session.labels import parse_labels
-    from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start
-    from spot_runtime.session.run import run as run_once
+    from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start, run_once
     from spot_tools.sources import JointScriptSource
 
     if summary_json is not None:

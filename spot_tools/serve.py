@@ -35,16 +35,14 @@ def serve(
         typer.Option(help="Folder of the policies that may be armed, by name; else ./policies, or the built-in ones."),
     ] = None,
     listen: Annotated[
-        str | None,
-        typer.Option(help="unix:/path or HOST:PORT; other hosts need the configuration's tls_ files."),
+        str | None, typer.Option(help="unix:/path or HOST:PORT; other hosts need the configuration's tls_ files.")
     ] = None,
     config: ConfigFile = None,
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,
     log_dir: Annotated[Path | None, typer.Option(help="Folder of the logs.")] = None,
     live_port: Annotated[
-        int | None,
-        typer.Option(min=1, max=65535, help="Also show the run live in Foxglove, on this local port."),
+        int | None, typer.Option(min=1, max=65535, help="Also show the run live in Foxglove, on this local port.")
     ] = None,
     lock_step: LockStepAddress = None,
 ) -> None:

@@ -114,11 +114,7 @@ class TerminalKeys:
     """Keys of the controlling terminal as they are pressed, without echo."""
 
     def __init__(self) -> None:
-        """Switch the terminal; :meth:`close` switches it back.
-
-        Raises:
-            BadInputError: Standard input is not a terminal.
-        """
+        """Switch the terminal; :meth:`close` switches it back. Raises BadInputError."""
         if not sys.stdin.isatty():
             raise BadInputError("--keyboard needs a terminal, and standard input is none; use --sequence instead")
         self._descriptor = sys.stdin.fileno()
@@ -204,11 +200,7 @@ class PygamePad:
     """A gamepad through pygame, which is an optional extra."""
 
     def __init__(self, index: int) -> None:
-        """Open the pad.
-
-        Raises:
-            BadInputError: pygame is not installed, or there is no such pad.
-        """
+        """Open the pad. Raises BadInputError: pygame is not installed, or there is no such pad."""
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             import pygame

@@ -217,10 +217,8 @@ def test_a_fault_is_one_file(monkeypatch: pytest.MonkeyPatch) -> None:
 
     before = dict(fault.FAULTS)
 
-    class ThrownAway(fault.Fault):
+    class ThrownAway(fault.Fault, name="thrown_away"):
         """A class with a name is a fault."""
-
-        name = "thrown_away"
 
     try:
         assert make_fault("thrown_away", {}) == ThrownAway()

@@ -36,12 +36,9 @@ class Arm:
         self._hold_rad = self.position_rad.copy()
 
     def step(self, legs: ServoCommand | None, command: ServoCommand | None, dt_s: float) -> None:
-        """One physics step.
+        """One physics step. Where what the legs follow is damped, or None for want of power, the arm is so, too.
 
-        Args:
-            legs: What the legs' servos follow; None without power. Where they are damped, the arm is.
-            command: What joint control asks of the arm, arrays of shape (1, 7); without it, it is held where it is.
-            dt_s: Its length.
+        ``command`` is what joint control asks of the arm, arrays of shape (1, 7); without it, it is held where it is.
         """
         if legs is None:
             self.velocity_rad_s, self.torque_nm = np.zeros(N_ARM_JOINTS), np.zeros(N_ARM_JOINTS)

@@ -14,7 +14,6 @@ from spot_model.robot.facts import Array
 _J_PER_WH = 3600.0
 _AVERAGE_S = 0.05
 """Voltage and current are reported as running means over about this time."""
-_STEPS_PER_HEATING = 32
 
 
 class Energy:
@@ -43,7 +42,7 @@ class Energy:
             power += battery.motors_on_power_w + mechanical + float(self._loss @ squares)
             self._squares += squares
         self._n_steps += 1
-        if self._n_steps == _STEPS_PER_HEATING:
+        if self._n_steps == 32:
             self._heat(dt_s)
         self.power_w = power
         self._discharge(power, dt_s)

@@ -48,7 +48,6 @@ class Frame:
 
 IMU_PACKETS = 3
 IMU_PERIOD_NS = 1_000_000
-_NOISE_BLOCK = 256
 _JOINTS, _BODY = slice(0, 3 * N_JOINTS), slice(3 * N_JOINTS, 3 * N_JOINTS + 9)
 _IMU = slice(3 * N_JOINTS + 9, 3 * N_JOINTS + 9 + 6 * IMU_PACKETS)
 _WIDTH = _IMU.stop
@@ -141,7 +140,7 @@ class Sensing:
 
     def _next_noise(self) -> Array:
         if self._row == len(self._noise):
-            self._noise = self._rng.standard_normal((_NOISE_BLOCK, _WIDTH)) * self._sigma
+            self._noise = self._rng.standard_normal((256, _WIDTH)) * self._sigma
             self._row = 0
         row: Array = self._noise[self._row]
         self._row += 1

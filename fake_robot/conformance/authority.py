@@ -20,10 +20,7 @@ _USED = "lease_use_result.status"
 _NO_SUCH, _NO_NUMBER = "no-such-thing", 0xFFFFFFF0
 OF_BEFORE = lease_pb2.Lease(resource="body", epoch="no-such-epoch", sequence=[1])
 _OF_NOTHING = lease_pb2.Lease(resource=_NO_SUCH, epoch="e", sequence=[1])
-_A_FAULT = {"fault_name": _NO_SUCH, "service_name": _NO_SUCH}
 _TAKEN = {"name": "robot-state", "type": "bosdyn.api.RobotStateService", "authority": "robot-state.spot.robot"}
-_ENDPOINT = {"name": "conformance", "role": "PDB_rooted"}
-_DELETION = {"action": "ACTION_DELETE", "object": {"id": 0x7FFFFFF0}}
 
 
 def _row(
@@ -276,18 +273,18 @@ ROWS = (
     _row("estop_wrong_config", "estop.SetEstopConfig", "an unknown target", "STATUS_INVALID_ID",
          target_config_id=_NO_SUCH),
     _row("estop_register_elsewhere", "estop.RegisterEstopEndpoint", "an unknown target", "STATUS_CONFIG_MISMATCH",
-         target_config_id=_NO_SUCH, new_endpoint=_ENDPOINT),
+         target_config_id=_NO_SUCH, new_endpoint={"name": "conformance", "role": "PDB_rooted"}),
     _row("keepalive_unknown_policy", "keepalive.CheckIn", "an unknown number", "STATUS_INVALID_POLICY_ID",
          policy_id=_NO_NUMBER),
     _guess("feedback_of_nothing", "robot-command.RobotCommandFeedback", "an unknown number",
            robot_command_id=_NO_NUMBER),
     _guess("unknown_link", "robot-state.GetRobotLinkModel", "an unknown link", link_name=_NO_SUCH),
     _row("clear_unknown_fault", "fault.ClearServiceFault", "a fault that is not active", "STATUS_FAULT_NOT_ACTIVE",
-         fault_id=_A_FAULT),
+         fault_id={"fault_name": _NO_SUCH, "service_name": _NO_SUCH}),
     _row("unknown_camera", "image.GetImage", "an unknown camera", "STATUS_UNKNOWN_CAMERA", "image_responses.0.status",
          image_requests=[{"image_source_name": _NO_SUCH}]),
     _row("delete_unknown_object", "world-objects.MutateWorldObjects", "an unknown number", "STATUS_INVALID_MUTATION_ID",
-         mutation=_DELETION),
+         mutation={"action": "ACTION_DELETE", "object": {"id": 0x7FFFFFF0}}),
     _row("no_mission", "robot-mission.GetState", "no mission loaded", "STATUS_NONE", "state.status"),
 )
 # fmt: on

@@ -165,9 +165,6 @@ def stream_command_ends(server: Server) -> str:
 
 
 _PROTO = "robot_command.proto"
-_BASIC = "basic_command.proto"
-FAR_S = 1e7
-"""An end time that far ahead cannot be meant."""
 
 
 def _refused(server: Server, command: Any, *expects: str, **keywords: Any) -> str:
@@ -252,7 +249,8 @@ REFUSALS = (
     _refusal("joint_control_without_power", "joint_request", "motors off", _JOINTS, _UNPOWERED),
     _refusal("expired_command", _END, "an end time that has passed", _AT_REST, _EXPIRED, end_s=-1.0),
     _refusal("distant_command", _END, "an end time months ahead", _AT_REST, "STATUS_TOO_DISTANT",
-             end_s=FAR_S, switch="services.max_command_duration_s"),
+             # An end time that far ahead cannot be meant.
+             end_s=1e7, switch="services.max_command_duration_s"),
     _refusal("command_without_end", _END, "none; the proto names no status", _AT_REST, _EXPIRED, _INVALID,
              end_s=None, switch="services.missing_end_time_refusal"),
     _refusal("unknown_frame", _FRAME, "a velocity in an unknown frame", _NOWHERE, "STATUS_UNKNOWN_FRAME"),
@@ -288,7 +286,7 @@ def _answered(name: str, rpc: str, sends: str, expects: str, basis: Basis = Basi
         session = server.once(drive)
         return session.got(session.told, name)
 
-    return ConformanceCheck(name, rpc, sends, (expects,), basis, _BASIC, Needs.MOTION, "", probe)
+    return ConformanceCheck(name, rpc, sends, (expects,), basis, "basic_command.proto", Needs.MOTION, "", probe)
 
 
 # fmt: off

@@ -23,7 +23,6 @@ from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
 
 _STREAM, _POLL, _PROTO = "GetRobotStateStream", "RobotState.GetRobotState", "robot_state.proto"
-_STILL_RAD_S = 0.2
 _NEAR_RAD, _NEAR_M, _NEAR_NM, _NEAR_RAD_S, _NEAR_M_S = 0.1, 0.1, 10.0, 0.4, 0.15
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
 _PIECE_S = {"position": 0.5, "turn": 0.2, "joint": 0.1}
@@ -160,7 +159,7 @@ def stream_agrees_with_poll(recording: RecordedPart) -> str:
     """Each polled state is the stream's at the same time: joints in the SDK's order, contacts, body, velocities."""
     one, other = recording.streamed, recording.polled
     at = np.abs(one.stamps_s[None, :] - other.stamps_s[:, None]).argmin(axis=1)
-    is_still = bool(np.median(np.abs(one.velocity_rad_s).max(axis=1)) < _STILL_RAD_S)
+    is_still = bool(np.median(np.abs(one.velocity_rad_s).max(axis=1)) < 0.2)
     for what, a, b, near in (
         ("position, rad", one.position_rad[at], other.position_rad, _NEAR_RAD),
         ("velocity, rad/s", one.velocity_rad_s[at], other.velocity_rad_s, _NEAR_RAD_S),

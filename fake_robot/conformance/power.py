@@ -33,7 +33,6 @@ CONTROLLED_OFF_S = 15.0
 _UNPOWERED = "STATUS_NOT_POWERED_ON"
 _CARRIES = 0.3
 """Share of its weight that the legs of a robot which stands carry at least; those of one on its belly carry nothing."""
-_TIMED = {"se2_velocity_request", "se2_trajectory_request", "stance_request"}
 CALL_ERRORS = (grpc.RpcError, OpenError, SkippedError)
 """What a call may raise."""
 
@@ -64,7 +63,7 @@ def send(
     sent.CopyFrom(command)
     mobility = sent.synchronized_command.mobility_command
     field = mobility.WhichOneof("command")
-    if end_s is not None and field in _TIMED:
+    if end_s is not None and field in {"se2_velocity_request", "se2_trajectory_request", "stance_request"}:
         getattr(mobility, field).end_time.CopyFrom(server.robot_stamp(end_s))
     identifier = server.sync.clock_identifier if clock is None else clock
     return server.ask("robot-command", "RobotCommand", lease=lease, command=sent, clock_identifier=identifier)
@@ -157,12 +156,7 @@ def wait_for(ask: Callable[[], Made], is_done: Callable[[Made], bool], timeout_s
 def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
     """Have the robot sit down and switch its motors off; where it does not, switch them off as they are.
 
-    Args:
-        server: The robot.
-        held_lease: The lease, if it is held already; otherwise it is acquired.
-
-    Returns:
-        What became of it, in words.
+    The lease is acquired unless it is held already. Returns what became of it, in words.
     """
 
     def has_none() -> bool:

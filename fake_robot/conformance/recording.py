@@ -159,11 +159,7 @@ class Recorder:
             thread.join()
 
     def mark(self) -> tuple[int, int]:
-        """Where the recording is now.
-
-        Raises:
-            grpc.RpcError: The stream or a poll failed.
-        """
+        """Where the recording is now. Raises grpc.RpcError: the stream or a poll failed."""
         if self._error is not None:
             raise self._error
         return len(self.states), len(self.polls)

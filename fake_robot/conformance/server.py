@@ -43,7 +43,6 @@ CLIENT_NAME = f"spot-rl-conformance-{secrets.token_hex(4)}"
 RPC_TIMEOUT_S = 10.0
 FEATURE = "joint_control"
 """The licence's name of joint control."""
-_MAX_ROUND_TRIPS = 25
 # fmt: off
 SERVICES = {
     service.full_name: {method.name: method for method in service.methods}
@@ -104,12 +103,7 @@ class Sync(NamedTuple):
 
 
 class Server:
-    """One server, logged in.
-
-    Args:
-        robot: Authenticated.
-        stranger: The same host, not logged in.
-    """
+    """One server, logged in; ``stranger`` is the same host, not logged in."""
 
     def __init__(self, robot: Robot, stranger: Robot) -> None:
         self.robot, self.stranger = robot, stranger
@@ -179,7 +173,7 @@ class Server:
         answers: list[time_sync_pb2.TimeSyncUpdateResponse] = []
         bounds: list[tuple[int, int]] = []
         fields: dict[str, Any] = {}
-        for _ in range(_MAX_ROUND_TRIPS):
+        for _ in range(25):
             answers.append(self.ask("time-sync", "TimeSyncUpdate", **fields))
             told = self.answered[-1]
             trip = time_sync_pb2.TimeSyncRoundTrip()

@@ -55,7 +55,6 @@ VELOCITY_M_S_RAD_S = (0.3, 0.15, 0.5)
 WALK_S, STARTING_S, ENDING_S = 4.0, 1.0, 2.0
 WAY_M = 0.5
 SETTLING_S, STANDING_S = 1.0, 1.0
-_SUNK_RAD = 0.2
 _STANDING = robot_state_pb2.BehaviorState.STATE_STANDING
 
 
@@ -86,11 +85,7 @@ class MotionRecord:
 
 
 def drive(server: Server) -> MotionRecord:
-    """Do it; at the end, whatever happened, the robot sits down and its motors lose power.
-
-    Raises:
-        OpenError: The robot is e-stopped, has power already, or somebody holds the lease.
-    """
+    """Do it; at the end, whatever happened, the robot sits down and its motors lose power. Raises OpenError."""
     status = server.ask("estop", "GetEstopSystemStatus").status
     is_pressed = any(estop.state != estop.STATE_NOT_ESTOPPED for estop in server.state().estop_states)
     if is_pressed and enum_name(status, "stop_level") != "ESTOP_LEVEL_NONE":
@@ -209,7 +204,7 @@ class _Driver:
             is_silent.set()
             time.sleep(ENDING_S)
             self.record(EXPIRED, 0.5 * STANDING_S)
-            if np.abs(self._position_rad() - at_rad).max() < _SUNK_RAD:
+            if np.abs(self._position_rad() - at_rad).max() < 0.2:
                 self._begin(RobotCommandBuilder.synchro_stand_command())
         finally:
             is_silent.set()

@@ -17,7 +17,6 @@ from fake_robot.network.requests import MAX_DEPTH_M, CameraView
 from fake_robot.scenario.scenario import Scenario
 
 NICENESS = 15
-_MM_PER_M = 1000.0
 _LENS_FROM_OPENGL_WXYZ = np.array([0.0, 1.0, 0.0, 0.0])
 """OpenGL looks along -z, with y up: half a turn about x."""
 
@@ -41,14 +40,9 @@ class Scene:
         self._renderer(64, 48).render()
 
     def draw(self, position: NDArray[np.float64], view: CameraView) -> NDArray[Any]:
-        """What a camera sees.
+        """What a camera sees, shape (rows, cols): grey from 0 to 255, or mm of depth, 0 where nothing is near enough.
 
-        Args:
-            position: The body's place (m) and attitude (wxyz) in the world, then the joints (rad); shape (19,).
-            view: The camera.
-
-        Returns:
-            Shape (rows, cols): grey from 0 to 255, or millimetres of depth, 0 where nothing is near enough.
+        ``position`` is the body's place (m) and attitude (wxyz) in the world, then the joints (rad); shape (19,).
         """
         model, data, mujoco = self._model, self._data, self._mujoco
         model.cam_pos[0], model.cam_fovy[0] = view.position_in_body_m, np.degrees(view.field_of_view_y_rad)
@@ -63,7 +57,7 @@ class Scene:
         pixels = renderer.render()
         if view.is_depth:
             renderer.disable_depth_rendering()
-            return np.where(pixels <= MAX_DEPTH_M, _MM_PER_M * pixels, 0.0).astype(np.uint16)
+            return np.where(pixels <= MAX_DEPTH_M, 1000.0 * pixels, 0.0).astype(np.uint16)
         # Luma of ITU-R BT.601.
         return np.asarray(pixels @ np.array([0.299, 0.587, 0.114])).round().astype(np.uint8)
 

@@ -32,10 +32,8 @@ class _BlindError(Exception):
 class Eyes:
     """Pictures of the scene. The process that draws starts with the first one. Safe from any thread.
 
-    Args:
-        scenario: The world to draw.
-        backends: Values of ``MUJOCO_GL`` to try in turn; by default what the environment says, else :data:`BACKENDS`.
-        program: What draws: a module, or the words of a program; the number of its socket is added.
+    ``backends`` are values of ``MUJOCO_GL`` to try in turn, by default what the environment says or :data:`BACKENDS`.
+    ``program`` is what draws: a module, or the words of a program; the number of its socket is added.
     """
 
     def __init__(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -15,10 +15,9 @@ from fake_robot.scenario.parts import JointName
 from spot_model.robot.facts import JOINT_NAMES
 
 
-class LowBattery(Fault):
+class LowBattery(Fault, name="low_battery"):
     """The battery reports this state of charge."""
 
-    name: ClassVar[str] = "low_battery"
     percent: float = Field(default=3.0, ge=0.0, le=100.0, description="state of charge, %")
 
     @override
@@ -26,10 +25,8 @@ class LowBattery(Fault):
         effects.battery_percent = self.percent
 
 
-class BatteryFault(Fault):
+class BatteryFault(Fault, name="battery_fault"):
     """The battery is faulty: a critical system fault, with which the motors do not power on."""
-
-    name: ClassVar[str] = "battery_fault"
 
     @override
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
@@ -38,10 +35,9 @@ class BatteryFault(Fault):
         )
 
 
-class MotorOverTemperature(Fault):
+class MotorOverTemperature(Fault, name="motor_over_temperature"):
     """A motor reports a temperature; above the scenario's limit that is a critical system fault."""
 
-    name: ClassVar[str] = "motor_over_temperature"
     joint: JointName = Field(default="fl_kn", description=f"which: {', '.join(JOINT_NAMES)}")
     temperature_c: float = Field(default=110.0, ge=-40.0, le=500.0, description="°C")
 
@@ -50,10 +46,9 @@ class MotorOverTemperature(Fault):
         effects.motor_temperature_c[self.joint] = self.temperature_c
 
 
-class WeakMotor(Fault):
+class WeakMotor(Fault, name="weak_motor"):
     """A motor gives only part of its torque."""
 
-    name: ClassVar[str] = "weak_motor"
     joint: JointName = Field(default="fl_kn", description=f"which: {', '.join(JOINT_NAMES)}")
     gain: float = Field(default=0.0, ge=0.0, le=1.0, description="share of the torque; 0 for a dead motor")
 
@@ -62,10 +57,9 @@ class WeakMotor(Fault):
         effects.motor_gain[JOINT_NAMES.index(self.joint)] *= self.gain
 
 
-class SystemFaultRaised(Fault):
+class SystemFaultRaised(Fault, name="system_fault"):
     """A system fault of your own wording."""
 
-    name: ClassVar[str] = "system_fault"
     fault_name: str = Field(default="fake_fault", min_length=1, max_length=100, description="its name")
     message: str = Field(default="", max_length=1000, description="its message")
     severity: Literal["info", "warn", "critical"] = Field(default="warn", description="info, warn or critical")
@@ -77,10 +71,9 @@ class SystemFaultRaised(Fault):
         )
 
 
-class BehaviorFaultRaised(Fault):
+class BehaviorFaultRaised(Fault, name="behavior_fault"):
     """A behaviour fault: joint control ends, the robot sinks to the ground. It stays until a client clears it."""
 
-    name: ClassVar[str] = "behavior_fault"
     cause: Literal["fall", "hardware", "lease_timeout", "command_failure"] = Field(
         default="hardware", description="fall, hardware, lease_timeout or command_failure"
     )
@@ -90,20 +83,17 @@ class BehaviorFaultRaised(Fault):
         simulation.modes.add_behavior_fault(self.cause, "injected")
 
 
-class PowerLoss(Fault):
+class PowerLoss(Fault, name="power_loss"):
     """The motors' power is cut at once."""
-
-    name: ClassVar[str] = "power_loss"
 
     @override
     def start(self, simulation: Any) -> None:
         simulation.modes.power_off("the motors lost power")
 
 
-class Push(Fault):
+class Push(Fault, name="push"):
     """Somebody pushes the body: its velocity changes at once."""
 
-    name: ClassVar[str] = "push"
     forward_m_s: float = Field(default=0.0, ge=-10.0, le=10.0, description="along the world's x, m/s")
     left_m_s: float = Field(default=0.0, ge=-10.0, le=10.0, description="along the world's y, m/s")
     up_m_s: float = Field(default=0.0, ge=-10.0, le=10.0, description="m/s")
@@ -131,20 +121,17 @@ _SIGNALS: Final = {
 }
 
 
-class FrozenSensors(Fault):
+class FrozenSensors(Fault, name="frozen_sensors"):
     """Every measured value stays as it was; the stamps go on."""
-
-    name: ClassVar[str] = "frozen_sensors"
 
     @override
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
         effects.is_frozen = True
 
 
-class NanSensor(Fault):
+class NanSensor(Fault, name="nan_sensor"):
     """One measured signal is NaN."""
 
-    name: ClassVar[str] = "nan_sensor"
     signal: Literal[
         "position", "velocity", "load", "attitude", "body_position", "body_velocity", "body_angular_velocity", "imu"
     ] = Field(description=f"which: {', '.join(_SIGNALS)}")
@@ -154,10 +141,9 @@ class NanSensor(Fault):
         effects.nan_signals = (*effects.nan_signals, _SIGNALS[self.signal])
 
 
-class BadQuaternion(Fault):
+class BadQuaternion(Fault, name="bad_quaternion"):
     """The attitude's quaternion has not length 1."""
 
-    name: ClassVar[str] = "bad_quaternion"
     scale: float = Field(default=0.0, ge=0.0, le=100.0, description="its length; 0 for all zeros")
 
     @override

@@ -17,10 +17,11 @@ class Fault(Settings):
 
     name: ClassVar[str]
 
-    @classmethod
-    def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        if "name" in vars(cls):
-            FAULTS[cls.name] = cls
+    def __init_subclass__(cls, name: str = "", **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if name:
+            cls.name = name
+            FAULTS[name] = cls
 
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
         """Add to what is changed, as long as the fault is active."""

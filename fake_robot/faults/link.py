@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from pydantic import Field
 from typing_extensions import override
@@ -11,20 +11,17 @@ from fake_robot.body.fault_effects import FaultEffects
 from fake_robot.faults.fault import Fault
 
 
-class StateGap(Fault):
+class StateGap(Fault, name="state_gap"):
     """No state message is sent; those of this time are lost."""
-
-    name: ClassVar[str] = "state_gap"
 
     @override
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
         effects.has_state_gap = True
 
 
-class StateDelay(Fault):
+class StateDelay(Fault, name="state_delay"):
     """State messages take longer, all alike."""
 
-    name: ClassVar[str] = "state_delay"
     delay_s: float = Field(ge=0.0, le=10.0, description="added delay, s")
 
     @override
@@ -32,10 +29,9 @@ class StateDelay(Fault):
         effects.state_delay_s += self.delay_s
 
 
-class CommandDelay(Fault):
+class CommandDelay(Fault, name="command_delay"):
     """Commands take longer, all alike."""
 
-    name: ClassVar[str] = "command_delay"
     delay_s: float = Field(ge=0.0, le=10.0, description="added delay, s")
 
     @override
@@ -43,10 +39,9 @@ class CommandDelay(Fault):
         effects.command_delay_s += self.delay_s
 
 
-class StateJitter(Fault):
+class StateJitter(Fault, name="state_jitter"):
     """State messages take longer, each by its own exponential draw."""
 
-    name: ClassVar[str] = "state_jitter"
     mean_s: float = Field(ge=0.0, le=1.0, description="mean of the added delay, s")
 
     @override
@@ -54,10 +49,9 @@ class StateJitter(Fault):
         effects.state_jitter_s += self.mean_s
 
 
-class CommandJitter(Fault):
+class CommandJitter(Fault, name="command_jitter"):
     """Commands take longer, each by its own exponential draw."""
 
-    name: ClassVar[str] = "command_jitter"
     mean_s: float = Field(ge=0.0, le=1.0, description="mean of the added delay, s")
 
     @override
@@ -65,10 +59,9 @@ class CommandJitter(Fault):
         effects.command_jitter_s += self.mean_s
 
 
-class StateDrops(Fault):
+class StateDrops(Fault, name="state_drops"):
     """Some state messages are lost."""
 
-    name: ClassVar[str] = "state_drops"
     probability: float = Field(ge=0.0, le=1.0, description="share of messages")
 
     @override
@@ -76,10 +69,9 @@ class StateDrops(Fault):
         effects.state_drop_probability = 1.0 - (1.0 - effects.state_drop_probability) * (1.0 - self.probability)
 
 
-class CommandDrops(Fault):
+class CommandDrops(Fault, name="command_drops"):
     """Some commands are lost on their way."""
 
-    name: ClassVar[str] = "command_drops"
     probability: float = Field(ge=0.0, le=1.0, description="share of messages")
 
     @override
@@ -87,10 +79,9 @@ class CommandDrops(Fault):
         effects.command_drop_probability = 1.0 - (1.0 - effects.command_drop_probability) * (1.0 - self.probability)
 
 
-class DuplicatedStates(Fault):
+class DuplicatedStates(Fault, name="duplicated_states"):
     """Some state messages are sent twice."""
 
-    name: ClassVar[str] = "duplicated_states"
     probability: float = Field(default=0.2, ge=0.0, le=1.0, description="share of messages")
 
     @override
@@ -98,10 +89,9 @@ class DuplicatedStates(Fault):
         effects.duplicate_probability = max(effects.duplicate_probability, self.probability)
 
 
-class BackDatedStates(Fault):
+class BackDatedStates(Fault, name="back_dated_states"):
     """Some state messages bear the stamps of an earlier time."""
 
-    name: ClassVar[str] = "back_dated_states"
     probability: float = Field(default=0.2, ge=0.0, le=1.0, description="share of messages")
     shift_s: float = Field(default=0.03, gt=0.0, le=100.0, description="how much earlier, s")
 
@@ -110,10 +100,9 @@ class BackDatedStates(Fault):
         effects.back_date_probability, effects.back_date_s = self.probability, self.shift_s
 
 
-class MalformedStates(Fault):
+class MalformedStates(Fault, name="malformed_states"):
     """State messages arrive that are no states of this Spot: without a joint, without its arm, cut, noise, or empty."""
 
-    name: ClassVar[str] = "malformed_states"
     kind: Literal["eleven_joints", "no_arm", "cut", "noise", "empty"] = Field(
         default="eleven_joints", description="eleven_joints, no_arm, cut, noise or empty"
     )
@@ -123,10 +112,9 @@ class MalformedStates(Fault):
         effects.malformed_states = self.kind
 
 
-class ClockJump(Fault):
+class ClockJump(Fault, name="clock_jump"):
     """The robot's clock jumps; when the fault ends, it jumps back."""
 
-    name: ClassVar[str] = "clock_jump"
     jump_s: float = Field(ge=-1e6, le=1e6, description="forward, or back if negative, s")
 
     @override

@@ -22,11 +22,7 @@ __all__ = ["FAULTS", "body", "fault_kinds", "link", "make_fault", "services"]
 
 
 def make_fault(name: str, parameters: Mapping[str, Any]) -> Fault:
-    """Build a fault from its name and parameters.
-
-    Raises:
-        BadInputError: The name or a parameter is unknown, or a value is not allowed; the message says which are.
-    """
+    """Build a fault from its name and parameters. Raises BadInputError."""
     if name not in FAULTS:
         raise BadInputError(f"there is no fault {name!r}; allowed: {', '.join(sorted(FAULTS))}")
     try:
@@ -77,11 +73,7 @@ class FaultInjector:
         return tuple(sorted(everything, key=lambda kind: kind.name))
 
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
-        """Make a fault happen now; returns its number.
-
-        Raises:
-            BadInputError: No such fault or parameter, or a value that is not allowed.
-        """
+        """Make a fault happen now; returns its number. Raises BadInputError."""
         if duration_s is not None and not 0 < duration_s < 1e6:
             raise BadInputError(f"fault {name}: duration_s = {duration_s:g} is not allowed; give 0 < duration_s < 1e6")
         names = [kind.name for kind in self.kinds()]
@@ -107,11 +99,7 @@ class FaultInjector:
         return mine | dict(self._world.robot.active_faults())
 
     def clear(self, fault_ids: tuple[int, ...] = ()) -> tuple[int, ...]:
-        """End faults (all, if empty); returns the numbers of those that ended.
-
-        Raises:
-            BadInputError: A number is not that of an active fault; nothing is cleared then.
-        """
+        """End faults (all, if empty); returns the numbers of those that ended. Raises BadInputError."""
         active = self.active()
         for fault_id in fault_ids:
             if fault_id not in active:

@@ -47,9 +47,7 @@ class Expiry:
 class JointControl:
     """The streams and the command in effect. Times are nanoseconds of robot time since the start.
 
-    Args:
-        config: The policies.
-        stamp_ns: Turns such a time into a stamp of the robot's clock, as commands bear them.
+    ``stamp_ns`` turns such a time into a stamp of the robot's clock, as commands bear them.
     """
 
     def __init__(self, config: JointControlConfig, stamp_ns: Callable[[int], int]) -> None:
@@ -97,14 +95,7 @@ class JointControl:
     # Commands ---------------------------------------------------------------------------------------------------------
 
     def receive(self, stream: Stream, command: StreamedCommand, now_ns: int, position_rad: Array) -> None:
-        """A command has arrived.
-
-        Args:
-            stream: On which.
-            command: What it says.
-            now_ns: When.
-            position_rad: Measured joint positions, shape (12,).
-        """
+        """A command has arrived on a stream; measured joint positions have shape (12,)."""
         if stream.failure is not None:
             return
         self.received += 1

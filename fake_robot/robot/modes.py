@@ -12,16 +12,8 @@ from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot.facts import NS_PER_S
 
-_MOVING = (
-    Mode.STANDING_UP,
-    Mode.STANDING,
-    Mode.STEPPING,
-    Mode.SITTING_DOWN,
-    Mode.FROZEN,
-    Mode.WALKING,
-    Mode.JOINT_CONTROL,
-)
-"""Modes in which a behaviour fault lets the robot sink to the ground."""
+_DOWN = (Mode.LIMP, Mode.SITTING, Mode.RIGHTING, Mode.DAMPING)
+"""Modes in which a behaviour fault does not let the robot sink to the ground."""
 
 
 class MotionRefusedError(SpotRlError):
@@ -135,7 +127,7 @@ class Modes:
         fault = BehaviorFault(self._next_fault_id, stamp_ns, cause)
         self._next_fault_id += 1
         self.behavior_faults.append(fault)
-        if self.motor_power is MotorPower.ON and self.mode in _MOVING:
+        if self.motor_power is MotorPower.ON and self.mode not in _DOWN:
             self._motion.end_joint_control(StreamFailure(INACTIVE, f"behaviour fault {cause}: {message}".rstrip(": ")))
             self._motion.damp()
         return fault

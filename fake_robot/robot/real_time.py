@@ -11,7 +11,6 @@ from fake_robot.body.clock import RobotClock
 from fake_robot.robot.simulation import Simulation
 
 _LOGGER = logging.getLogger(__name__)
-_IDLE_S = 0.003
 
 
 class RealTimeLoop:
@@ -73,7 +72,7 @@ class RealTimeLoop:
             due_ns = arrival_ns
         wait_s = clock.host_seconds_until(due_ns)
         if wait_s > 0.0:
-            time.sleep(min(wait_s, _IDLE_S))
+            time.sleep(min(wait_s, 0.003))
         now_ns = clock.elapsed_ns()
         if now_ns < due_ns:
             return

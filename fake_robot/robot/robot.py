@@ -32,7 +32,6 @@ from spot_model.errors import BadInputError, SpotRlError
 from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS, Array
 
 _LOGGER = logging.getLogger(__name__)
-_MAX_WAIT_FOR_STATES_NS = NS_PER_S
 
 
 class TimeModeError(SpotRlError):
@@ -118,18 +117,16 @@ class Robot:
                     return
 
     def advance_states(self, count: int, max_duration_ns: int | None = None) -> None:
-        """Let robot time pass until ``count`` more states were handed over, though not for longer than a maximum.
+        """Let robot time pass until ``count`` more states were handed over, or for ``max_duration_ns``.
 
-        Args:
-            count: How many states.
-            max_duration_ns: Robot time after which to stop waiting for them; by default what they take and a second.
+        By default that is what they take and a second.
 
         Raises:
             TimeModeError: The robot runs in real time.
         """
         self._check_lock_step()
         goal = self.states_sent + count
-        longest_ns = count * STATE_PERIOD_NS + _MAX_WAIT_FOR_STATES_NS if max_duration_ns is None else max_duration_ns
+        longest_ns = count * STATE_PERIOD_NS + NS_PER_S if max_duration_ns is None else max_duration_ns
         end_ns = self._simulation.now_ns + longest_ns
         while self.states_sent < goal and self._simulation.now_ns < end_ns:
             with self._changed:
@@ -248,11 +245,7 @@ class Robot:
         return fault_kinds(of_services=False)
 
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
-        """Make a fault happen now, for a while or until it is cleared; returns its number.
-
-        Raises:
-            BadInputError: The name or a parameter is unknown, or a value is not allowed.
-        """
+        """Make a fault happen now, for a while or until it is cleared; returns its number. Raises BadInputError."""
         fault = make_fault(name, parameters)
         if isinstance(fault, ServiceFault):
             raise BadInputError(f"fault {name} is one of the services, not of the body; inject it by the admin service")

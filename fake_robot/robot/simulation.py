@@ -40,10 +40,8 @@ _STAND_FEET_M = stand_feet_m(0.5)[:, :2]
 class Simulation:
     """Everything that moves with robot time. Not thread-safe: :class:`fake_robot.robot.robot.Robot` guards it.
 
-    Args:
-        scenario: The robot.
-        clock: Is told how far robot time has been simulated.
-        deliver: Called with every state message (acquisition stamp, bytes) when it reaches the client.
+    The clock is told how far robot time has been simulated; ``deliver`` is called with every state message (acquisition
+    stamp, bytes) when it reaches the client.
     """
 
     def __init__(self, scenario: Scenario, clock: RobotClock, deliver: Callable[[int, bytes], None]) -> None:
@@ -231,9 +229,7 @@ class Simulation:
         x, y = (feet - feet.mean(axis=0)).T
         turn_rad = math.atan2(_STAND_FEET_M[:, 0] @ y - _STAND_FEET_M[:, 1] @ x, (_STAND_FEET_M * feet).sum())
         return GroundPose(
-            pose.x_m + cos * ahead_m - sin * left_m,
-            pose.y_m + sin * ahead_m + cos * left_m,
-            pose.yaw_rad + turn_rad,
+            pose.x_m + cos * ahead_m - sin * left_m, pose.y_m + sin * ahead_m + cos * left_m, pose.yaw_rad + turn_rad
         )
 
     def _apply_faults(self) -> None:

@@ -10,9 +10,6 @@ from fake_robot.network.status import Snapshot
 from fake_robot.robot.simulation import Simulation
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 
-_FALLEN_TILT_RAD = 1.05
-_BATTERY_SPREAD_C = (0.0, 0.4, -0.3, 0.1)
-
 
 def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
     """The newest report in the shape that the services want."""
@@ -20,10 +17,8 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
     effects, odom, vision = simulation.faults.effects, simulation.odom, simulation.vision
     position = report.position_of_body_in_world_m.tolist()
     attitude = report.world_from_body_wxyz.tolist()
-    linear, angular = (
-        report.linear_vel_of_body_in_world_m_s.tolist(),
-        report.angular_vel_of_body_in_world_rad_s.tolist(),
-    )
+    linear = report.linear_vel_of_body_in_world_m_s.tolist()
+    angular = report.angular_vel_of_body_in_world_rad_s.tolist()
     ground = (*position[:2], position[2] - simulation.body.height_m())
     return Snapshot(
         robot_stamp_ns=clock.stamp_ns(report.elapsed_ns),
@@ -48,7 +43,7 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
         battery_charge_percent=energy.shown_percent(effects),
         battery_voltage_v=energy.voltage_v,
         battery_current_a=-energy.current_a,
-        battery_temperature_c=tuple(simulation.scenario.battery.temperature_c + d for d in _BATTERY_SPREAD_C),
+        battery_temperature_c=tuple(simulation.scenario.battery.temperature_c + d for d in (0.0, 0.4, -0.3, 0.1)),
         battery_runtime_s=energy.runtime_s(),
         is_battery_missing=effects.battery_missing,
         motor_temperature_c=energy.shown_temperatures_c(effects),
@@ -81,8 +76,7 @@ def truth_of(simulation: Simulation, clock: RobotClock) -> Truth:
         joint_torque_nm=body.motor_torque_nm.copy(),
         foot_contact=body.foot_force_n > 0.0,
         foot_force_n=body.foot_force_n,
-        has_fallen=body.tilt_rad() > _FALLEN_TILT_RAD
-        or any(fault.cause == "fall" for fault in simulation.modes.behavior_faults),
+        has_fallen=body.tilt_rad() > 1.05 or any(fault.cause == "fall" for fault in simulation.modes.behavior_faults),
         body_height_min_m=min(extremes.height_min_m, height_m),
         peak_torque_nm=extremes.peak_torque_nm,
     )

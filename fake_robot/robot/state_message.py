@@ -61,13 +61,9 @@ class StateMessageBuilder:
         self._last_command = message.last_command
 
     def build(self, report: Report, stamp_ns: int, last_key: int, last_stamp_ns: int) -> bytes:
-        """The message on the wire.
+        """The message on the wire; robot stamps are of the joints' acquisition and of the newest command's receipt.
 
-        Args:
-            report: What the robot reports.
-            stamp_ns: Robot stamp of the joints' acquisition.
-            last_key: Key of the newest command that the robot has received; 0 for none.
-            last_stamp_ns: Robot stamp at which it received it.
+        ``last_key`` is that command's key, 0 for none.
         """
         seconds, nanos = divmod(stamp_ns + RECEIVE_DELAY_NS, NS_PER_S)
         for stamp in self._header_stamps:

@@ -159,11 +159,7 @@ def scenario_from_data(data: Any, *, source: str = "scenario", folder: Path | No
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """A shipped scenario by name, or one from a YAML file.
-
-    Raises:
-        BadInputError: No such scenario, or the file is not valid.
-    """
+    """A shipped scenario by name, or one from a YAML file. Raises BadInputError."""
     path = Path(name_or_path)
     shipped = SHIPPED_FOLDER / f"{name_or_path}.yaml"
     if path.suffix not in (".yaml", ".yml") and shipped.is_file():

@@ -17,8 +17,6 @@ from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.calls import Service
 
 ALGORITHM = "HS256"
-MAX_REMEMBERED = 256
-"""Tokens whose signatures are not checked again."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,7 @@ class AuthService(Service):
                 except jwt.InvalidTokenError:
                     return None
                 known = (str(claims["sub"]), float(claims["exp"]))
-                if len(self._remembered) >= MAX_REMEMBERED:
+                if len(self._remembered) >= 256:  # whose signatures are not checked again
                     self._remembered.clear()
                 self._remembered[token] = known
             user, expiry_s = known

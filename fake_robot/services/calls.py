@@ -67,10 +67,8 @@ class Service:
 class UnaryCalls(grpc.GenericRpcHandler):
     """Serves the answers of services; a method that none answers is left to the next handler.
 
-    Args:
-        services: The services.
-        robot_now_ns: The robot's clock. With it answers get their header: the request's echoed, both times, and code OK
-            unless the service set another.
+    With the robot's clock, answers get their header: the request's echoed, both times, and code OK unless the service
+    set another.
     """
 
     def __init__(self, services: Iterable[Service], robot_now_ns: Callable[[], int] | None = None) -> None:

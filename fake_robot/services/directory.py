@@ -41,7 +41,6 @@ _OWN = {
     "world-objects": ("WorldObjectService", "world-objects"),
 }
 """Type and authority by name."""
-"""Type and authority by name."""
 _LISTED_ONLY = {
     # Every robot lists these, so programs make clients of them at start; most calls to them are UNIMPLEMENTED here.
     "auto-return": ("auto_return.AutoReturnService", "auto-return"),
@@ -68,10 +67,9 @@ _LISTED_ONLY = {
     "robot-mission": ("mission.MissionService", "robot-mission"),
     "spot-check": ("spot.SpotCheckService", "check"),
 }
-_TOKENLESS = ("auth", "payload-registration", "robot-id")
 OWN_SERVICES = {name: (_API + kind, host + _HOST) for name, (kind, host) in _OWN.items()}
 LISTED = OWN_SERVICES | {name: (_API + kind, host + _HOST) for name, (kind, host) in _LISTED_ONLY.items()}
-TOKENLESS_TYPES = frozenset(OWN_SERVICES[name][0] for name in _TOKENLESS)
+TOKENLESS_TYPES = frozenset(OWN_SERVICES[name][0] for name in ("auth", "payload-registration", "robot-id"))
 """Types of the services that need no user token."""
 _OF_THE_TRANSPORT = ("grpc-", "user-agent", ":")
 
@@ -162,8 +160,7 @@ class DirectoryService(Service):
 class UnknownServiceHandler(grpc.GenericRpcHandler):
     """Answers for every method that no service took: passes it on to a client's service of that type, or refuses it.
 
-    Args:
-        address_of_type: Host and port of the one service of a type that a client registered, or nothing.
+    ``address_of_type`` gives host and port of the one service of a type that a client registered, or nothing.
     """
 
     def __init__(self, address_of_type: Callable[[str], str]) -> None:

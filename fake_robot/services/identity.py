@@ -24,7 +24,6 @@ from fake_robot.services.calls import Service, refuse, timestamp_from_ns
 from spot_model.robot.facts import NS_PER_S
 
 JOINT_CONTROL_FEATURE = "joint_control"
-MAX_PAYLOADS = 64
 _DAY_NS = 86400 * NS_PER_S
 _LICENSE_STATUS = {
     "valid": license_pb2.LicenseInfo.STATUS_VALID,
@@ -101,7 +100,7 @@ class PayloadService(Service):
         payload = request.payload
         if not payload.GUID or not request.payload_secret:
             refuse(response, "a payload needs a GUID and a secret")
-        elif payload.GUID in self._payloads or len(self._payloads) >= MAX_PAYLOADS:
+        elif payload.GUID in self._payloads or len(self._payloads) >= 64:
             response.status = response.STATUS_ALREADY_EXISTS
         else:
             payload.is_authorized = payload.is_enabled = True

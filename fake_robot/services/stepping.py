@@ -19,12 +19,9 @@ from fake_robot.services.world import World
 from spot_model.robot.facts import NS_PER_S
 from spot_protos import fake_admin_pb2
 
-DEFAULT_WAIT_S = 5.0
 MAX_STEP_NS = 3600 * NS_PER_S
 MAX_STEP_STATES = 1_000_000
 TICK_EVERY_NS = 50_000_000
-TICK_EVERY_STATES = 16
-MAX_REQUEST_BYTES = 65536
 SEND_BUFFER_BYTES = 1 << 20
 """An answer has to fit: 800 bytes a state."""
 
@@ -102,7 +99,7 @@ class Stepping:
             self._tap = None
 
     def _wait_for_command(self, request: fake_admin_pb2.StepRequest) -> None:
-        key, wait_s = request.wait_for_command_key, request.wait_timeout_s or DEFAULT_WAIT_S
+        key, wait_s = request.wait_for_command_key, request.wait_timeout_s or 5.0
         beyond = request.wait_beyond_commands
         if key and not self._world.robot.wait_for_command_key(key, wait_s, beyond=beyond):
             raise RefusedCallError(
@@ -130,7 +127,7 @@ class Stepping:
                 self._tick()
             return
         while count > 0:
-            part = min(TICK_EVERY_STATES, count)
+            part = min(16, count)
             robot.advance_states(part)
             count -= part
             self._tick()
@@ -185,7 +182,7 @@ class StepSocket:
         with client:
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
             try:
-                while datagram := client.recv(MAX_REQUEST_BYTES):
+                while datagram := client.recv(65536):
                     client.send(self._answer(datagram).SerializeToString())
             except OSError:
                 return  # the client is gone

@@ -34,9 +34,7 @@ class World:
         self.config = config
         self.now_ns = robot.clock.now_ns
         clock = LivenessClock(
-            self.now_ns,
-            robot.clock.elapsed_ns,
-            needs_both=robot.is_lock_step and config.liveness_clock == "both",
+            self.now_ns, robot.clock.elapsed_ns, needs_both=robot.is_lock_step and config.liveness_clock == "both"
         )
         self.link = Link()
         self.auth = AuthService(credentials, config)

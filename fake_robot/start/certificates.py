@@ -26,8 +26,6 @@ from spot_model.errors import SpotRlError
 from spot_model.process.private_folder import new_private_file
 
 VALIDITY = dt.timedelta(days=365)
-RENEW_BEFORE_EXPIRY = dt.timedelta(days=7)
-CLOCK_TOLERANCE = dt.timedelta(days=1)
 _PEM = serialization.Encoding.PEM
 CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "server.pem", "server.key"
 
@@ -50,12 +48,8 @@ def ensure_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> Ser
     """Load the certificates in ``folder``, or make them where there are none or they no longer serve.
 
     A robot that runs keeps those that it began with. So new ones name what the old ones named, and the file that
-    clients trust keeps the authority before.
-
-    Args:
-        folder: Made with mode 0700 if missing. Keys get mode 0600. The authority's own key is never stored.
-        addresses: IP addresses or host names that the leaf must name beside ``*.spot.robot``, ``localhost`` and
-            ``127.0.0.1``.
+    clients trust keeps the authority before. The folder is made with mode 0700, keys with 0600; the authority's own key
+    is never stored. ``addresses`` are what the leaf must name beside ``*.spot.robot``, ``localhost`` and ``127.0.0.1``.
 
     Raises:
         CertificateError: The folder or a file cannot be written or read; the message names it.
@@ -108,7 +102,7 @@ def _serves(stored: ServerCertificates, addresses: tuple[str, ...]) -> bool:
     now = dt.datetime.now(dt.UTC)
     return (
         key.public_key() == leaf.public_key()
-        and all(c.not_valid_before_utc <= now <= c.not_valid_after_utc - RENEW_BEFORE_EXPIRY for c in (ca, leaf))
+        and all(c.not_valid_before_utc <= now <= c.not_valid_after_utc - dt.timedelta(days=7) for c in (ca, leaf))
         and all(_general_name(address) in _names(leaf) for address in addresses)
     )
 
@@ -174,7 +168,7 @@ def _builder(
         .issuer_name(issuer)
         .public_key(key)
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - CLOCK_TOLERANCE)
+        .not_valid_before(now - dt.timedelta(days=1))
         .not_valid_after(now + VALIDITY)
     )
 

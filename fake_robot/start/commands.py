@@ -25,9 +25,7 @@ if TYPE_CHECKING:
     from fake_robot.start.sdk_environment import SdkEnvironment
     from fake_robot.start.server import FakeServer
 
-HOST_PLACEHOLDER = "HOST"
 HOST_VARIABLE = "SPOT_RL_FAKE_HOST"
-POLL_PERIOD_S = 0.1
 KILL_AFTER_S = 10.0
 
 app = typer.Typer(invoke_without_command=True, no_args_is_help=False, add_completion=False)
@@ -46,8 +44,7 @@ def fake_robot(
     port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0 picks a free one.")] = 8443,
     socket: Annotated[Path | None, typer.Option(help="Listen on this Unix socket instead of TCP.")] = None,
     admin: Annotated[
-        str,
-        typer.Option(help="Address of the admin service: unix:/PATH or 127.0.0.1:PORT; default: a private socket."),
+        str, typer.Option(help="Address of the admin service: unix:/PATH or 127.0.0.1:PORT; default: a private socket.")
     ] = "",
     state_dir: Annotated[
         Path | None, typer.Option(help="Folder of certificates and password; default: one per user.")
@@ -84,7 +81,7 @@ def fake_robot(
         sys.stdout.flush()
         if until_stdin_closes:
             threading.Thread(target=_wait_for_stdin, args=(fake.server,), daemon=True).start()
-        while not fake.server.wait(POLL_PERIOD_S) and not stop.is_set():
+        while not fake.server.wait(0.1) and not stop.is_set():
             pass
         fake.server.raise_crash()
 
@@ -120,7 +117,7 @@ def _word(word: str, host: str, environment: SdkEnvironment) -> str:
     name, is_set, value = word.partition("=")
     if is_set and name == "PYTHONPATH":
         return f"{name}={environment.in_front_of(value)}"
-    return host if word == HOST_PLACEHOLDER else word
+    return host if word == "HOST" else word
 
 
 @app.command("conformance")

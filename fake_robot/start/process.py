@@ -65,14 +65,9 @@ class FakeProcess:
     ) -> None:
         """Choose what runs.
 
-        Args:
-            scenario: A file, the name of a shipped one, or the keys of one.
-            is_lock_step: Whether robot time passes only when asked.
-            fifo_priority: Real-time priority; 0 for none.
-            cpus: Where it stays; empty for all.
-            state_dir: Folder of its certificates and password; one a user if None.
-            is_silent: Whether what it logs is shown only in the error of a start that fails.
-            environment: Its own; this process's if None.
+        ``scenario`` is a file, the name of a shipped one, or the keys of one. A ``fifo_priority`` of 0 is none, and no
+        ``cpus`` are all. Without a ``state_dir``, a user's certificates and password are kept in one. If ``is_silent``,
+        what the fake logs is shown only in the error of a start that fails.
         """
         words = ["fake-robot", "--port", "0", "--json", "--until-stdin-closes"]
         words += ["--lock-step"] if is_lock_step else []

@@ -18,7 +18,6 @@ from fake_robot.start.server import SDK_PORT, BindError, Endpoints, FakeServer
 from fake_robot.start.state_folder import FakeOptions, default_state_folder, ensure_credentials, read_password
 
 LOOPBACK = ("127.0.0.1:", "localhost:", "[::1]:")
-ADMIN_SOCKET = "admin.sock"
 
 
 class RunningFake:
@@ -57,7 +56,7 @@ class RunningFake:
                 self._certificates,
                 address=self._host or f"unix:{self._options.socket}",
                 port=self._options.port,
-                admin=self._options.admin or f"unix:{private / ADMIN_SOCKET}",
+                admin=self._options.admin or f"unix:{private / 'admin.sock'}",
             )
             self.endpoints = self.server.start()
             if self._options.socket is not None:

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from fake_robot.start.certificates import CertificateError, write_private
 
-SDK_FOLDER = "sdk"
 CA_VARIABLE = "SPOT_RL_CA_FILE"
 
 _SITECUSTOMIZE = '''\
@@ -102,12 +101,8 @@ class SdkEnvironment:
 
 
 def write_sdk_folder(state_folder: Path, ca_path: Path) -> Path:
-    """Write the folder with the ``sitecustomize`` module; returns the folder.
-
-    Raises:
-        CertificateError: It cannot be written.
-    """
-    folder = state_folder / SDK_FOLDER
+    """Write the folder with the ``sitecustomize`` module; returns the folder. Raises CertificateError."""
+    folder = state_folder / "sdk"
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         write_private(folder / "sitecustomize.py", _SITECUSTOMIZE.format(ca_file=str(ca_path.absolute())).encode())

@@ -58,11 +58,7 @@ def sdk_host(address: str, port: int) -> str:
 
 
 def bind(target: str, add_port: Callable[[], int]) -> int:
-    """Add a port to a server; returns its number.
-
-    Raises:
-        BindError: ``target`` cannot be listened on.
-    """
+    """Add a port to a server; returns its number. Raises BindError: ``target`` cannot be listened on."""
     if target.startswith(UNIX_PREFIX):
         _prepare_socket(Path(target.removeprefix(UNIX_PREFIX)))
     try:
@@ -98,10 +94,6 @@ def _prepare_socket(path: Path) -> None:
 
 _LOGGER = logging.getLogger(__name__)
 
-TICK_PERIOD_S = 0.05
-STOP_GRACE_S = 0.5
-ADMIN_THREADS = 4
-
 
 class SimulationCrashError(SpotRlError):
     """The robot's simulation ended by itself; a defect of the fake, or a scenario beyond what it can compute."""
@@ -124,16 +116,10 @@ class Endpoints:
 
 
 class FakeServer:
-    """Serves one robot. A context manager: leaving it stops the servers and the robot.
+    """Serves one robot, which it starts and stops. A context manager: leaving it stops the servers and the robot.
 
-    Args:
-        robot: Started by ``start``, stopped by ``stop``.
-        config: Settings of the services.
-        credentials: The user name and password that open it.
-        certificates: Certificate and key of the TLS server.
-        address: IP address to listen on, or ``unix:/path`` without a port.
-        port: TCP port; 0 picks a free one. Ignored for a Unix socket.
-        admin: gRPC target of the admin service: ``unix:/path``, or ``127.0.0.1:PORT`` (0 picks one).
+    ``address`` is an IP address to listen on, at a TCP port (0 picks a free one), or ``unix:/path``; ``admin`` is the
+    gRPC target of the admin service: ``unix:/path``, or ``127.0.0.1:PORT`` (0 picks one).
     """
 
     def __init__(
@@ -169,11 +155,7 @@ class FakeServer:
         return self._faults
 
     def start(self) -> Endpoints:
-        """Start robot and servers.
-
-        Raises:
-            BindError: An address or port cannot be listened on; nothing is left running.
-        """
+        """Start robot and servers. Raises BindError."""
         try:
             robot_server, robot_target, port = self._start_robot_server()
             admin_target = self._start_admin_server()
@@ -200,7 +182,7 @@ class FakeServer:
         if self._ticker is not None and self._ticker is not threading.current_thread():
             self._ticker.join()
         self._world.link.end_streams()
-        for stopped in [server.stop(STOP_GRACE_S) for server in self._servers]:
+        for stopped in [server.stop(0.5) for server in self._servers]:
             stopped.wait()
         self._servers.clear()
         if self._steps is not None:
@@ -208,11 +190,7 @@ class FakeServer:
         self._robot.stop()
 
     def raise_crash(self) -> None:
-        """Raise what ended the simulation, if anything did.
-
-        Raises:
-            SimulationCrashError: The simulation ended by itself.
-        """
+        """Raise what ended the simulation, if anything did. Raises SimulationCrashError."""
         if self._robot.crash is not None:
             raise SimulationCrashError(f"the simulation ended by itself: {self._robot.crash!r}") from self._robot.crash
 
@@ -254,7 +232,7 @@ class FakeServer:
 
     def _start_admin_server(self) -> str:
         server = grpc.server(
-            futures.ThreadPoolExecutor(max_workers=ADMIN_THREADS, thread_name_prefix="fake-admin"),
+            futures.ThreadPoolExecutor(max_workers=4, thread_name_prefix="fake-admin"),
             options=[("grpc.so_reuseport", 0)],
         )
         stepping = Stepping(self._world, self._faults)
@@ -271,7 +249,7 @@ class FakeServer:
         return f"{target.rpartition(':')[0]}:{port}"
 
     def _tick_until_stopped(self) -> None:
-        while not self._stop_requested.wait(TICK_PERIOD_S):
+        while not self._stop_requested.wait(0.05):
             if self._robot.crash is not None:
                 _LOGGER.error("the simulation ended: %r", self._robot.crash, exc_info=self._robot.crash)
                 self.request_stop()

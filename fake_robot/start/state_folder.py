@@ -47,11 +47,7 @@ def ensure_credentials(folder: Path, *, username: str = DEFAULT_USERNAME) -> Cre
 
 
 def read_password(path: Path) -> str:
-    """Read a password from the first line of a file that only its owner can read.
-
-    Raises:
-        BadInputError: The file is missing, empty, too long, or open to others; the message never holds its content.
-    """
+    """Read a password from the first line of a file that only its owner can read. Raises BadInputError."""
     try:
         mode = path.stat().st_mode
         content = path.read_bytes()[: MAX_PASSWORD_BYTES + 1]

@@ -24,14 +24,15 @@ from spot_log.write.run_writer import active_path
 from spot_log.write.sink import LogSink
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import Policy, load_policy
-from spot_protos import fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.journal import Console
-from spot_runtime.session.run import RunRequest, SinkFactory, run
+from spot_runtime.session.run import RunRequest, SinkFactory, run_once
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources import CommandSource
 from spot_tools.sources import ScriptedSource
@@ -165,7 +166,7 @@ class Rig(FakeRobot):
 
         console = Console(io.StringIO())
         try:
-            summary = run(request, make_hal, make_sink or self.start_logger, console)
+            summary = run_once(request, make_hal, make_sink or self.start_logger, console)
         finally:
             console.close()
         return Drive(summary, made[0], path)
@@ -200,7 +201,7 @@ def rig(folder: Path, policy_file: Path, *, is_lock_step: bool = True, scenario:
         ) as process,
         grpc.insecure_channel(process.address.admin) as channel,
     ):
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin = stub(channel, fake_admin_pb2)
         variables, credentials = process.address.environment, folder / "credentials"
         user = {"username": variables["BOSDYN_CLIENT_USERNAME"], "password": variables["BOSDYN_CLIENT_PASSWORD"]}
         credentials.touch(mode=0o600)

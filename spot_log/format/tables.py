@@ -62,10 +62,7 @@ class Table:
     def of(cls, n: int, widths: Mapping[str, int], **given: Any) -> Self:
         """A table of ``n`` rows from some of its columns; the others hold what stands for a missing value.
 
-        Args:
-            n: Number of rows.
-            widths: Of the columns whose parts the header names: ``joints``, ``feet``.
-            given: Columns, and what the table holds beside its columns.
+        ``widths`` are of the columns whose parts the header names: ``joints``, ``feet``.
         """
         for name, declared in cls.columns().items():
             if name not in given:
@@ -86,8 +83,7 @@ class Table:
     def flat(self, names: Mapping[str, tuple[str, ...]]) -> dict[str, NDArray[Any]]:
         """One named column a scalar: ``name`` or ``name.part``; a signal of another width than its parts is left out.
 
-        Args:
-            names: Of ``joints`` and ``feet``.
+        ``names`` are those of ``joints`` and ``feet``.
         """
         single, spread = {}, {}
         for name, declared in self.columns().items():

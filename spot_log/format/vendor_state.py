@@ -50,14 +50,11 @@ class _ImuPackets(Sequence[ImuPacket]):
 
 
 def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]) -> RobotState:
-    """Decode the wire bytes of a RobotStateStreamResponse.
+    """Decode the wire bytes of a RobotStateStreamResponse, as it came from the network.
 
     The state's stamp is the joints' acquisition stamp. An arm's joints, where there are any, stand apart. No value
     is checked here, so NaN passes through. A robot that reports no contacts touches the ground with no foot.
-
-    Args:
-        wire: The message as it came from the network.
-        host_stamp_ns: When it was received, host clock; or what tells this from the state's own stamp.
+    ``host_stamp_ns`` is when it was received, host clock; or what tells this from the state's own stamp.
 
     Raises:
         StateMessageError: The bytes are no such message, or arrays have other lengths than Spot's.
@@ -68,11 +65,7 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]
     except DecodeError as error:
         raise StateMessageError(f"state message of {len(wire)} bytes cannot be parsed: {error}") from error
     joints, n_contacts = message.joint_states, len(message.contact_states)
-    for name, n in (
-        ("position", len(joints.position)),
-        ("velocity", len(joints.velocity)),
-        ("load", len(joints.load)),
-    ):
+    for name, n in (("position", len(joints.position)), ("velocity", len(joints.velocity)), ("load", len(joints.load))):
         if n not in (N_JOINTS, N_JOINTS_WITH_ARM):
             raise _wrong_length(name, n)
     if not len(joints.position) == len(joints.velocity) == len(joints.load):

@@ -25,7 +25,7 @@ HELD_STEPS: Final = 10
 """A topic is silent after so many of its usual steps."""
 
 
-class Topic(NamedTuple):
+class BagTopic(NamedTuple):
     """All messages of one topic."""
 
     kind: str
@@ -73,7 +73,7 @@ def read_rows(path: Path, mapping: Mapping) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, Topic]:
+def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, BagTopic]:
     """Topics by name; those of ``wanted``, or all.
 
     Raises:
@@ -93,7 +93,7 @@ def read_topics(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
             for connection, log_ns, raw in reader.messages(chosen) if chosen else ():
                 message = reader.deserialize(raw, connection.msgtype)
                 rows[connection.topic, connection.msgtype].append({"time": log_ns, **dict(_fields(message))})
-    return {topic: Topic(kind, _columns(f"{path}: {topic}", found)) for (topic, kind), found in rows.items()}
+    return {topic: BagTopic(kind, _columns(f"{path}: {topic}", found)) for (topic, kind), found in rows.items()}
 
 
 def _fields(message: Any, path: str = "") -> Iterator[tuple[str, Any]]:

@@ -28,10 +28,9 @@ from spot_model.robot.rotation import rotate_wxyz
 from spot_model.robot.state import Array
 from spot_protos import log_pb2
 
-SLOW_PERIOD_NS = 100_000_000
 SET_POINTS = ("setpoint_position", "setpoint_velocity", "feedforward")
 
-Record = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
+LogRecord = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Imported:
     """What probably is not as the mapping says; the log repeats it."""
 
 
-def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -> Imported:
+def import_log(mapping: Mapping, source: Path, result: Path) -> Imported:
     """Write the recording ``source`` as the log ``result``.
 
     Raises:
@@ -64,7 +63,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
         raise BadInputError(f"{source} is not what the mapping says: {'; '.join(certain)}; {more}")
     records = [*_doubted(recording, doubts), *records_of(recording)]
     header = RunHeader(
-        run_id=run_id or source.stem,
+        run_id=source.stem,
         started_host_stamp_ns=int(recording.stamps_ns[0]),
         robot_id=mapping.robot,
         adapter="import",
@@ -84,7 +83,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
     return Imported(result, len(stamps), float(rate), _missing(mapping), tuple(doubt.text for doubt in doubts))
 
 
-def _doubted(recording: ForeignRecording, doubts: Sequence[Mismatch]) -> list[Record]:
+def _doubted(recording: ForeignRecording, doubts: Sequence[Mismatch]) -> list[LogRecord]:
     """An event a doubt, at the first stamp."""
     name, first_ns = EventName.IMPORT_DOUBTED, int(recording.stamps_ns[0])
     events = [EventRecord(first_ns, first_ns, name.severity, name.label, doubt.text) for doubt in doubts]
@@ -97,7 +96,7 @@ def _missing(mapping: Mapping) -> tuple[str, ...]:
     return (*(name for name in SIGNALS if not name.endswith("_in_body") and name not in found), "echoed command keys")
 
 
-def _write(result: Path, header: RunHeader, records: list[Record]) -> None:
+def _write(result: Path, header: RunHeader, records: list[LogRecord]) -> None:
     writer = RunWriter(result, header)
     numbers: dict[type, int] = {}
     try:
@@ -113,13 +112,13 @@ def _write(result: Path, header: RunHeader, records: list[Record]) -> None:
         raise
 
 
-def records_of(recording: ForeignRecording) -> list[Record]:
+def records_of(recording: ForeignRecording) -> list[LogRecord]:
     """What the log will hold, oldest first. Raises BadInputError, OSError."""
     records = [*_states(recording), *_commands(recording), *_ticks(recording), *_slow_states(recording)]
     return sorted(records, key=lambda record: record.host_stamp_ns)
 
 
-def _states(recording: ForeignRecording) -> list[Record]:
+def _states(recording: ForeignRecording) -> list[LogRecord]:
     columns = _columns(recording, "state")
     for name, unit in (("linear_vel_of_body", "m_s"), ("angular_vel_of_body", "rad_s")):
         velocity = _in_odom(recording, name)
@@ -138,14 +137,14 @@ def _states(recording: ForeignRecording) -> list[Record]:
     return _records(log_pb2.State, recording, signals_of("state"), columns)
 
 
-def _commands(recording: ForeignRecording) -> list[Record]:
+def _commands(recording: ForeignRecording) -> list[LogRecord]:
     if not any(map(recording.has, SET_POINTS)):
         return []
     key = np.cumsum(recording.rows_with(*SET_POINTS)).tolist()
     return _records(log_pb2.Command, recording, SET_POINTS, {**_columns(recording, "command"), "key": key})
 
 
-def _ticks(recording: ForeignRecording) -> list[Record]:
+def _ticks(recording: ForeignRecording) -> list[LogRecord]:
     columns, signals = _columns(recording, "tick"), signals_of("tick")
     if not columns:
         return []
@@ -154,15 +153,15 @@ def _ticks(recording: ForeignRecording) -> list[Record]:
     return _records(log_pb2.Tick, recording, signals, columns, mode="imported", **unknown)
 
 
-def _slow_states(recording: ForeignRecording) -> list[Record]:
+def _slow_states(recording: ForeignRecording) -> list[LogRecord]:
     """A poll every 0.1 s at most: these signals are slow, whatever the rate of the recording."""
     signals = [name for name in signals_of("slow") if recording.has(name)]
     if not signals:
         return []
-    stamps_ns, polls = recording.stamps_ns, list[Record]()
+    stamps_ns, polls = recording.stamps_ns, list[LogRecord]()
     unknown: dict[str, Any] = {SIGNALS[name].field: math.nan for name in signals_of("slow") if SIGNALS[name].field}
     some = np.flatnonzero(recording.rows_with(*signals))
-    for row in some[np.diff(stamps_ns[some] // SLOW_PERIOD_NS, prepend=-1) > 0]:
+    for row in some[np.diff(stamps_ns[some] // 100_000_000, prepend=-1) > 0]:
         given = {name: recording.signal(name)[row].tolist() for name in signals}
         fields = unknown | {field: values[0] for name, values in given.items() if (field := SIGNALS[name].field)}
         if celsius := given.get("motor_temperature"):
@@ -195,7 +194,7 @@ def _records(
     signals: Iterable[str],
     columns: Columns[str, Sequence[Any]],
     **same: Any,
-) -> list[Record]:
+) -> list[LogRecord]:
     """One record a row in which one of the signals has a value."""
     rows = zip(recording.stamps_ns.tolist(), recording.rows_with(*signals).tolist(), _rows(columns), strict=True)
     return [kind(robot_stamp_ns=ns, host_stamp_ns=ns, **row, **same) for ns, is_given, row in rows if is_given]

@@ -185,11 +185,7 @@ def shipped_names() -> tuple[str, ...]:
 
 
 def load_mapping(path: Path) -> Mapping:
-    """Read a mapping file, or one that the package holds by its name.
-
-    Raises:
-        BadInputError: It is not YAML, or a key or value in it is wrong; the message names it.
-    """
+    """Read a mapping file, or one that the package holds by its name. Raises BadInputError."""
     if not path.exists() and str(path) in shipped_names():
         path = EXAMPLES / f"{path}.yaml"
     data = read_yaml(path, "mapping")

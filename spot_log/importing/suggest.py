@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.importing.bag import Topic, is_bag, read_topics
+from spot_log.importing.bag import BagTopic, is_bag, read_topics
 from spot_log.importing.mapping import SCHEMA
 from spot_log.importing.recording import UNITS, read_arrays
 from spot_model.robot.arm import ARM_JOINT_NAMES
@@ -50,7 +50,7 @@ def suggest(path: Path) -> str:
     return "\n".join([about, f"schema: {SCHEMA}", *lines]) + "\n"
 
 
-def _of_bag(topics: dict[str, Topic]) -> Iterator[str]:
+def _of_bag(topics: dict[str, BagTopic]) -> Iterator[str]:
     kinds = {name: topic.kind.rpartition("/")[2].removesuffix("Stamped") for name, topic in topics.items()}
     first = {"wanted" if kind == "JointState" and _has(name, _WANTED) else kind: name for name, kind in kinds.items()}
     base = first.get("JointState", next(iter(topics), "TOPIC"))

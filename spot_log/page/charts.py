@@ -25,13 +25,9 @@ def liveliest(sizes: ArrayLike, length: int) -> slice:
 def stance(
     contact: ArrayLike, names: Sequence[str], colour: str, span_s: tuple[float, float] = (0.0, 0.0)
 ) -> Chart | None:
-    """Feet on the ground over a stretch of time, one row a foot; None where there is none.
+    """Feet on the ground, samples at even times, shape (n, feet), one row a foot; None where there is none.
 
-    Args:
-        contact: Whether each foot is down, samples at even times. Shape (n, feet).
-        names: Of the feet.
-        colour: Of the bars.
-        span_s: Begin and end on the axis of time below; no axis without them.
+    ``span_s`` has begin and end on the axis of time below; no axis without them.
     """
     down = np.asarray(contact, dtype=np.bool_)
     if down.ndim != 2 or down.shape[1] != len(names) or not len(down):
@@ -49,12 +45,7 @@ def stance(
 
 
 def histogram(values: ArrayLike, title: str) -> Chart:
-    """How often each value came; what lies beyond the 99.5th percentile is counted in words.
-
-    Args:
-        values: Shape (n,); those that are not finite are left out.
-        title: What they are, with the unit.
-    """
+    """How often each finite value of shape (n,) came; what lies beyond the 99.5th percentile is counted in words."""
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if not len(known):

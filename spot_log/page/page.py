@@ -17,17 +17,11 @@ from spot_log.tools.log_info import LogInfo, log_info
 from spot_model.io.whole import check_new, write_new
 
 MAX_EVENT_ROWS: Final = 300
-MAX_HEADER_TEXT: Final = 4000
 _LOOKS: Final = {"error": "bad", "warning": "fair"}
 
 
 def write_page(run: Run, path: str | Path) -> Path:
-    """Write the page of a run.
-
-    Raises:
-        OutputExistsError: The page exists already.
-        OSError: The page cannot be written.
-    """
+    """Write the page of a run. Raises OutputExistsError and OSError."""
     path = Path(path)
     check_new(path)
     write_new(path, page_html(run))
@@ -100,5 +94,5 @@ def _events(info: LogInfo) -> Content:
 def _header(info: LogInfo) -> Iterator[tuple[str, Mark | str]]:
     for key, value in info.header.items():
         parts = tuple(f"{name}: {item}" for name, item in value.items()) if isinstance(value, dict) else value
-        text = (", ".join(parts) if isinstance(parts, tuple) else str(parts))[:MAX_HEADER_TEXT]
+        text = (", ".join(parts) if isinstance(parts, tuple) else str(parts))[:4000]
         yield key, Mark(text, "pre") if key.endswith("_json") else text

@@ -42,11 +42,7 @@ def plot(lines: Mapping[str, Any], y_title: str, *, width: int = 760, height: in
 
 
 def standing(chart: Chart, width: int, names: Sequence[str] = ()) -> str:
-    """A chart with a size of its own on white, below its legend.
-
-    Raises:
-        ValueError: It has no finite value.
-    """
+    """A chart with a size of its own on white, below its legend. Raises ValueError: it has no finite value."""
     left, height, inside = drawn(chart, 8 if width > 700 else 5)
     if not inside:
         raise ValueError("nothing to draw, no value is finite")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any
 
 from spot_log.page import sections as s
 from spot_log.page.draw import HEAT, RIGHT, drawn, esc, heat, on_heat, tipped
 from spot_log.page.spot_drawing import spot_svg
 
-_MANY_COLUMNS: Final = 4
 _STYLE, _SCRIPT = (files(__package__).joinpath(name).read_text(encoding="utf-8") for name in ("look.css", "look.js"))
 
 
@@ -91,7 +90,7 @@ def _table(t: s.Table) -> str:
     rows = list(t.rows)
     if not rows:
         return ""
-    is_many = len(rows[0]) >= _MANY_COLUMNS
+    is_many = len(rows[0]) >= 4
     names = t.head if is_many and t.head else [""] * len(rows[0])
     lines = [_wrapped("tr", "".join(f"<th>{esc(name)}</th>" for name in t.head))]
     for row, look in zip(rows, t.looks or [""] * len(rows), strict=True):
@@ -102,7 +101,7 @@ def _table(t: s.Table) -> str:
     return f"<table{' class=many' if is_many else ''}>{''.join(lines)}</table>"
 
 
-def _cell(value: s.Words, name: str = "") -> str:
+def _cell(value: s.Words, name: str) -> str:
     head = f' data-head="{esc(name)}"' if name else ""
     if isinstance(value, bool) or not isinstance(value, (int, float, type(None))):
         return f"<td{head}>{_words(value)}</td>"

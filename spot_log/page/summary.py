@@ -10,7 +10,6 @@ from spot_log.tools.log_info import Histogram, LogInfo, log_info
 from spot_log.tools.measures import Spread
 
 MAX_EVENTS = 8
-MAX_GAITS = 12
 
 
 def summarise(run: Run) -> str:
@@ -66,7 +65,7 @@ def _motion_text(info: LogInfo) -> str:
 
 
 def _gait_rows(info: LogInfo) -> list[str]:
-    shown = [_row("gait", gait_line(span)) for span in info.gaits[:MAX_GAITS]]
+    shown = [_row("gait", gait_line(span)) for span in info.gaits[:12]]
     more = len(info.gaits) - len(shown)
     return [*shown, _row("gait", f"and {more} stretches more, in log info --json")] if more else shown
 
@@ -175,9 +174,6 @@ def seconds_text(time_s: float) -> str:
     return f"{round(time_s, 2) + 0.0:.2f} s"
 
 
-BAR_WIDTH = 40
-
-
 def detail_lines(info: LogInfo) -> list[str]:
     """The summary's lines and the details below them."""
     lines = [info.file, *summary_lines(info), ""]
@@ -198,7 +194,7 @@ def histogram_lines(histogram: Histogram) -> list[str]:
     if not top:
         return []
     return [
-        f"  {low:8.2f} to {high:8.2f} {count:7d} {'█' * round(BAR_WIDTH * count / top)}"
+        f"  {low:8.2f} to {high:8.2f} {count:7d} {'█' * round(40 * count / top)}"
         for low, high, count in zip(histogram.edges_ms[:-1], histogram.edges_ms[1:], histogram.counts, strict=True)
     ]
 

@@ -56,11 +56,7 @@ class Parsed:
         return Parsed([one for message in self.messages for one in getattr(message, name)]), np.array(counts, np.int64)
 
     def table(self, kind: type[TableT], widths: Mapping[str, int], **given: Any) -> TableT:
-        """A table of the messages, with columns that are given.
-
-        Raises:
-            LogReadError: A message holds an array of another length.
-        """
+        """A table of the messages, with columns that are given. Raises LogReadError."""
         columns = {n: self._column(n, c, widths) for n, c in kind.columns().items() if n not in given}
         return kind(**columns, **given)
 
@@ -242,11 +238,7 @@ class Wire:
         return Wire(self.buffer, np.repeat(self.starts, counts), kind, list(chain(*parts)), which), counts
 
     def table(self, kind: type[TableT], widths: Mapping[str, int], **given: Any) -> TableT:
-        """A table of the messages, with columns that are given.
-
-        Raises:
-            UnusualError: An array is not as wide as its column.
-        """
+        """A table of the messages, with columns that are given. Raises UnusualError."""
         names = [name for name in kind.columns() if name not in given]
         found = on_all_cores(partial(self._column, kind.columns(), widths), names if len(self.starts) else [])
         return kind(**dict(zip(names, found, strict=True)), **given) if len(self.starts) else kind.of(0, widths)

@@ -133,11 +133,7 @@ def header_copies(scan: Scan) -> list[bytes]:
 
 
 def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
-    """Turn a scan into arrays.
-
-    Raises:
-        LogReadError: A record does not have the shape that the header promises.
-    """
+    """Turn a scan into arrays. Raises LogReadError: a record does not have the shape that the header promises."""
     joints = header.joint_names or JOINT_NAMES
     widths = {"joints": len(joints), "feet": len(header.foot_names or LEG_NAMES)}
     footers = _parsed(path, scan, FOOTER).messages

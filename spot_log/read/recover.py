@@ -21,7 +21,6 @@ from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
 from spot_log.write.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
 from spot_protos import log_pb2
 
-MAX_STAMP_NS: Final = (1 << 63) - 1
 FIRST_FOREIGN_CHANNEL: Final = 100
 """Number of the first channel that is not ours."""
 
@@ -173,7 +172,7 @@ def _footer(messages: list[RawMessage], scan: Scan) -> RawMessage:
     counts = Counter(message.topic[1:] for message in messages)
     own = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS if topic not in (HEADER, FOOTER)}
     # Stamps of a damaged or hostile file fill all 64 bits; a footer's are signed.
-    last_ns = min(max(message.log_ns for message in messages), MAX_STAMP_NS)
+    last_ns = min(max(message.log_ns for message in messages), (1 << 63) - 1)
     footer = log_pb2.Footer(
         host_stamp_ns=last_ns,
         messages=own,
@@ -223,11 +222,7 @@ def _write(file: McapFile, messages: list[RawMessage], scan: Scan) -> None:
 
 
 def _verify(path: Path, messages: list[RawMessage]) -> None:
-    """Read the result again: it must hold the same messages, and be a log.
-
-    Raises:
-        LogError: It does not.
-    """
+    """Read the result again: it must hold the same messages, and be a log. Raises LogError: it does not."""
     scan = scan_mcap(path.read_bytes())
     if scan.damage or [m[2:] for m in scan.messages] != [m[2:] for m in messages]:
         raise LogError(f"{path}: the recovered log does not hold what was written; check the disk and try again")

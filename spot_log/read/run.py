@@ -106,21 +106,12 @@ class Run:
 
 
 def run_of_columns(
-    path: Path,
-    header: RunHeader,
-    *,
-    states: Mapping[str, Any],
-    commands: Mapping[str, Any],
-    ticks: Mapping[str, Any],
+    path: Path, header: RunHeader, *, states: Mapping[str, Any], commands: Mapping[str, Any], ticks: Mapping[str, Any]
 ) -> Run:
     """A run from columns in memory, such as a simulation's; columns that are not given hold missing values.
 
-    Args:
-        path: What messages call the run.
-        header: Whose names give the number of joints and feet.
-        states: Columns of :class:`StateTable`; ``robot_stamp_ns`` is needed.
-        commands: Columns of :class:`CommandTable`; ``key`` is needed.
-        ticks: Columns of :class:`TickTable`; ``robot_stamp_ns`` is needed.
+    Messages call it ``path``; the header's names give the number of joints and feet. ``robot_stamp_ns`` of states and
+    ticks, and ``key`` of commands, are needed.
     """
     n_states = len(states["robot_stamp_ns"])
     widths = {"joints": len(header.joint_names), "feet": 0, "#": N_OBSERVATION}
@@ -137,11 +128,11 @@ def run_of_columns(
     )
 
 
-Table = dict[str, NDArray[Any]]
+Columns = dict[str, NDArray[Any]]
 """Columns of equal length by name; ``pandas.DataFrame`` takes one as it is."""
 
 
-def tables_of(run: Run) -> dict[str, Table]:
+def tables_of(run: Run) -> dict[str, Columns]:
     """All tables of a run by topic: state, imu, arm, command, tick, slow_state, event."""
     names = {"joints": tuple(run.header.joint_names), "feet": tuple(run.header.foot_names)}
     return {
@@ -155,7 +146,7 @@ def tables_of(run: Run) -> dict[str, Table]:
     }
 
 
-def _lists(run: Run) -> Table:
+def _lists(run: Run) -> Columns:
     """What a poll has any number of: a column a battery's cell, and faults in one text."""
     slow, table = run.slow_states, {}
     cells = max((len(row) for row in slow.battery_temperature_c), default=0)
@@ -167,7 +158,7 @@ def _lists(run: Run) -> Table:
     return table
 
 
-def _events(run: Run) -> Table:
+def _events(run: Run) -> Columns:
     events = run.events
     return {
         "host_stamp_ns": np.array([event.host_stamp_ns for event in events], dtype=np.int64),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.format.records import Severity
-from spot_log.read.run import Run, Table, tables_of
+from spot_log.read.run import Columns, Run, tables_of
 from spot_model.errors import BadInputError
 from spot_model.io.whole import check_new, whole_file, whole_folder
 from spot_model.robot.rotation import rotate_inverse_wxyz
@@ -27,13 +27,7 @@ class ExportError(BadInputError):
 
 
 def export_run(run: Run, directory: Path, file_format: str, topics: Sequence[str] | None = None) -> list[Path]:
-    """Write one file a topic, and ``header.json``.
-
-    Args:
-        run: What to export.
-        directory: Where to; made if need be.
-        file_format: ``parquet`` (needs pyarrow) or ``csv``.
-        topics: Which tables; all that have rows by default.
+    """Write one file a topic, and ``header.json``: the topics asked for, or all that have rows.
 
     Returns:
         The files written.
@@ -61,11 +55,11 @@ def export_run(run: Run, directory: Path, file_format: str, topics: Sequence[str
     return [directory / name for name in names]
 
 
-def _n_rows(table: Table) -> int:
+def _n_rows(table: Columns) -> int:
     return len(next(iter(table.values())))
 
 
-def _write_csv(table: Table, path: Path) -> None:
+def _write_csv(table: Columns, path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(table)
@@ -88,7 +82,7 @@ def _parquet_writer() -> Any:
             "format 'parquet' needs pyarrow: pip install 'spot-rl[report]', or use --format csv"
         ) from error
 
-    def write(table: Table, path: Path) -> None:
+    def write(table: Columns, path: Path) -> None:
         parquet.write_table(pa.table(dict(table)), path, compression="zstd")
 
     return write
@@ -110,11 +104,7 @@ class RosExportError(BadInputError):
 
 
 def write_rosbag2(run: Run, directory: Path) -> Path:
-    """Write the bag; stamps are the host's clock.
-
-    Args:
-        run: What to write; its states in full, 333 a second on Spot.
-        directory: The bag's folder, which must not exist.
+    """Write the bag of a run to a new folder, its states in full; stamps are the host's clock.
 
     Raises:
         OutputExistsError: The folder exists.

@@ -26,7 +26,6 @@ SETTLE_S = 1.0
 """Time after a change of the command in which the gait is still changing."""
 MISSING_S = 0.5
 """A longer pause between ticks ends a stretch."""
-MAX_SPANS = 100
 Velocity = tuple[float, float, float]
 
 
@@ -62,7 +61,7 @@ def gaits(run: Run) -> list[GaitSpan]:
     found: list[GaitSpan] = []
     for start_s, end_s, first, last in _stretches(run):
         inside = rows[(stamp_s[rows] >= start_s + SETTLE_S) & (stamp_s[rows] <= end_s)]
-        if len(inside) < 2 or len(found) >= MAX_SPANS:
+        if len(inside) < 2 or len(found) >= 100:
             continue
         speeds = descent[inside] if np.isfinite(descent[inside]).all() else None
         gait = measure_gait(stamp_s[inside], states.foot_contact[inside], speeds)

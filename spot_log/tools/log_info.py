@@ -137,9 +137,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-DELAY_BINS = 20
-
-
 def log_info(run: Run) -> LogInfo:
     """Compute every figure of a run."""
     header = dataclasses.asdict(run.header)
@@ -259,7 +256,7 @@ def histogram(values_ms: Array) -> Histogram:
     if not len(values_ms):
         return Histogram([], [])
     low, high, top = float(values_ms.min()), float(np.percentile(values_ms, 99)), float(values_ms.max())
-    edges = np.linspace(low, high if high > low else low + 1.0, DELAY_BINS + 1)
+    edges = np.linspace(low, high if high > low else low + 1.0, 21)
     if top > edges[-1]:
         edges = np.append(edges, top)
     counts, _ = np.histogram(values_ms, bins=edges)

@@ -69,13 +69,7 @@ def _damaged(path: Path) -> Path:
 
 
 def to_delete(logs: list[LogFile], *, quota_bytes: float, missing_bytes: float) -> list[LogFile]:
-    """The oldest logs that must go.
-
-    Args:
-        logs: Oldest first.
-        quota_bytes: What may stay, together.
-        missing_bytes: Room that the disk lacks; at most 0 where it lacks none.
-    """
+    """The oldest logs that must go, oldest first, so that at most ``quota_bytes`` stay and the disk lacks no room."""
     over_bytes = max(sum(log.size_bytes for log in logs) - quota_bytes, missing_bytes)
     chosen = []
     for log in logs:

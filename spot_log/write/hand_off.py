@@ -67,13 +67,9 @@ class _Layout:
     def __init__(
         self, kind: Kind, table: type[Table], places: Mapping[str, str] = MappingProxyType({}), width: int | None = None
     ) -> None:
-        """Pack the columns of ``table``.
+        """Pack the columns of ``table``; every array has the given width, if there is one.
 
-        Args:
-            kind: Of the datagrams.
-            table: Whose columns are packed.
-            places: Attributes of the record whose names are not the columns', by column.
-            width: Of every array, where it is fixed.
+        ``places`` are attributes of the record whose names are not the columns', by column.
         """
         columns = table.columns()
         self._width = width
@@ -134,11 +130,7 @@ _PARSED: Final = {
 
 
 def pack(sequence: int, record: Record) -> bytes:
-    """Pack a record.
-
-    Raises:
-        ValueError: An array of a command has another length than 12.
-    """
+    """Pack a record. Raises ValueError: an array of a command has another length than 12."""
     if isinstance(record, WireState):
         return _STATE_HEAD.pack(Kind.STATE_WIRE, sequence, record.host_stamp_ns) + record.wire
     if isinstance(record, CommandRecord):
@@ -155,11 +147,7 @@ def pack_close(footer: log_pb2.Footer) -> bytes:
 
 
 def unpack_head(datagram: bytes) -> tuple[Kind, int]:
-    """Return kind and sequence number.
-
-    Raises:
-        ValueError: The datagram is too short or of no known kind.
-    """
+    """Return kind and sequence number. Raises ValueError: the datagram is too short or of no known kind."""
     if len(datagram) < _HEAD.size:
         raise ValueError(f"datagram of {len(datagram)} bytes; expected at least {_HEAD.size}")
     kind, sequence = _HEAD.unpack_from(datagram)

@@ -25,7 +25,6 @@ from spot_protos import log_pb2
 
 SEEN_S: Final = 2.0
 LEAST_S: Final = 1.0
-EVERY_S: Final = 0.5
 JSON_SCHEMA: Final = {
     "type": "object",
     "properties": {
@@ -52,7 +51,7 @@ class LiveGait:
         self._rows.append((stamp_s, contact))
         while stamp_s - self._rows[0][0] > SEEN_S:
             self._rows.popleft()
-        if stamp_s - self._rows[0][0] < LEAST_S or abs(stamp_s - self._told_s) < EVERY_S:
+        if stamp_s - self._rows[0][0] < LEAST_S or abs(stamp_s - self._told_s) < 0.5:
             return None
         self._told_s = stamp_s
         times, feet = zip(*self._rows, strict=True)
@@ -65,9 +64,6 @@ class LiveGait:
             "others_agree": round(gait.others_agree, 2),
         }
 
-
-BACKLOG_MESSAGES: Final = 256
-"""Kept for each client; the oldest goes first."""
 
 REPEAT_S: Final = 2.0
 REPEATED: Final = (SCENE.channel_id, HEADER.channel_id)
@@ -87,9 +83,8 @@ class LiveView:
             for topic in ALL_TOPICS
         }
         self._gait, self._gait_channel = LiveGait(), foxglove.Channel("/gait", schema=JSON_SCHEMA)
-        self._server = foxglove.start_server(
-            name="spot-rl", host="127.0.0.1", port=port, message_backlog_size=BACKLOG_MESSAGES
-        )
+        # Of a client's backlog, the oldest goes first.
+        self._server = foxglove.start_server(name="spot-rl", host="127.0.0.1", port=port, message_backlog_size=256)
         self.port: int = self._server.port
         self._repeated: dict[int, bytes] = {}
         self._newest_ns = 0
@@ -127,7 +122,7 @@ class LiveView:
         self._server.stop()
 
 
-def run(view: LiveView, listener: socket.socket) -> None:
+def serve_logs(view: LiveView, listener: socket.socket) -> None:
     """Take messages of one log after another until standard input closes."""
     listener.setblocking(False)
     with selectors.DefaultSelector() as selector:
@@ -175,7 +170,7 @@ def main() -> None:
     sys.stdout.write(f"{view.port}\n")
     sys.stdout.flush()
     try:
-        run(view, listener)
+        serve_logs(view, listener)
     finally:
         view.close()
 

@@ -30,7 +30,6 @@ from spot_model.errors import SpotRlError
 from spot_protos import log_pb2
 
 FLUSH_PERIOD_S: Final = 0.5
-RECEIVE_PERIOD_S: Final = 0.004
 MAX_QUEUED: Final = 60_000
 """Datagrams held while the disk stalls: 90 s of a full stream, about 60 MB."""
 SHARED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
@@ -83,7 +82,7 @@ class LoggerChild:
                 size = self._connection.recv_into(buffer, 0, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 # Waiting inside recv would make every send of the loop wake this process, which costs the loop 10 µs.
-                time.sleep(RECEIVE_PERIOD_S)
+                time.sleep(0.004)
                 continue
             except OSError:
                 size = 0

@@ -23,7 +23,6 @@ from spot_protos import log_pb2
 SEND_BUFFER_BYTES: Final = 4 << 20
 START_TIMEOUT_S: Final = 60.0
 CLOSE_TIMEOUT_S: Final = 10.0
-_ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
 _FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
 
@@ -44,12 +43,7 @@ class LoggerProcess:
 
     @staticmethod
     def start(path: Path, header: RunHeader, *, timeout_s: float = START_TIMEOUT_S) -> LoggerProcess:
-        """Start the process and wait until the file is open.
-
-        Args:
-            path: The log's final name; until it is closed it is called ``path`` + ``.active``.
-            header: What goes into the header record.
-            timeout_s: How long to wait for the process.
+        """Start the process and wait until the file is open; until it is closed it is called ``path`` + ``.active``.
 
         Raises:
             LogError: The log exists, the disk is too full or not writable, or the process does not start.
@@ -97,7 +91,7 @@ class LoggerProcess:
         except (ConnectionError, TimeoutError):
             self._is_alive = False
             self._dropped[topic] += 1
-        except (OSError, *_ENCODING_ERRORS) as error:
+        except (OSError, TypeError, ValueError, AttributeError, OverflowError, struct.error) as error:
             self._dropped[topic] += 1
             self._own_problem = f"a {topic} record could not be handed to the log: {error}"
 

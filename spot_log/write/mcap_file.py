@@ -199,19 +199,11 @@ class McapFile:
         self._begin_chunk()
 
     def attach(self, name: str, media_type: str, data: bytes, log_ns: int) -> None:
-        """Add an attachment, outside any chunk and with a check sum of its own.
-
-        Raises:
-            OSError: The disk is full, or gone.
-        """
+        """Add an attachment, outside any chunk and with a check sum of its own. Raises OSError."""
         self.keep(Attachment(log_ns, log_ns, name, media_type, data))
 
     def keep(self, record: Attachment | Metadata) -> None:
-        """Add a record as it is, outside any chunk.
-
-        Raises:
-            OSError: The disk is full, or gone.
-        """
+        """Add a record as it is, outside any chunk. Raises OSError: the disk is full, or gone."""
         encoded, place = encode(record), self._size
         self._append(encoded)
         if isinstance(record, Metadata):
@@ -223,8 +215,7 @@ class McapFile:
     def finish(self, final_name: str = "") -> None:
         """Flush, add the index, and close. A file that is not finished can still be read, slower.
 
-        Args:
-            final_name: What the file is called from now on, in its folder; empty: as before.
+        The file is called ``final_name`` from now on, in its folder; where that is empty, as before.
 
         Raises:
             OSError: The disk is full, or gone; the file is closed all the same.

@@ -59,11 +59,7 @@ def free_path(path: Path) -> Path:
 
 
 def make_log_folder(directory: Path) -> None:
-    """Make the folder of the logs where it is missing.
-
-    Raises:
-        LogError: It cannot be made.
-    """
+    """Make the folder of the logs where it is missing. Raises LogError: it cannot be made."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -250,13 +246,7 @@ class RunWriter:
         # A better estimate of the clocks' difference moves the mapping, which must not turn time back for readers.
         newest_ns = max(self._newest_publish_ns[topic.channel_id], log_ns if publish_ns is None else publish_ns)
         self._newest_publish_ns[topic.channel_id] = newest_ns
-        self._file.add(
-            topic.channel_id,
-            data,
-            log_ns=log_ns,
-            publish_ns=newest_ns,
-            sequence=sequence,
-        )
+        self._file.add(topic.channel_id, data, log_ns=log_ns, publish_ns=newest_ns, sequence=sequence)
 
 
 def _by_topic(counts: Mapping[int, int]) -> dict[str, int]:

@@ -100,15 +100,8 @@ class ControlLoop:
     ) -> None:
         """Prepare; the robot stands under the vendor's control.
 
-        Args:
-            hal: The robot.
-            policy: The network with its contract.
-            source: Where velocity commands come from.
-            config: The run's configuration.
-            sink: The log.
-            on_event: Also told of every event; must not block.
-            wall_s: Measures how long computing takes.
-            pauses: Tells whether this process is why states are old; None where robot time waits for it.
+        ``on_event`` is also told of every event, and must not block; ``wall_s`` measures how long computing takes;
+        ``pauses`` tells whether this process is why states are old, and is None where robot time waits for it.
         """
         self._pauses = pauses
         self._hal, self._sink, self._on_event, self._wall_s = hal, sink, on_event, wall_s

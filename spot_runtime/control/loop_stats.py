@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 PENDING_MAX: Final = 64
-DEFAULT_CAPACITY: Final = 32_768
-"""Ten minutes at 50 Hz."""
 
 
 class RecentValues:
     """A ring of numbers; when it is full, the oldest goes."""
 
-    def __init__(self, capacity: int = DEFAULT_CAPACITY) -> None:
+    def __init__(self, capacity: int = 32_768) -> None:  # ten minutes at 50 Hz
         self._ring = np.full(capacity, np.nan)
         self.count = 0
         """Numbers taken since the start."""

@@ -48,11 +48,7 @@ class LoadAverage(NamedTuple):
         return bool(self.samples) and self.samples[-1][0] - self.samples[0][0] >= 0.9 * self.window_ns
 
     def mean_nm(self) -> Array:
-        """Mean load, shape (12,), N·m.
-
-        Raises:
-            ValueError: No state was taken yet.
-        """
+        """Mean load, shape (12,), N·m. Raises ValueError: no state was taken yet."""
         if not self.samples:
             raise ValueError("no state to average over")
         return np.asarray(np.mean([load for _, load in self.samples], axis=0))
@@ -157,16 +153,10 @@ def asked_setpoint(
     measured_rad: Array,
     config: HandoverConfig,
 ) -> Setpoint:
-    """The set-point that a mode asks for, before any limit.
+    """The set-point that a mode which sends asks for, before any limit; poses and set-points have shape (12,).
 
-    Args:
-        mode: One that sends.
-        in_mode_s: Robot time since it began; since the robot confirmed joint control, while it takes hold.
-        hold: The pose in which the vendor's stand handed over.
-        policy_rad: The policy's set-point of this tick, shape (12,); None in modes that run no policy.
-        policy_gains: The policy's gains.
-        measured_rad: The newest measured pose, shape (12,).
-        config: The ramps.
+    ``in_mode_s`` is robot time since the mode began; since the robot confirmed joint control, while it takes hold.
+    ``hold`` is the pose in which the vendor's stand handed over.
 
     Raises:
         ValueError: The mode runs the policy, but the policy's set-point is missing.

@@ -83,13 +83,9 @@ def _is_host(text: str) -> bool:
 
 
 def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, timeout_s: float) -> HalError:
-    """Find out why no secure connection came about, by trying its steps one by one.
+    """Find out why no secure connection came about, by trying its steps one by one, each for ``timeout_s``.
 
-    Args:
-        address: Where the robot should be.
-        trusted_pem: The certificates that are trusted, PEM.
-        reason: The failed call's own words, used if every step succeeds here.
-        timeout_s: Bound of each step.
+    If every step succeeds here, the failed call's own ``reason`` is told.
     """
     try:
         connection = connect(address, timeout_s)

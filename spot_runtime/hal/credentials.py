@@ -103,11 +103,7 @@ _CERTIFICATE: Final = re.compile(rb"-----BEGIN CERTIFICATE-----[\x00-\x7f]*?----
 
 
 def trusted_certificates(ca_file: Path | None) -> bytes:
-    """The vendor's certificate and those of ``ca_file``, in PEM.
-
-    Raises:
-        CertificateError: The file cannot be read, or holds no certificate.
-    """
+    """The vendor's certificate and those of ``ca_file``, in PEM. Raises CertificateError."""
     vendor = files("bosdyn.client.resources").joinpath("robot.pem").read_bytes()
     return vendor if ca_file is None else vendor + b"\n" + read_certificates(ca_file)
 

@@ -43,11 +43,7 @@ AdapterFactory = Callable[[HalRequest], Adapter]
 
 
 def find_adapter(request: HalRequest) -> Adapter:
-    """The adapter that the configuration names in ``robot.hal``.
-
-    Raises:
-        BadInputError: There is none of that name, or it cannot serve this request.
-    """
+    """The adapter that the configuration names in ``robot.hal``. Raises BadInputError."""
     name = request.config.robot.hal
     installed = {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)}
     target = BUILT_IN.get(name) or installed.get(name) or (name if ":" in name else "")

@@ -80,11 +80,7 @@ class RobotClockEstimate:
         return max(0, abs(sample.skew_ns - skew_ns) - sample.round_trip_ns // 2)
 
     def skew_ns(self, host_stamp_ns: int) -> int:
-        """Robot clock minus host clock at a host instant.
-
-        Raises:
-            RuntimeError: There was no sample yet.
-        """
+        """Robot clock minus host clock at a host instant. Raises RuntimeError: there was no sample yet."""
         line = self._line
         if line is None:
             raise RuntimeError("the robot's clock is not known yet; add a round trip first")

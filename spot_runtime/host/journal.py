@@ -73,8 +73,6 @@ class Console:
             return  # the reader has gone; the run goes on
 
 
-SOCKET: Final = Path("/run/systemd/journal/socket")
-STREAM_VARIABLE: Final = "JOURNAL_STREAM"
 IDENTIFIER: Final = "spot-rl"
 PRIORITY: Final = {Severity.INFO: 6, Severity.WARNING: 4, Severity.ERROR: 3}
 """syslog's levels: info, warning, err."""
@@ -82,7 +80,7 @@ PRIORITY: Final = {Severity.INFO: 6, Severity.WARNING: 4, Severity.ERROR: 3}
 
 def goes_to_journal(stream: TextIO, environment: Mapping[str, str]) -> bool:
     """Whether a stream is connected to the journal: its device and inode are those that the environment names."""
-    wanted = environment.get(STREAM_VARIABLE, "")
+    wanted = environment.get("JOURNAL_STREAM", "")
     try:
         status = os.fstat(stream.fileno())
     except (OSError, ValueError):
@@ -93,7 +91,7 @@ def goes_to_journal(stream: TextIO, environment: Mapping[str, str]) -> bool:
 class Journal:
     """Sends events to the journal; never blocks. What it does not take is left to the caller."""
 
-    def __init__(self, path: Path = SOCKET) -> None:
+    def __init__(self, path: Path = Path("/run/systemd/journal/socket")) -> None:
         self._path = str(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
 

@@ -15,9 +15,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 SOCKET_VARIABLE: Final = "NOTIFY_SOCKET"
-PERIOD_VARIABLE: Final = "WATCHDOG_USEC"
 PROCESS_VARIABLE: Final = "WATCHDOG_PID"
-NS_PER_US: Final = 1_000
 FEEDS_PER_PERIOD: Final = 4
 """systemd asks for at least two; with four, one late or lost message does not end a run."""
 
@@ -28,12 +26,9 @@ class ServiceManager:
     def __init__(
         self, address: str = "", watchdog_ns: int = 0, *, monotonic_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        """Connect.
+        """Connect to a datagram socket's path, or ``@name`` for an abstract one; nothing for an empty address.
 
-        Args:
-            address: Path of a datagram socket, or ``@name`` for an abstract one; empty for none.
-            watchdog_ns: The interval within which the manager expects a sign of progress; 0 for none.
-            monotonic_ns: The clock of the watchdog.
+        The manager expects a sign of progress each ``watchdog_ns`` by this clock; 0 for none.
         """
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._monotonic_ns = monotonic_ns
@@ -50,9 +45,9 @@ class ServiceManager:
 
         A watchdog meant for another process, as the variable ``WATCHDOG_PID`` says, is not fed.
         """
-        address, period_us = environment.get(SOCKET_VARIABLE, ""), environment.get(PERIOD_VARIABLE, "")
+        address, period_us = environment.get(SOCKET_VARIABLE, ""), environment.get("WATCHDOG_USEC", "")
         is_ours = environment.get(PROCESS_VARIABLE, str(os.getpid())) == str(os.getpid())
-        watchdog_ns = int(period_us) * NS_PER_US if is_ours and period_us.isdecimal() else 0
+        watchdog_ns = int(period_us) * 1_000 if is_ours and period_us.isdecimal() else 0
         return ServiceManager(address if address.startswith(("/", "@")) else "", watchdog_ns)
 
     @property

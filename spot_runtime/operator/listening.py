@@ -52,11 +52,7 @@ def is_unix(address: str) -> bool:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an address reaches this computer alone.
-
-    Raises:
-        BadInputError: It is not an address.
-    """
+    """Whether an address reaches this computer alone. Raises BadInputError: it is not an address."""
     host, colon, port = address.rpartition(":")
     # gRPC would take a larger number as another port; what is not printable may be no UTF-8.
     is_port = bool(colon and host) and port.isdecimal() and int(port[:6]) <= MAX_PORT

@@ -62,13 +62,9 @@ class GuardianKeeper:
         tell: Callable[[str], None],
         give_up: Callable[[str], None],
     ) -> None:
-        """Prepare.
+        """Prepare. ``start`` starts one that sees the heartbeat, or raises OSError; ``tell`` hears of each that ended.
 
-        Args:
-            start: Starts one or raises OSError.
-            heartbeat: What one shows.
-            tell: Told in words of each that has ended.
-            give_up: Told once, when the robot must not keep its power for want of one.
+        ``give_up`` is told once, when the robot must not keep its power for want of one.
         """
         self._start, self._heartbeat, self._tell, self._give_up = start, heartbeat, tell, give_up
         self._guardian: ChildProcess | None = None
@@ -251,12 +247,8 @@ def guarded(
 ) -> Callable[[LogSink], Hal]:
     """What makes the adapter, guarded where it is the vendor's; any other is as it is, and its robot on its own.
 
-    Args:
-        adapter: The one that was found.
-        request: What it is made for.
-        service_pid: The operator's service, which acts before the guardian does; 0: there is none.
-        on_pause: Told of each look at a motion of the vendor's.
-        tell: Also told of every event; must not block.
+    The operator's service, if its process is given, acts before the guardian does. ``on_pause`` is told of each look at
+    a motion of the vendor's, ``tell`` of every event, and must not block.
     """
     if request.config.robot.hal != "spot":
         return adapter.make

@@ -117,18 +117,10 @@ def start_guardian(
     service_pid: int = 0,
     lock_step: str = "",
 ) -> ChildProcess:
-    """Start one that watches. Raises OSError.
+    """Start one that watches the process in control, whose note lies in ``folder``. Raises OSError.
 
-    Args:
-        robot: The robot's address.
-        config: How to reach it.
-        folder: Where the note lies.
-        control_pid: The process in control.
-        heartbeat: What that shows.
-        silent_s: Without a beat for so long it hangs.
-        note: Of its lease.
-        service_pid: The operator's service, which comes first; 0: there is none.
-        lock_step: Admin address of a fake robot in lock-step mode, whose time stands still while nobody controls it.
+    That process hangs if ``heartbeat`` shows no beat for ``silent_s``. The operator's service, if there is one, comes
+    first. ``lock_step`` is the admin address of a fake robot whose time stands still while nobody controls it.
     """
     watch = {
         "control_pid": control_pid,
@@ -214,15 +206,10 @@ def _is_left_to_us(told: dict[str, Any]) -> bool:
 def outlive(
     control: LivingProcess, heartbeat: Heartbeat, silent_s: float, may_be_silent: Collection[int] = (Hold.AT_REST,)
 ) -> None:
-    """Wait for the end of a process; one that does not beat though it must is aborted, then killed.
+    """Wait for the end of a process; one that does not beat for ``silent_s`` though it must is aborted, then killed.
 
-    Looks are counted, not seconds: while a computer sleeps, nobody looks.
-
-    Args:
-        control: The process.
-        heartbeat: What it shows; letting the robot go counts as a beat.
-        silent_s: Without a beat for so long it hangs.
-        may_be_silent: Holds in which it need not beat.
+    Looks are counted, not seconds: while a computer sleeps, nobody looks. Letting the robot go counts as a beat;
+    ``may_be_silent`` are holds in which it need not beat.
     """
     last, silent, is_ending = (heartbeat.count, heartbeat.hold), 0, False
     heartbeat.look()

@@ -21,7 +21,6 @@ from spot_model.process.private_folder import new_private_file
 from spot_runtime.causes import shortage
 from spot_runtime.host.instance_lock import open_locked
 
-FOLDER_NAME: Final = "spot-rl"
 MAX_BYTES: Final = 65_536
 WITHIN_S: Final = 20.0
 """Longest silence of a robot that a note names until it is given up. With a last try of some 30 s, less than the unit
@@ -57,7 +56,7 @@ def note_folder(environment: Mapping[str, str]) -> Path:
     if unit:
         return Path(unit)
     base = environment.get("XDG_STATE_HOME", "")
-    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / FOLDER_NAME
+    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "spot-rl"
 
 
 def note_path(robot: str, folder: Path) -> Path:
@@ -88,10 +87,7 @@ class HeldNote:
     def write(path: Path, note: LeaseNote, instead_of: HeldNote | None = None) -> HeldNote:
         """Write a note to the disk, as a new file that takes the place of an old one, whoever may read that.
 
-        Args:
-            path: Where it lies.
-            note: What it says.
-            instead_of: The one that this process holds there, and lets go in any case.
+        ``instead_of`` is the one that this process holds there; it is let go in any case.
 
         Raises:
             LeaseNoteError: It cannot be written, or the process lives that wrote the old one.

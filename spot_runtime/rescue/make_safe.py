@@ -65,22 +65,12 @@ def when_new(say: Tell) -> Tell:
 
 
 def make_safe(
-    note: LeaseNote,
-    config: RunConfig,
-    *,
-    lock_step: str = "",
-    within_s: float = WITHIN_S,
-    tell: Tell = lambda _: None,
+    note: LeaseNote, config: RunConfig, *, lock_step: str = "", within_s: float = WITHIN_S, tell: Tell = lambda _: None
 ) -> Safety:
-    """Bring the robot of a note to rest, however often that must be tried.
+    """Bring the robot of a note, which the dead process left, to rest, however often that must be tried.
 
-    Args:
-        note: What the dead process left.
-        config: How to reach the robot.
-        lock_step: Admin address of a fake robot in lock-step mode.
-        within_s: No new try so many seconds after the robot last answered; one that is under way takes at most some
-            30 s more. A lease that somebody has without commanding anything is an answer.
-        tell: Told of each try that ends with such an answer.
+    No new try begins ``within_s`` after the robot last answered; one that is under way takes at most some 30 s more. A
+    lease that somebody has without commanding anything is an answer, and ``tell`` is told of each try that ends so.
 
     Raises:
         NotSafeError: It could not be done.
@@ -110,16 +100,9 @@ def make_safe_by_note(
     known: LeaseNote | None = None,
     tell: Tell = lambda _: None,
 ) -> str:
-    """Make one robot safe if there is a note of it. Returns what was done.
+    """Make one robot safe if there is a note of it. Returns what was done. More as :func:`make_safe` has it.
 
-    Args:
-        robot: The robot's address.
-        config: How to reach it.
-        folder: Where the note lies.
-        lock_step: Admin address of a fake robot in lock-step mode.
-        within_s: As :func:`make_safe` has it.
-        known: What stood in the note, for one that is gone or damaged, or whose holder cannot be ended.
-        tell: As :func:`make_safe` has it.
+    ``known`` is what stood in the note, for one that is gone or damaged, or whose holder cannot be ended.
 
     Raises:
         NotSafeError: It could not be done; the note stays, for the next try.

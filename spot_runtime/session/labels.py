@@ -17,11 +17,7 @@ def is_label(key: str, value: str) -> bool:
 
 
 def parse_labels(texts: list[str]) -> dict[str, str]:
-    """``KEY=VALUE`` pairs.
-
-    Raises:
-        BadInputError: One is not such a pair, or a key comes twice.
-    """
+    """``KEY=VALUE`` pairs. Raises BadInputError: one is not such a pair, or a key comes twice."""
     labels: dict[str, str] = {}
     for text in texts:
         key, equals, value = text.partition("=")

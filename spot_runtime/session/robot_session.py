@@ -35,12 +35,8 @@ def check_standing(
 ) -> tuple[BatteryMemory, Stop | None]:
     """What is known of the battery now, and what ends the waiting, if anything does.
 
-    Args:
-        hal: The robot.
-        newest: The newest state, if one has come since the last look.
-        newest_host_ns: When the newest of all was received, host's clock.
-        battery: What was known of the battery.
-        limits: By which the state is judged: a robot that was turned over does not stand.
+    ``newest`` holds a state if one has come since the last look; the newest of all came at ``newest_host_ns``. A robot
+    that was turned over does not stand.
     """
     problems = hal.problems()
     if problems:
@@ -114,14 +110,9 @@ class RobotSession:
         say: Callable[[str], None] = lambda _: None,
         on_shut_down: Callable[[], None] = lambda: None,
     ) -> None:
-        """Prepare.
+        """Prepare. What the operator asks by ``signals``, entered, ends the session.
 
-        Args:
-            signals: Entered; what the operator asks by them ends the session.
-            event: Writes an event.
-            limits: By which a robot that was handed back is looked at.
-            say: Takes words about progress.
-            on_shut_down: Called when shutting down begins; once, so that its own failure cannot keep the power on.
+        ``on_shut_down`` is called when shutting down begins; once, so that its own failure cannot keep the power on.
         """
         self._limits = limits or SafetyLimits()
         self._signals, self._event, self._say, self._on_shut_down = signals, event, say, on_shut_down

@@ -58,9 +58,10 @@ RECORD_TIMEOUT_S: Final = 5.0
 
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]
+TellEvent = Callable[[EventRecord], None]
 
 
-def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
+def log_header(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
     """The log's header: all that tells this run from others."""
     contract = request.policy.contract
     return RunHeader(
@@ -97,32 +98,27 @@ def recover_at_start(directory: Path, console: Console) -> None:
         console.say(f"warning: leftovers in {directory} could not be recovered: {error.strerror or error}")
 
 
-def run(
+def run_once(
     request: RunRequest,
     make_hal: HalFactory,
     make_sink: SinkFactory,
     console: Console,
     *,
     manager: ServiceManager | None = None,
-    tell: Callable[[EventRecord], None] | None = None,
+    tell: TellEvent | None = None,
 ) -> RunSummary:
     """Drive the robot through one run; it ends at rest and without power, or the summary says why not.
 
-    Args:
-        request: What to run.
-        make_hal: Makes the adapter, given the log.
-        make_sink: Opens the log.
-        console: Where progress goes.
-        manager: Told of readiness, progress and the end; nobody if None.
-        tell: Takes events in the console's place; must not block.
+    ``manager`` is told of readiness, progress and the end; ``tell`` takes events in the console's place, and must not
+    block.
 
     Raises:
         SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
     """
-    header = header_of(request, HostClock().now_ns())
+    header = log_header(request, HostClock().now_ns())
     sink = FlightRecorder(make_sink(request.log_path, header), WANTED_ENDS)
-    with StopSignals() as signals:
-        attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell or console.event, signals)
+    attempt = _Attempt(request, header, sink, console, manager, tell or console.event)
+    with attempt.signals:
         try:
             attempt.drive(make_hal)
         finally:
@@ -132,7 +128,56 @@ def run(
     return attempt.summary()
 
 
-class _Attempt:
+class Driver:
+    """Drives one robot through its session: what a single run and an operator's arming have in common."""
+
+    def __init__(
+        self, config: RunConfig, sink: LogSink, tell: TellEvent, manager: ServiceManager | None = None, sender: str = ""
+    ) -> None:
+        self.config, self.sink, self.manager = config, sink, manager or ServiceManager()
+        self._tell, self._clock, self.signals = tell, HostClock(), StopSignals(sender)
+        self.session = RobotSession(
+            self.signals, self.event, limits=config.safety, say=self.say, on_shut_down=self.shutting_down
+        )
+
+    def say(self, text: str) -> None:
+        """Words about progress."""
+
+    def shutting_down(self) -> None:
+        """The robot is brought to rest from now on."""
+
+    def ask_for_real_time(self) -> tuple[str, ...]:
+        """Apply the real-time settings. Returns what the system refuses, which is told."""
+        refusals = tuple(apply_real_time(self.config.real_time))
+        for refusal in refusals:
+            self.event(EventName.REAL_TIME_REFUSED, refusal)
+        return refusals
+
+    def make(self, make_hal: HalFactory, policy: Policy) -> Hal:
+        """The adapter. What takes long is done first: later the robot has power, and nobody would look after it."""
+        policy.warm_up()
+        return make_hal(self.sink)
+
+    def loop_of(self, hal: Hal, policy: Policy, source: CommandSource) -> ControlLoop:
+        """The loop of a control that begins now."""
+        watch = pauses(self.config.real_time)
+        loop = ControlLoop(hal, policy, source, self.config, self.sink, on_event=self._tell, pauses=watch)
+        freeze_garbage_collection(self.config.real_time)
+        return loop
+
+    def event(self, name: EventName, text: str) -> None:
+        """Write an event to the log of the moment, and tell of it."""
+        record = EventRecord(self.now_ns(), 0, name.severity, name.label, text)
+        self.sink.put(record)
+        self._tell(record)
+
+    def now_ns(self) -> int:
+        """The host's clock, as the adapter has it once there is one."""
+        hal = self.session.hal
+        return self._clock.now_ns() if hal is None else hal.host_now_ns()
+
+
+class _Attempt(Driver):
     """The steps of one run, and what is known of its end."""
 
     def __init__(
@@ -141,18 +186,11 @@ class _Attempt:
         header: RunHeader,
         sink: FlightRecorder,
         console: Console,
-        manager: ServiceManager,
-        tell: Callable[[EventRecord], None],
-        signals: StopSignals,
+        manager: ServiceManager | None,
+        tell: TellEvent,
     ) -> None:
-        self._request, self._sink, self._console, self._manager = request, sink, console, manager
-        self._header = header
-        self._tell = tell
-        self._clock, self._signals = HostClock(), signals
-        limits = request.config.safety
-        self.session = RobotSession(
-            signals, self._event, limits=limits, say=self._say, on_shut_down=self._shutting_down
-        )
+        super().__init__(request.config, sink, tell, manager)
+        self._request, self._header, self._flight, self._console = request, header, sink, console
         self._loop: ControlLoop | None = None
         self._stats = LoopStats()
         self._refusals: tuple[str, ...] = ()
@@ -163,30 +201,27 @@ class _Attempt:
 
     def drive(self, make_hal: HalFactory) -> None:
         """Connect, stand, control, sit, power off."""
-        config = self._request.config
         policy = self._request.policy
         if isinstance(policy, JointScript):
-            self._event(EventName.RUN_STARTED, f"joint experiment {policy.contract.name}, {policy.experiment.kind}")
+            self.event(EventName.RUN_STARTED, f"joint experiment {policy.contract.name}, {policy.experiment.kind}")
         else:
-            self._event(EventName.RUN_STARTED, f"policy {policy.contract.name}, {self._request.source.name}")
+            self.event(EventName.RUN_STARTED, f"policy {policy.contract.name}, {self._request.source.name}")
             event, told = gait_event(policy.contract)
-            self._event(event, told)
-            self._manager.status(told)
-        self._refusals = tuple(apply_real_time(config.real_time))
-        for refusal in self._refusals:
-            self._event(EventName.REAL_TIME_REFUSED, refusal)
-        self._say(f"connecting to {self._request.robot} …")
+            self.event(event, told)
+            self.manager.status(told)
+        self._refusals = self.ask_for_real_time()
+        self.say(f"connecting to {self._request.robot} …")
         try:
-            self.session.drive(lambda: self._make(make_hal), self._control)
+            self.session.drive(lambda: self.make(make_hal, policy), self._control)
         finally:
             self._record_flight(RECORD_TIMEOUT_S)
             if self._recorded is not None:
-                self._event(*self._recorded)
+                self.event(*self._recorded)
 
     def summary(self) -> RunSummary:
         """What a person and a program want to know."""
         rss_mb = resident_mb()
-        health, outcome = self._sink.health(), self.session.outcome
+        health, outcome = self._flight.health(), self.session.outcome
         if health.path == "":
             outcome = outcome.after_loss_of_log(health.problem)
         return RunSummary(
@@ -206,43 +241,35 @@ class _Attempt:
             **figures(self._stats),  # type: ignore[arg-type]
         )
 
-    def _make(self, make_hal: HalFactory) -> Hal:
-        """The adapter. What takes long is done first: later the robot has power, and nobody would look after it."""
-        self._request.policy.warm_up()
-        return make_hal(self._sink)
-
     def _control(self, hal: Hal) -> ControlEnd:
-        policy, source, config = self._request.policy, self._request.source, self._request.config
-        loop = ControlLoop(
-            hal, policy, source, config, self._sink, on_event=self._tell, pauses=pauses(config.real_time)
-        )
-        self._loop, self._stats = loop, loop.stats
+        loop = self._loop = self.loop_of(hal, self._request.policy, self._request.source)
+        self._stats = loop.stats
         self._console.show(lambda: self._show(_progress(loop)))
-        freeze_garbage_collection(self._request.config.real_time)
         self._rss_start_mb = resident_mb()
-        self._manager.ready()
+        self.manager.ready()
         began_robot_ns, began_s = hal.robot_now_ns(), time.monotonic()
         while not loop.is_done:
-            asked = self._signals.take()
+            asked = self.signals.take()
             if asked is not None:
                 loop.ask_stop(asked)
             loop.cycle()
-            self._manager.progressed()
+            self.manager.progressed()
         self._control_s = (hal.robot_now_ns() - began_robot_ns) / 1e9, time.monotonic() - began_s
         self._console.show(None)
         return control_end(loop.ending)
 
-    def _shutting_down(self) -> None:
-        self._manager.stopping()
+    def shutting_down(self) -> None:
+        """Write what led here, and say so."""
+        self.manager.stopping()
         self._record_flight(0.0)
-        self._say("sitting and powering off …")
+        self.say("sitting and powering off …")
 
     def _record_flight(self, within_s: float) -> None:
         """Write what led to a stop, in a thread of its own: a slow disk must not keep the robot standing."""
         path, header, label = self._request.log_path, self._header, self.session.outcome.label
 
         def write() -> None:
-            told = self._sink.write(path, header, label)
+            told = self._flight.write(path, header, label)
             self._recorded = told or self._recorded
 
         with contextlib.suppress(RuntimeError):  # there is no room for another thread
@@ -252,22 +279,16 @@ class _Attempt:
         for recorder in self._recorders:
             recorder.join(within_s)
 
-    def _event(self, name: EventName, text: str) -> None:
-        hal = self.session.hal
-        host_ns = self._clock.now_ns() if hal is None else hal.host_now_ns()
-        record = EventRecord(host_ns, 0, name.severity, name.label, text)
-        self._sink.put(record)
-        self._tell(record)
-
-    def _say(self, text: str) -> None:
-        self._manager.status(text)
+    def say(self, text: str) -> None:
+        """To the service manager and the console."""
+        self.manager.status(text)
         self._console.say(text)
 
     def _show(self, progress: str) -> str:
         """The progress line where a person reads along; a service manager shows it itself, so that no log fills."""
-        if not self._manager.is_listening:
+        if not self.manager.is_listening:
             return progress
-        self._manager.status(progress)
+        self.manager.status(progress)
         return ""
 
 

@@ -18,7 +18,8 @@ import grpc
 from typing_extensions import Self
 
 from fake_robot.start.process import FakeProcess
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub as stub_of
 
 from .blocks import REPOSITORY
 
@@ -97,7 +98,7 @@ class Session:
     def is_at_rest(self) -> bool:
         """Whether the robot has neither power nor a holder."""
         with grpc.insecure_channel(self._fake.address.admin) as channel:
-            stub = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+            stub = stub_of(channel, fake_admin_pb2)
             status = stub.GetStatus(fake_admin_pb2.GetStatusRequest())
         return status.motor_power.lower().endswith("off") and not status.lease_owner
 

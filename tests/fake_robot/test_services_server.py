@@ -35,7 +35,8 @@ from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
 from fake_robot.start.server import BindError, sdk_host
 from fake_robot.start.state_folder import ensure_credentials, read_password
 from spot_model.errors import BadInputError, SpotRlError
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub as stub_of
 
 # ---------------------------------------------------------------------------------------------------- certificates
 
@@ -327,7 +328,7 @@ def lock_step(serve_stub: Callable[..., Any], stub_robot_type: Any) -> Any:
 
 def admin_of(stub: Any) -> tuple[grpc.Channel, Any]:
     channel = grpc.insecure_channel(stub.endpoints.admin)
-    return channel, fake_admin_pb2_grpc.FakeAdminStub(channel)
+    return channel, stub_of(channel, fake_admin_pb2)
 
 
 def test_step_lets_time_pass(lock_step: Any) -> None:

@@ -18,7 +18,8 @@ from bosdyn.client.sdk import create_standard_sdk
 from typer.testing import CliRunner
 
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub as stub_of
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.errors import HalError, NoServiceError
 from spot_tools.checks import CheckResult, Finding, is_fit
@@ -51,7 +52,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
 @pytest.fixture
 def admin(address: FakeAddress) -> Iterator[Any]:
     with grpc.insecure_channel(address.admin) as channel:
-        stub = fake_admin_pb2_grpc.FakeAdminStub(channel)
+        stub = stub_of(channel, fake_admin_pb2)
         yield stub
         stub.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
 
@@ -218,7 +219,7 @@ def test_a_robot_that_nobody_can_stop_and_what_stays_until_a_person_clears_it(
         assert failed(look("external")) == {"e-stop", "battery"}
         assert look("auto")["e-stop"].verdict is CheckResult.WARN
         with grpc.insecure_channel(fake.address.admin) as channel:
-            admin = fake_admin_pb2_grpc.FakeAdminStub(channel)
+            admin = stub_of(channel, fake_admin_pb2)
             inject(admin, "behavior_fault", cause="fall")
             inject(admin, "lease_stolen", owner="tablet-7")
         results = look("auto")

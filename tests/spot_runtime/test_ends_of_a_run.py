@@ -41,7 +41,7 @@ from spot_runtime.hal.spot.motions import CUT_S, Helm, Motions
 from spot_runtime.host.journal import Console
 from spot_runtime.session import run as run_module
 from spot_runtime.session.robot_session import ControlEnd, RobotSession
-from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.run import RunRequest, run_once
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.stops import Stop, StopReason
@@ -93,7 +93,7 @@ class Troubled(HandMadeRobot):
         request = RunRequest("by hand", policy, ScriptedSource(standing_sequence(0.1)), CONFIG, path / "run.mcap")
         console = Console(io.StringIO())
         try:
-            return run(request, lambda _: self, lambda *_: self.sink, console)
+            return run_once(request, lambda _: self, lambda *_: self.sink, console)
         finally:
             console.close()
 

@@ -30,7 +30,8 @@ from bosdyn.client.robot_state import RobotStateClient
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log.write.sink import MemorySink
 from spot_model.robot.state import Gains, JointCommand
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import JointControl
@@ -396,7 +397,7 @@ def test_the_fake_robot_sits_and_powers_off_although_a_call_for_joint_control_is
     hal.power_off()
     assert sent == ["joint_request", "safe_power_off_request"]
     with grpc.insecure_channel(fake.admin) as channel:
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin = stub(channel, fake_admin_pb2)
         assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
     assert hal._session.newest_lease("body").sequence[0] == hal._session.lease.sequence[0]
     hal._session.retain_lease()

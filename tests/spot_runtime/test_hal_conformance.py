@@ -17,7 +17,8 @@ from spot_log.write.sink import MemorySink
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
@@ -189,7 +190,7 @@ def test_motors_that_lost_power_are_not_powered_on_again(fake: FakeAddress, monk
     hal.connect()
     hal.stand()
     with grpc.insecure_channel(fake.admin) as channel:
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin = stub(channel, fake_admin_pb2)
         admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="power_loss", duration_s=0.1))
         admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
         with pytest.raises(MotionError, match="standing"):

@@ -9,25 +9,27 @@ from typing import Any
 import grpc
 import pytest
 
-from fake_robot.services.calls import RefusedCallError
+from fake_robot.services.calls import RefusedCallError, Service, UnaryCalls
 from fake_robot.services.stepping import StepSocket
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.lock_step import COMMAND_ATTEMPTS, LockStep
 
 
-class Admin(fake_admin_pb2_grpc.FakeAdminServicer):
+class Admin(Service):
     """Answers steps, but says for a while that the command that is waited for has not come."""
 
+    modules = (fake_admin_pb2,)
+
     def __init__(self) -> None:
+        super().__init__()
         self.deaf_to = 0
         self.waited_for: list[int] = []
-
         self.step_socket = StepSocket(self.step)
 
-    def GetStatus(self, request: Any, context: Any) -> Any:  # noqa: N802
-        path = self.step_socket.path
-        return fake_admin_pb2.GetStatusResponse(lock_step=True, robot_stamp_ns=1_000, step_socket=path)
+    def GetStatus(self, request: Any, response: Any) -> None:  # noqa: N802
+        response.lock_step, response.robot_stamp_ns = True, 1_000
+        response.step_socket = self.step_socket.path
 
     def step(self, request: Any, response: Any) -> None:
         self.waited_for.append(request.wait_for_command_key)
@@ -40,7 +42,7 @@ class Admin(fake_admin_pb2_grpc.FakeAdminServicer):
 @pytest.fixture
 def admin() -> Iterator[tuple[Admin, LockStep]]:
     servicer, server = Admin(), grpc.server(ThreadPoolExecutor(1))
-    fake_admin_pb2_grpc.add_FakeAdminServicer_to_server(servicer, server)
+    server.add_generic_rpc_handlers((UnaryCalls([servicer]),))
     port = server.add_insecure_port("127.0.0.1:0")
     server.start()
     pace = LockStep(f"127.0.0.1:{port}", 0)

@@ -28,7 +28,8 @@ from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import TickResult, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.state import JointCommand, RobotState
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig
 from spot_runtime.control.memory import Step
 from spot_runtime.control.safety.commands import LimitedSetpoint
@@ -41,7 +42,7 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.journal import Console
-from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.run import RunRequest, run_once
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources import Wanted
 from spot_tools.sources import ScriptedSource
@@ -97,7 +98,7 @@ class Fake:
             request = RunRequest(
                 where, policy_from_bytes(self.policy_bytes, source="test policy"), source, config, path
             )
-            summary = run(request, make_hal, LoggerProcess.start, console)
+            summary = run_once(request, make_hal, LoggerProcess.start, console)
         finally:
             console.close()
         return summary, read_run(path)
@@ -157,7 +158,7 @@ def running(folder: Path, more: str = "") -> Iterator[tuple[FakeAddress, Any]]:
         FakeProcess(scenario=str(scenario), is_lock_step=True, state_dir=folder / "state") as process,
         grpc.insecure_channel(process.address.admin) as channel,
     ):
-        yield process.address, fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield process.address, stub(channel, fake_admin_pb2)
 
 
 @pytest.fixture(scope="module")

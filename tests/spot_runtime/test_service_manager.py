@@ -21,7 +21,7 @@ from spot_model.policy.policy import Policy
 from spot_runtime.config import RunConfig
 from spot_runtime.host.journal import Console, Journal, entry_of, goes_to_journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.run import RunRequest, run_once
 from spot_tools.sources import ScriptedSource
 
 
@@ -153,7 +153,7 @@ def a_run(robot: Any, policy: Policy, manager: ServiceManager, **keywords: Any) 
     source = ScriptedSource(standing_sequence(), duration_s=0.5)
     request = RunRequest("by hand", policy, source, config, Path("unused.mcap"))
     try:
-        summary = run(request, lambda _: robot, lambda *_: MemorySink(), console, manager=manager, **keywords)
+        summary = run_once(request, lambda _: robot, lambda *_: MemorySink(), console, manager=manager, **keywords)
     finally:
         console.close()
     return summary.exit_code, text.getvalue()

@@ -59,9 +59,13 @@ def policy_ticks(run: Run, at_least: int = 0) -> NDArray[np.intp]:
 
 def fall_stamp_ns(run: Run) -> int | None:
     """Robot stamp of the first state in which the robot has fallen under the policy; None where it never did."""
-    s, ticks_ns = run.states, run.ticks.robot_stamp_ns[followed(run.ticks)]
-    row = fall_row(run.header.joint_names, s, s.robot_stamp_ns, ticks_ns)
-    return int(s.robot_stamp_ns[row]) if row < len(s) else None
+    known = vars(run)  # kept with the run, which does not change: it is asked for some seven times
+    if "fall_stamp_ns" not in known:
+        s, ticks_ns = run.states, run.ticks.robot_stamp_ns[followed(run.ticks)]
+        row = fall_row(run.header.joint_names, s, s.robot_stamp_ns, ticks_ns)
+        known["fall_stamp_ns"] = int(s.robot_stamp_ns[row]) if row < len(s) else None
+    stamp_ns: int | None = known["fall_stamp_ns"]
+    return stamp_ns
 
 
 def fall_row(joint_names: tuple[str, ...], states: StateTable | Measured, stamp_ns: Ints, ticks_ns: Ints) -> int:

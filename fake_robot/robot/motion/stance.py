@@ -26,12 +26,9 @@ _ORDER = (2, 0, 3, 1)
 
 
 def stance_path(start_rad: Array, goal_in_body_m: Array, *, mass_kg: float) -> Path:
-    """Set-points that move the feet from where they are to other places on the ground.
+    """Set-points that move the feet of a stand, given by its joint positions, to other places on the ground.
 
-    Args:
-        start_rad: Joint positions of a stand, shape (12,).
-        goal_in_body_m: Where the feet shall stand, x and y in the body's axes at the start, shape (4, 2).
-        mass_kg: Mass that the legs bear.
+    Joint positions have shape (12,). The goal is x and y of the feet in the body's axes at the start, shape (4, 2).
     """
     feet = foot_position_in_body_m(start_rad).copy()
     # All feet end at one height, or the body would lean a little more with every round of steps.
@@ -71,12 +68,7 @@ def stance_path(start_rad: Array, goal_in_body_m: Array, *, mass_kg: float) -> P
 def load_shares(feet_in_body_m: Array, without: int | None = None) -> Array:
     """Each foot's share of the weight of a body at rest above its feet: the smallest forces that balance it.
 
-    Args:
-        feet_in_body_m: Shape (4, 3); x forward, y left.
-        without: A foot that does not stand.
-
-    Returns:
-        Shape (4,); the sum is 1.
+    The feet have shape (4, 3), x forward, y left; the foot ``without`` does not stand. Shares, shape (4,), sum to 1.
     """
     standing = [leg for leg in range(N_LEGS) if leg != without]
     balance = np.vstack([np.ones(len(standing)), feet_in_body_m[standing, :2].T])

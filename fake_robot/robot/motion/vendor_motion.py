@@ -54,11 +54,8 @@ class Path:
 def leg_angles_rad(foot_in_body_m: Array) -> Array:
     """Joint angles that put the foot centres there, knees bent backwards.
 
-    Args:
-        foot_in_body_m: Shape (n, 4, 3), legs fl, fr, hl, hr.
-
-    Returns:
-        Shape (n, 12), canonical order, clipped to the joints' limits. A foot out of reach is put as near as it gets.
+    From shape (n, 4, 3), legs fl, fr, hl, hr, to shape (n, 12), canonical order, clipped to the joints' limits. A foot
+    out of reach is put as near as it gets.
     """
     side = np.array([facts.side_sign(leg) for leg in facts.LEG_NAMES])
     end = np.array([facts.end_sign(leg) for leg in facts.LEG_NAMES])
@@ -98,13 +95,9 @@ def stand_path(
 ) -> Path:
     """From where the joints are to a stand, and on along a course of its poses, at rest in each.
 
-    Args:
-        start_rad: Joint positions now, shape (12,).
-        is_low: Whether the body lies or sits: then the feet are put in place first, and lift it straight up.
-        duration_s: Time to the first pose, if that does not ask for more.
-        body_height_m: Height of the body's origin over the ground.
-        mass_kg: Mass that the legs bear.
-        course: At least one pose. An offset beyond the legs' reach is cut to it.
+    A body that lies or sits (``is_low``) has its feet put in place first, and is lifted straight up. The first of at
+    least one pose is reached after ``duration_s``, if it does not ask for more. An offset beyond the legs' reach is cut
+    to it.
     """
     if is_low and course[0].after_s > duration_s:
         course = (StandPose(after_s=duration_s), *course)
@@ -185,12 +178,9 @@ def smooth(weight: Array) -> Array:
 
 
 def weight_load_nm(position_rad: Array, mass_kg: float, share: Array | float = 1.0 / facts.N_LEGS) -> Array:
-    """Joint torques that bear the weight of a level body, shape (n, 12).
+    """Joint torques that bear the weight of a level body at joint positions; both of shape (n, 12).
 
-    Args:
-        position_rad: Shape (n, 12).
-        mass_kg: Mass that the legs bear.
-        share: Each foot's share of the weight, shape (n, 4), or one for all.
+    ``share`` is each foot's of the weight, shape (n, 4), or one for all.
     """
     _, jacobian = foot_position_and_jacobian(position_rad)
     weight = mass_kg * _GRAVITY_M_S2 * np.broadcast_to(share, (len(position_rad), facts.N_LEGS))

@@ -32,7 +32,6 @@ _HANDOVER_S: Final = 0.5
 _RELEASE_S: Final = 0.3
 """And back again: the last steps end where the feet stand."""
 _PATH_SLEW: Final[Velocity] = (1.5, 1.5, 2.0)
-_STOP_SLEW: Final[Velocity] = (2.0, 2.0, 4.0)
 _STOP_S: Final = (0.5, 2.0)
 """A walk that stops is at rest once the body is slow, after this long at the earliest and at the latest."""
 _SLOW_M_S: Final = 0.15
@@ -48,12 +47,8 @@ _HEIGHT, _ROLL, _PITCH = range(3)
 class Walker:
     """Steps a policy along a plan. Times are nanoseconds of robot time since the start.
 
-    Args:
-        policy_path: The policy's file; the built-in *walk* if None.
-        report: The robot's newest report.
-        ground_pose: Where the body is in odom.
-        stamp_ns: Turns a time into a stamp of the robot's clock, as plans bear them.
-        stand_height_m: Height of the nominal stand.
+    Without a file, the policy is the built-in *walk*. ``report`` gives the robot's newest report, ``ground_pose`` where
+    the body is in odom; ``stamp_ns`` turns a time into a stamp of the robot's clock, as plans bear them.
     """
 
     def __init__(
@@ -83,11 +78,7 @@ class Walker:
         self.progress = WalkProgress.NONE
 
     def load(self) -> Policy:
-        """Read the policy, once.
-
-        Raises:
-            PolicyError: It cannot be read, or does not hold what it must.
-        """
+        """Read the policy, once. Raises PolicyError: it cannot be read, or does not hold what it must."""
         if self._loaded is None:
             from spot_model.policy.policy import load_policy
 
@@ -172,7 +163,7 @@ class Walker:
         if isinstance(plan, PathPlan) and self.progress is WalkProgress.ARRIVED:
             return hold(plan, self._ground_pose()), _PATH_SLEW
         if plan is None or self._stop_ns is not None:
-            return (0.0, 0.0, turn_towards(self._stop_yaw_rad, self._ground_pose())), _STOP_SLEW
+            return (0.0, 0.0, turn_towards(self._stop_yaw_rad, self._ground_pose())), (2.0, 2.0, 4.0)
         slew = plan.slew if isinstance(plan, VelocityPlan) else _PATH_SLEW
         steering = steer(plan, (now_ns - self._plan_start_ns) * 1e-9, self._ground_pose())
         self._note(plan, steering, now_ns)

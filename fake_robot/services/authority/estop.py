@@ -18,9 +18,6 @@ from fake_robot.services.authority.liveness import Heartbeat, LivenessClock
 from fake_robot.services.calls import Service, duration_from_ns, ns_of
 
 REQUIRED_ROLE = "PDB_rooted"
-OPERATOR_NAME = "operator's tablet (fake)"
-OPERATOR_TIMEOUT_NS = 9_000_000_000
-ALL_64_BITS = (1 << 64) - 1
 
 CUT = estop_pb2.ESTOP_LEVEL_CUT
 SETTLE_THEN_CUT = estop_pb2.ESTOP_LEVEL_SETTLE_THEN_CUT
@@ -44,12 +41,8 @@ class Endpoint:
 class EstopService(Service):
     """Registers endpoints and hears their check-ins; every change reaches the robot at once.
 
-    Args:
-        clock: Measures how long endpoints are silent.
-        cut_after_settle_s: Time from settling to the cut, unless the endpoint says otherwise.
-        are_motors_on: Whether the motors have power, or are about to.
-        apply_level: Brings a level to the robot.
-        has_operator: Whether an operator holds a released endpoint at start.
+    A silent endpoint settles the robot, and cuts its power ``cut_after_settle_s`` later unless it says otherwise. With
+    ``has_operator``, an operator holds a released endpoint at start.
     """
 
     modules = (estop_service_pb2,)
@@ -74,8 +67,8 @@ class EstopService(Service):
             self._config_id, self._is_pressed_elsewhere = secrets.token_hex(8), False
             self._endpoints: list[Endpoint] = []
             if self._has_operator:
-                proto = _with_new_id(estop_pb2.EstopEndpoint(role=REQUIRED_ROLE, name=OPERATOR_NAME))
-                proto.timeout.CopyFrom(duration_from_ns(OPERATOR_TIMEOUT_NS))
+                proto = _with_new_id(estop_pb2.EstopEndpoint(role=REQUIRED_ROLE, name="operator's tablet (fake)"))
+                proto.timeout.CopyFrom(duration_from_ns(9_000_000_000))
                 operator = Endpoint(proto, self._clock.beat(), level=NONE, is_registered=True, is_operator=True)
                 self._endpoints.append(operator)
 
@@ -139,7 +132,7 @@ class EstopService(Service):
             response.status = response.STATUS_ENDPOINT_UNKNOWN
         else:
             found, challenge = known[0], request.challenge
-            is_answer = request.response == challenge ^ ALL_64_BITS
+            is_answer = request.response == challenge ^ (1 << 64) - 1
             if found.challenge and challenge == found.challenge and is_answer:
                 found.heartbeat, found.level = self._clock.beat(), request.stop_level
                 response.status = response.STATUS_OK

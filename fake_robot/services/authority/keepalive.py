@@ -12,7 +12,6 @@ from bosdyn.api.keepalive import keepalive_pb2, keepalive_service_pb2
 from fake_robot.services.authority.liveness import Heartbeat, LivenessClock
 from fake_robot.services.calls import Service, ns_of, timestamp_from_ns
 
-MAX_POLICIES = 64
 Control = keepalive_pb2.GetStatusResponse
 _CONTROLS = {
     "auto_return": Control.POLICY_CONTROL_ACTION_AUTO_RETURN,
@@ -66,7 +65,7 @@ class KeepaliveService(Service):
         response.removed_policies.extend(policy.proto for policy in removed if policy is not None)
         if request.HasField("to_add"):
             self._last_id += 1
-            while len(self._policies) >= MAX_POLICIES:
+            while len(self._policies) >= 64:
                 del self._policies[next(iter(self._policies))]
             added = keepalive_pb2.LivePolicy(policy_id=self._last_id, policy=request.to_add)
             added.client_name = request.header.client_name

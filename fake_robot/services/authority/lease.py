@@ -21,8 +21,6 @@ RESOURCES = (ROOT_RESOURCE, LEAF_RESOURCE)
 LISTED_RESOURCES = ("all-leases", *RESOURCES)
 """Resources that a base robot lists. Source: the vendor's "Understanding Spot Programming"."""
 
-NOBODY = "root"
-"""Client name in the lease of a resource that nobody has acquired."""
 
 Use = lease_pb2.LeaseUseResult
 
@@ -96,7 +94,8 @@ class LeaseService(Service):
             entry = response.resources.add(resource=resource)
             entry.lease_owner.SetInParent()
             if claim is None or claim.latest.resource not in {resource, ROOT_RESOURCE}:
-                unclaimed = {"epoch": self._epoch, "sequence": [self._root], "client_names": [NOBODY]}
+                # Client name in the lease of a resource that nobody has acquired.
+                unclaimed = {"epoch": self._epoch, "sequence": [self._root], "client_names": ["root"]}
                 entry.lease.CopyFrom(lease_pb2.Lease(resource=resource, **unclaimed))
                 continue
             entry.lease.CopyFrom(_of_resource(claim.latest, resource))

@@ -24,8 +24,6 @@ SWITCHES = {
     Request.REQUEST_OFF_WIFI_RADIO: ("is_wifi_on", False),
 }
 """What requests switch in the world."""
-FAN_KEYS = ("fan_front", "fan_rear")
-FAN_FREQUENCY_HZ = 50.0
 STANDSTILL_S = 3.0
 """Of host time, after which a client that waits for a robot in lock-step is told that nobody steps it."""
 STANDSTILL = (
@@ -106,8 +104,8 @@ class PowerService(Service):
 
     def GetFanInformation(self, request: Any, response: Any) -> None:  # noqa: N802
         """Two fans at one speed."""
-        for key in FAN_KEYS:
-            response.fan_information[key].frequency = FAN_FREQUENCY_HZ
+        for key in ("fan_front", "fan_rear"):
+            response.fan_information[key].frequency = 50.0
 
     def ResetSafetyStop(self, request: Any, response: Any) -> None:  # noqa: N802
         """The base robot has no redundant safety stop."""

@@ -31,7 +31,6 @@ DEFAULT_SLEW: Velocity = (4.0, 4.0, 2.0)
 """Where a velocity command names none: what the SDK's own builder sends."""
 ACCURACY_M: Final = (0.02, 0.10)
 """Least and largest accuracy that can be asked for. Source: the proto."""
-DEFAULT_ACCURACY_M: Final = 0.05
 
 
 class RefusedCommandError(Exception):
@@ -61,11 +60,7 @@ class BodyCourse:
 
 
 def read_course(packed: object) -> BodyCourse:
-    """Read the mobility params of a stand command.
-
-    Raises:
-        RefusedCommandError: They cannot be read, or hold a value that is not finite.
-    """
+    """Read the mobility params of a stand command. Raises RefusedCommandError."""
     params = spot_command_pb2.MobilityParams()
     try:
         is_known = packed.Unpack(params)  # type: ignore[attr-defined]
@@ -84,11 +79,7 @@ def read_course(packed: object) -> BodyCourse:
 
 
 def stand_poses(course: BodyCourse, snapshot: Snapshot) -> tuple[StandPose, ...]:
-    """The course as offsets over the feet, as the robot believes to stand.
-
-    Raises:
-        RefusedCommandError: The robot has no frame of that name.
-    """
+    """The course as offsets over the feet, as the robot believes to stand. Raises RefusedCommandError."""
     footprint_from_frame = SE3Pose.from_identity()
     if course.frame != FOOTPRINT:
         tree = frame_tree(snapshot)
@@ -217,7 +208,7 @@ def read_stance(request: Any) -> tuple[Callable[[Snapshot], Array], float]:
         given = ", ".join(sorted(stance.foot_positions)) or "none"
         raise _invalid(f"foot_positions has {given}; it needs each of {', '.join(LEG_NAMES)}")
     feet = [(stance.foot_positions[leg].x, stance.foot_positions[leg].y) for leg in LEG_NAMES]
-    accuracy_m = stance.accuracy or DEFAULT_ACCURACY_M
+    accuracy_m = stance.accuracy or 0.05
     if not all(math.isfinite(v) for foot in feet for v in foot):
         raise _invalid("foot_positions holds a value that is no finite number")
     if not ACCURACY_M[0] - 1e-6 <= accuracy_m <= ACCURACY_M[1] + 1e-6:

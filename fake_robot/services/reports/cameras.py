@@ -51,12 +51,10 @@ def card_pixels(cols: int, rows: int) -> NDArray[np.uint8]:
 
 
 VISUAL_SIZE = (640, 480)
-DEPTH_SIZE = (424, 240)
 MAX_IMAGES = 30
 """In one answer: each source twice."""
 DEPTH_SCALE = 1000.0
 """Counts of a depth image a metre."""
-JPEG_QUALITY = 90
 _PERIOD_NS = NS_PER_S // 15
 """A camera takes a picture no sooner than this after its last one; a request in between gets that one again."""
 _LONG_M, _WIDE_M, _ = BODY_HALF_SIZE_M
@@ -116,19 +114,12 @@ def _cameras() -> dict[str, Camera]:
         fisheye = f"{place}_fisheye"
         cameras += [
             Camera(f"{place}_fisheye_image", is_depth=False, size=VISUAL_SIZE, frame=fisheye, body_from_lens=pose),
-            Camera(f"{place}_depth", is_depth=True, size=DEPTH_SIZE, frame=place, body_from_lens=pose),
+            Camera(f"{place}_depth", is_depth=True, size=(424, 240), frame=place, body_from_lens=pose),
             Camera(
-                f"{place}_depth_in_visual_frame",
-                is_depth=True,
-                size=VISUAL_SIZE,
-                frame=fisheye,
-                body_from_lens=pose,
+                f"{place}_depth_in_visual_frame", is_depth=True, size=VISUAL_SIZE, frame=fisheye, body_from_lens=pose
             ),
         ]
     return {camera.name: camera for camera in sorted(cameras, key=lambda camera: camera.name)}
-
-
-CAMERAS = _cameras()
 
 
 class ImageService(Service):
@@ -139,7 +130,7 @@ class ImageService(Service):
     def __init__(self, world: World) -> None:
         super().__init__()
         self._world = world
-        self.cameras = CAMERAS if world.config.cameras != "none" else {}
+        self.cameras = _cameras() if world.config.cameras != "none" else {}
         self._sees_scene = world.config.cameras == "scene"
         self._captures: dict[str, Capture] = {}
 
@@ -228,13 +219,11 @@ def _encoded(pixels: NDArray[Any], size: tuple[int, int], *, is_jpeg: bool) -> b
     if not is_jpeg:
         return picture.tobytes()
     file = io.BytesIO()
-    picture.save(file, "JPEG", quality=JPEG_QUALITY)
+    picture.save(file, "JPEG", quality=90)
     return file.getvalue()
 
 
 IMAGE_SERVICE: Final = "image"
-MAX_REQUESTS: Final = 256
-"""Number of requests whose images are kept; the oldest are dropped first."""
 
 
 class DataAcquisitionService(Service):
@@ -271,7 +260,7 @@ class DataAcquisitionService(Service):
             data_acquisition_pb2.DataIdentifier(action_id=action, channel=channel, id=number)
             for number, channel in enumerate(sources, first)
         ]
-        if len(self._by_request) > MAX_REQUESTS:
+        if len(self._by_request) > 256:
             self._by_request.popitem(last=False)
         response.status, response.request_id = response.STATUS_OK, self._last_request
 

@@ -24,13 +24,9 @@ from spot_model.robot.facts import NS_PER_S
 
 MAX_FAULTS = 256
 MAX_HISTORY = 32
-LIVENESS_FAULT = "Service Liveness Fault"
-"""The fake's name for it; the vendor publishes none."""
 MAX_ENTRIES = 1000
 MAX_ENTRY_BYTES = 16 * 1024
 MAX_SCHEMAS = 1000
-MAX_CONCURRENT = 8
-MAX_KEPT = 256
 MAX_SPAN_NS = 24 * 3600 * NS_PER_S
 
 FaultKey = tuple[str, str, str]
@@ -99,7 +95,8 @@ class FaultService(Service):
 def liveness_fault(service_name: str) -> ServiceFault:
     """The fault of a service that no longer refreshes its entry in the directory."""
     fault = ServiceFault(severity=ServiceFault.SEVERITY_CRITICAL)
-    fault.fault_id.fault_name, fault.fault_id.service_name = LIVENESS_FAULT, service_name
+    # The fake's name for it; the vendor publishes none.
+    fault.fault_id.fault_name, fault.fault_id.service_name = "Service Liveness Fault", service_name
     fault.error_message = f"service {service_name} has not refreshed its directory entry within its liveness time-out"
     return fault
 
@@ -263,7 +260,7 @@ class LogStatusService(Service):
         running, now_ns = [log.type for log in self._running()], self._now_ns()
         if LogStatus.TYPE_EXPERIMENT in running:
             response.status = response.STATUS_EXPERIMENT_LOG_RUNNING
-        elif kind != LogStatus.TYPE_EXPERIMENT and running.count(kind) >= MAX_CONCURRENT:
+        elif kind != LogStatus.TYPE_EXPERIMENT and running.count(kind) >= 8:
             response.status = response.STATUS_CONCURRENCY_LIMIT_REACHED
         else:
             self._last += 1
@@ -271,7 +268,7 @@ class LogStatusService(Service):
             log.start_time.CopyFrom(timestamp_from_ns(now_ns - back_ns))
             log.end_time.CopyFrom(timestamp_from_ns(now_ns + ahead_ns))
             self._logs[log.id] = log
-            if len(self._logs) > MAX_KEPT:
+            if len(self._logs) > 256:
                 del self._logs[next(iter(self._logs))]
             self._tell(response, log.id)
 

@@ -22,9 +22,6 @@ from spot_model.robot.mjcf import BODY_HALF_SIZE_M
 _Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 _Vector = tuple[float, float, float]
 
-_HALF_HIP_M = (0.11, 0.05, 0.05)
-_HALF_THIGH_M = 0.05
-_HALF_ARM_M = (0.08, 0.06, 0.06)
 _FACES = ((1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4))
 """Corners of each side, seen from outside against the clock; corner 1 has the least x, y, z, and z changes first."""
 
@@ -42,8 +39,8 @@ def _around(half_m: _Vector) -> _Corners:
 
 BASE = "base"
 _OF_LEG: dict[str, _Corners] = {
-    "hip": _around(_HALF_HIP_M),
-    "uleg": _between(facts.KN_FROM_HY_M, _HALF_THIGH_M),
+    "hip": _around((0.11, 0.05, 0.05)),
+    "uleg": _between(facts.KN_FROM_HY_M, 0.05),
     "lleg": _between(facts.FOOT_FROM_KN_M, facts.FOOT_RADIUS_M),
 }
 """The link behind each joint of a leg."""
@@ -55,7 +52,7 @@ LINK_NAMES = tuple(_BOXES)
 """The links, as the vendor's published URDF names them."""
 ARM_LINKS = {f"arm0.{name}": link for name, link in zip(ARM_LINK_NAMES, arm.ARM_LINKS, strict=True)}
 """Those of an arm."""
-_BOXES |= {name: _around(_HALF_ARM_M) for name in ARM_LINKS}
+_BOXES |= {name: _around((0.08, 0.06, 0.06)) for name in ARM_LINKS}
 
 
 def link_names(*, has_arm: bool) -> tuple[str, ...]:
@@ -120,7 +117,6 @@ def _text(vector: _Vector) -> str:
 
 
 STATE_STREAM = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
-STREAM_WAIT_S = 0.5
 
 
 class RobotStateService(Service):
@@ -137,10 +133,7 @@ class RobotStateService(Service):
         """The state of one instant."""
         world, state = self._world, response.robot_state
         fill_state(
-            state,
-            world.robot.snapshot(),
-            is_wifi_on=world.is_wifi_on,
-            are_payload_ports_on=world.are_payload_ports_on,
+            state, world.robot.snapshot(), is_wifi_on=world.is_wifi_on, are_payload_ports_on=world.are_payload_ports_on
         )
         state.service_fault_state.CopyFrom(world.service_faults.state())
 
@@ -181,7 +174,7 @@ def stream_handler(world: World) -> grpc.GenericRpcHandler:
             subscription.close()
         try:
             while not subscription.is_closed:
-                message = subscription.get(STREAM_WAIT_S)
+                message = subscription.get(0.5)
                 if message is not None:
                     yield message
         finally:

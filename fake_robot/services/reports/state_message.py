@@ -20,7 +20,6 @@ from spot_model.robot.arm import (
 )
 from spot_model.robot.facts import JOINT_NAMES, NS_PER_S, Array
 
-BATTERY_IDENTIFIER = "fake-battery"
 ROOT_FRAME = "body"
 
 _BEHAVIOR = {
@@ -105,7 +104,7 @@ def _fill_power(
 
 def _fill_battery(battery: robot_state_pb2.BatteryState, snapshot: Snapshot) -> None:
     battery.timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
-    battery.identifier = BATTERY_IDENTIFIER
+    battery.identifier = "fake-battery"
     battery.charge_percentage.value = snapshot.battery_charge_percent
     battery.estimated_runtime.CopyFrom(duration_from_ns(round(snapshot.battery_runtime_s) * NS_PER_S))
     battery.current.value = snapshot.battery_current_a

@@ -47,11 +47,7 @@ Kind = ray_cast_pb2.RayIntersection
 
 
 class GroundService(Service):
-    """Maps the level ground around the robot, and casts rays on it. The robot maps no terrain and has no hand.
-
-    Args:
-        snapshot: Gives the robot's frames.
-    """
+    """Maps the level ground around the robot, and casts rays on it. The robot maps no terrain and has no hand."""
 
     modules = (local_grid_service_pb2, ray_cast_service_pb2)
 
@@ -124,7 +120,6 @@ class GroundService(Service):
             at.x, at.y, at.z = (a + distance_m * b for a, b in zip(origin, way, strict=True))
 
 
-MAX_OBJECTS = 1024
 FIRST_ID = 1
 
 _KIND_OF_FIELD = {
@@ -141,8 +136,7 @@ _KIND_OF_FIELD = {
 class WorldObjectService(Service):
     """Keeps the objects of all clients, numbered by the service. The robot itself perceives none.
 
-    Args:
-        snapshot: Gives the robot's frames, which every listed object bears beside its own.
+    Every listed object bears the robot's frames beside its own.
     """
 
     modules = (world_object_service_pb2,)
@@ -164,7 +158,7 @@ class WorldObjectService(Service):
         """Add, change or delete one object."""
         mutation, wanted = request.mutation, request.mutation.object
         is_new = mutation.action == request.ACTION_ADD
-        is_full = len(self._objects) >= MAX_OBJECTS
+        is_full = len(self._objects) >= 1024
         if mutation.action not in {request.ACTION_ADD, request.ACTION_CHANGE, request.ACTION_DELETE} or (
             is_new and (is_full or not _has_properties(wanted))
         ):

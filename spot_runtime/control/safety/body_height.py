@@ -31,12 +31,9 @@ _FOOT_RADIUS_M: Final = facts.FOOT_RADIUS_M
 
 
 def is_body_above(bound_m: float, position_rad: Array, world_from_body_wxyz: Array) -> bool:
-    """Whether the body's origin is at least so far above the sole of its lowest foot.
+    """Whether the body's origin is at least ``bound_m`` above the sole of its lowest foot.
 
-    Args:
-        bound_m: Height, m.
-        position_rad: Joint positions, shape (12,), canonical order.
-        world_from_body_wxyz: The body's attitude, unit quaternion, shape (4,).
+    Joint positions have shape (12,), canonical order; the attitude is a unit quaternion, shape (4,).
     """
     joints, up = position_rad.tolist(), _up_in_body(world_from_body_wxyz)
     # One leg that reaches far enough down is an answer, and nearly always the first one does.
@@ -69,13 +66,7 @@ def _height_over_sole_m(leg: int, joints: list[float], up: tuple[float, float, f
 
 
 def check_policy(contract: PolicyContract, default_position_rad: np.ndarray, limits: SafetyLimits) -> Stop | None:
-    """A stop if a contract asks for more than the limits allow.
-
-    Args:
-        contract: Of the policy.
-        default_position_rad: Its default pose, canonical order. Shape (12,).
-        limits: The bounds.
-    """
+    """A stop if a contract asks for more than the limits allow; its default pose has shape (12,), canonical order."""
     wrong = [f"{name} = {value:g}, allowed: {allowed}" for name, value, allowed in _wrong(contract, limits)]
     height_m = body_height_m(default_position_rad, LEVEL_WXYZ)
     if height_m < limits.body_height_m:

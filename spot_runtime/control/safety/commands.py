@@ -65,13 +65,7 @@ class LimitedSetpoint(NamedTuple):
 def limit_setpoint(
     memory: SetpointMemory, requested_rad: Array, kp_nm_per_rad: Array, limits: SafetyLimits
 ) -> tuple[SetpointMemory, LimitedSetpoint, Stop | None]:
-    """Bring one tick's request within the joint stops and the step limit.
-
-    Args:
-        memory: From the tick before.
-        requested_rad: What the policy or the ramp asks for. Shape (12,), canonical order.
-        kp_nm_per_rad: The stiffness that goes with it. Shape (12,).
-        limits: The bounds.
+    """Bring one tick's request, shape (12,), canonical order, within the joint stops and the step limit.
 
     Returns:
         The new memory, the set-point that may be sent (with a stop: the one sent before, or the default pose), and a

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import grpc
 from bosdyn.api import robot_command_pb2
@@ -15,7 +15,6 @@ from spot_model.robot.state import Array, Gains, JointCommand
 from spot_runtime.hal.spot.arm import NO_ARM, Arm
 from spot_runtime.hal.spot.vendor_errors import describe_error, enum_word
 
-COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
 T = TypeVar("T")
 
 
@@ -111,13 +110,9 @@ class CommandStream:
         now_ns: Callable[[], int],
         on_end: Callable[[str], None],
     ) -> None:
-        """Open the stream.
+        """Open the stream with key and wire bytes of the first command.
 
-        Args:
-            channel: Secure channel to the command streaming service.
-            first: Key and wire bytes of the first command.
-            now_ns: The host's clock.
-            on_end: Takes the robot's verdict when the stream ends other than by :meth:`stop`.
+        ``on_end`` takes the robot's verdict when the stream ends other than by :meth:`stop`.
         """
         self._slot: LatestSlot[tuple[int, bytes]] = LatestSlot()
         self._slot.put(first)
@@ -125,7 +120,7 @@ class CommandStream:
         self._departures: deque[tuple[int, int]] = deque(maxlen=256)
         self._is_stopped = False
         stream = channel.stream_unary(
-            COMMAND_METHOD,
+            "/bosdyn.api.RobotCommandStreamingService/JointControlStream",
             request_serializer=bytes,
             response_deserializer=robot_command_pb2.JointControlStreamResponse.FromString,
         )

@@ -14,10 +14,10 @@ from bosdyn.client.exceptions import Error
 from spot_runtime.hal.errors import EstopError
 from spot_runtime.hal.spot.vendor_errors import enum_word
 
-Policy = Literal["auto", "own", "external"]
+EstopPolicy = Literal["auto", "own", "external"]
 
 
-def needs_own_endpoint(status: Any, policy: Policy, our_name: str) -> bool:
+def needs_own_endpoint(status: Any, policy: EstopPolicy, our_name: str) -> bool:
     """Whether an endpoint of our own is to be set up, given the vendor's EstopSystemStatus.
 
     An endpoint with our name belongs to an earlier run and no longer checks in. It does not count, because it

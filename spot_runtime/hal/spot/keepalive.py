@@ -14,8 +14,6 @@ from spot_runtime.hal.spot.pace import Jobs
 SILENT_S: Final = 10.0
 """Robot time without a check-in after which the robot acts: two slow calls and a repetition pass before."""
 
-CHECK_IN_PERIOD_S: Final = SILENT_S / 5.0
-
 
 def watch_for_silence(calls: Calls, lease: Any, robot: RobotConfig, jobs: Jobs, now_s: float) -> str:
     """Have the robot watch for our silence while this lease (vendor's message) has it, and check in from now on.
@@ -42,5 +40,5 @@ def watch_for_silence(calls: Calls, lease: Any, robot: RobotConfig, jobs: Jobs, 
     def check_in() -> None:
         calls.make("checking in", lambda: client.check_in(policy_id, timeout=robot.rpc_timeout_s))
 
-    jobs.add("keepalive", CHECK_IN_PERIOD_S, check_in, now_s=now_s)
+    jobs.add("keepalive", SILENT_S / 5.0, check_in, now_s=now_s)
     return ""

@@ -10,7 +10,8 @@ import grpc
 
 from spot_model.robot.facts import NS_PER_S, STATE_PERIOD_NS
 from spot_model.robot.state import RobotState
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.pace import Jobs, States
@@ -20,8 +21,6 @@ from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 
 ANSWER_TIMEOUT_S: Final = 10.0
 """Host time within which a step must be done."""
-
-MAX_ANSWER_BYTES: Final = 1 << 18
 
 
 class StepSocket:
@@ -43,7 +42,7 @@ class StepSocket:
 
     def answer(self) -> fake_admin_pb2.StepResponse:
         """Wait for the end of the step that was asked for."""
-        datagram = self._socket.recv(MAX_ANSWER_BYTES)
+        datagram = self._socket.recv(1 << 18)
         if not datagram:
             raise ConnectionResetError("it ended")
         return fake_admin_pb2.StepResponse.FromString(datagram)
@@ -71,12 +70,9 @@ class LockStep:
     """
 
     def __init__(self, admin_address: str, host_now_ns: int, *, every_state: bool = False) -> None:
-        """Connect to the admin service.
+        """Connect to the admin service at ``HOST:PORT`` or ``unix:/path``; host stamps run on from ``host_now_ns``.
 
-        Args:
-            admin_address: ``HOST:PORT`` or ``unix:/path``.
-            host_now_ns: What the host's clock says now; host stamps run on from here.
-            every_state: Whether the loop wakes at each state, as in real time, and not only where a tick is due.
+        With ``every_state`` the loop wakes at each state, as in real time, and not only where a tick is due.
 
         Raises:
             LockStepError: Nothing answers there, or the fake robot is not in lock-step mode.
@@ -248,7 +244,7 @@ class LockStep:
 
     def _status(self) -> Any:
         with grpc.insecure_channel(self._address) as channel:
-            admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+            admin = stub(channel, fake_admin_pb2)
             try:
                 return admin.GetStatus(fake_admin_pb2.GetStatusRequest(), timeout=ANSWER_TIMEOUT_S)
             except grpc.RpcError as error:

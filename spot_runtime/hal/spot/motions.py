@@ -25,7 +25,7 @@ CUT_S: Final = 3.0
 _STANDS: Final = basic_command_pb2.StandCommand.Feedback.STATUS_IS_STANDING
 _FEEDBACK: Final = basic_command_pb2.RobotCommandFeedbackStatus
 
-Pause = Callable[[float], None]
+Wait = Callable[[float], None]
 """Lets this many seconds of robot time pass."""
 
 
@@ -74,17 +74,11 @@ class Motions:
         helm: Helm,
         is_powered: Callable[[], bool],
         is_without_power: Callable[[], bool],
-        pause: Pause,
+        pause: Wait,
     ) -> None:
-        """Prepare.
+        """Take the helm over; ``pause`` lets robot time pass.
 
-        Args:
-            calls: Reaches the robot.
-            config: Time-outs.
-            helm: Taken over.
-            is_powered: Asks the robot whether its motors have power.
-            is_without_power: Asks whether they have none; while they are being powered on, neither is so.
-            pause: Lets robot time pass.
+        While the motors are being powered on, neither ``is_powered`` nor ``is_without_power`` holds.
         """
         self._calls, self._config, self._pause = calls, config, pause
         self._is_powered, self._is_without_power = is_powered, is_without_power

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from spot_runtime.hal.errors import HalError, LeaseHeldError
-from spot_runtime.hal.spot.motions import Motions, Pause
+from spot_runtime.hal.spot.motions import Motions, Wait
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.hal.spot.session import RobotCalls
 
@@ -20,23 +20,17 @@ TAKEN_OVER_S: Final = 3.0
 def power_off(
     session: RobotCalls,
     motions: Callable[[], Motions],
-    pause: Pause,
+    pause: Wait,
     pace: Pace,
     *,
     timeout_s: float,
     even_if_off: bool,
     on_taken_up: Callable[[], None],
 ) -> None:
-    """Sit and cut power; returns when it is cut.
+    """Sit and cut power; returns when it is cut. A robot that refuses is asked again for ``timeout_s``.
 
-    Args:
-        session: With the robot.
-        motions: Makes the vendor's motions anew for each attempt.
-        pause: Lets robot time pass, and raises where the lease is lost.
-        pace: Of robot time.
-        timeout_s: How long a robot that refuses is asked again.
-        even_if_off: As :meth:`Motions.power_off` has it.
-        on_taken_up: Told where the lease was lost, nobody had it any more, and it was taken again.
+    ``motions`` makes the vendor's motions anew for each attempt; ``pause`` lets robot time pass, and raises where the
+    lease is lost; ``on_taken_up`` is told where nobody had a lost lease any more, and it was taken again.
 
     Raises:
         LeaseHeldError: Somebody has taken the lease and keeps it, or who has it is not known.
@@ -66,7 +60,7 @@ def _take_up_lease(session: RobotCalls) -> None:
         raise LeaseHeldError(f"the lease is gone, and THE ROBOT MAY HAVE POWER, see to it: {error}") from error
 
 
-def _try(motions: Callable[[], Motions], pause: Pause, pace: Pace, until_s: float, *, even_if_off: bool) -> None:
+def _try(motions: Callable[[], Motions], pause: Wait, pace: Pace, until_s: float, *, even_if_off: bool) -> None:
     """Try again, also where the robot refuses: what is in the way for a moment must not leave it standing."""
     while True:
         try:

@@ -33,7 +33,7 @@ from spot_runtime.hal.errors import ClockError, CredentialsError, EstopError, Fa
 from spot_runtime.hal.spot.arm import polled_arm_rad, refuse_arm_out
 from spot_runtime.hal.spot.calls import BODY, Acquisition, Calls, newest_lease, patiently, retain
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
-from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Pause
+from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Wait
 from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, enum_word, translate
 from spot_runtime.hal.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
@@ -77,14 +77,9 @@ class RobotCalls:
         estimate: RobotClockEstimate,
         host_now_ns: Callable[[], int],
     ) -> None:
-        """Prepare; nothing is sent yet.
+        """Prepare; nothing is sent yet. ``clock`` is for time sync, and ``estimate`` takes its round trips.
 
-        Args:
-            address: Where the robot is.
-            config: How to reach it.
-            clock: The host's clock, for time sync.
-            estimate: Takes the round trips.
-            host_now_ns: Stamps what is received; in lock-step, host time passes with robot time.
+        ``host_now_ns`` stamps what is received; in lock-step, host time passes with robot time.
         """
         self._host_now_ns = host_now_ns
         self._address, self._config, self._clock, self._estimate = address, config, clock, estimate
@@ -134,7 +129,7 @@ class RobotCalls:
             raise ClockError("time sync has not begun; connect first")
         return self._estimate.add(self.calls.make("syncing clocks", self._time_sync.round_trip))
 
-    def check_faults(self, limits: SafetyLimits, pause: Pause) -> SlowState:
+    def check_faults(self, limits: SafetyLimits, pause: Wait) -> SlowState:
         """Refuse a robot that must not move, whose arm is out, or with too little charge. Returns its slow state.
 
         A charge that is missing is asked for again, as long as it may be missing later.
@@ -260,7 +255,7 @@ class RobotCalls:
         off = robot_state_pb2.PowerState.MOTOR_POWER_STATE_OFF
         return bool(self._state().power_state.motor_power_state == off)
 
-    def motions(self, pause: Pause) -> Motions:
+    def motions(self, pause: Wait) -> Motions:
         """The vendor's motions, between whose looks at the robot ``pause`` lets time pass.
 
         Nothing that was asked for by an earlier one is asked for again.

@@ -17,8 +17,6 @@ from spot_model.robot.state import RobotState
 from spot_runtime.hal.spot.vendor_errors import describe_error
 from spot_runtime.host.realtime import let_others_run
 
-STATE_METHOD: Final = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
-
 StateQueue = queue.SimpleQueue[RobotState | None]
 """States as they come; None after the last one."""
 
@@ -49,22 +47,18 @@ class StateReceiver:
         on_end: OnEnd,
         on_reopen: Callable[[float], None] = lambda _: None,
     ) -> None:
-        """Open the stream.
+        """Open the stream by a request with its header.
 
-        Args:
-            channel: Secure channel to the state streaming service.
-            request: The request, header filled.
-            now_ns: The host's clock.
-            on_wire: Takes each message's bytes and the instant of its receipt.
-            on_end: Takes the reason when the stream ends other than by :meth:`stop`.
-            on_reopen: Takes for how many seconds a stream was open that the robot closed, and that was opened again.
+        ``on_wire`` takes each message's bytes and the instant of its receipt, ``on_end`` the reason when the stream
+        ends other than by :meth:`stop`, ``on_reopen`` for how many seconds one was open that the robot closed and that
+        was opened again.
         """
         self.states: StateQueue = queue.SimpleQueue()
         self._now_ns, self._on_wire, self._on_end, self._on_reopen = now_ns, on_wire, on_end, on_reopen
         self._is_stopped = False
         self._request = request
         self._stream = channel.unary_stream(
-            STATE_METHOD,
+            "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream",
             request_serializer=robot_state_pb2.RobotStateStreamRequest.SerializeToString,
             response_deserializer=bytes,
         )

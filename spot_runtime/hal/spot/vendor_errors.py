@@ -26,22 +26,15 @@ from spot_runtime.hal.errors import (
 SDK_ERRORS = (sdk.Error, lease.Error, grpc.RpcError)
 """What a call raises; the SDK's errors of its lease wallet are no others of its errors."""
 
-NO_CONNECTION = (
-    grpc.StatusCode.UNAVAILABLE,
-    grpc.StatusCode.DEADLINE_EXCEEDED,
-    grpc.StatusCode.UNIMPLEMENTED,
-)
+NO_CONNECTION = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED, grpc.StatusCode.UNIMPLEMENTED)
 """What a call ends with where no robot answers. The SDK's own classes cannot tell: they are chosen by numbers found in
 gRPC's text, so an unreachable robot at port 42909 raises ``TooManyRequestsError`` for the 429 in it."""
 
 
 def translate(error: Exception, doing: str, explain_connection: Callable[[str], HalError] | None = None) -> HalError:
-    """Our error for one of the SDK's.
+    """Our error for what the SDK or gRPC raised while ``doing`` something, such as "taking the lease".
 
-    Args:
-        error: What the SDK or gRPC raised.
-        doing: What was being done, as "taking the lease".
-        explain_connection: Finds out why there is no connection, given the SDK's words; None where that is not asked.
+    ``explain_connection`` finds out why there is no connection, given the SDK's words; None where that is not asked.
     """
     if isinstance(error, HalError):
         return error

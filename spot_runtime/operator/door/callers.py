@@ -117,12 +117,9 @@ class Caller(NamedTuple):
 
 
 def caller_of(certificate: bytes | None, peer: Peer, *, is_tls: bool) -> Caller:
-    """Who calls.
+    """Who calls, by the client's certificate in DER, if it has one, and the other end as the kernel names it.
 
-    Args:
-        certificate: The client's, in DER; None where it has none.
-        peer: The other end, as the kernel names it.
-        is_tls: Whether certificates are required; without them, every client that reaches the service operates.
+    Without ``is_tls`` no certificate is required, and every client that reaches the service operates.
     """
     if not is_tls:
         return Caller(peer.identity, "", Role.OPERATE)

@@ -82,12 +82,8 @@ class Frames:
     def cut(self, data: bytes | bytearray, *, may_call: bool) -> tuple[int, bool]:
         """The first bytes of ``data`` that may pass now: at most one call's beginning, and no more than some frames.
 
-        Args:
-            data: What has come and was not cut off before.
-            may_call: Whether one call may begin.
-
-        Returns:
-            How many bytes, and whether a call begins in them.
+        ``data`` is what has come and was not cut off before; ``may_call`` says whether one call may begin. Returns how
+        many bytes, and whether a call begins in them.
         """
         at, has_call, self.is_at_call = 0, False, False
         for _ in range(MOST_FRAMES):

@@ -22,8 +22,6 @@ from typing import Final
 from spot_runtime.operator.door.connection import Connection, Way, has_hung_up
 from spot_runtime.operator.door.turns import Place, Turns
 
-BACKLOG: Final = 4096
-ACCEPTED_AT_ONCE: Final = 64
 MAX_NEWCOMERS: Final = 256
 MAX_ADMITTED: Final = 64
 MAX_OF_ONE: Final = 32
@@ -52,7 +50,7 @@ class Door:
         self._admitted: Crowds = {}
         self._loop = asyncio.get_running_loop()
         listener.setblocking(False)
-        listener.listen(BACKLOG)
+        listener.listen(4096)
         self._loop.add_reader(listener, self._accept)
         self._sweeper = self._loop.call_later(SWEEP_PERIOD_S, self._sweep)
 
@@ -85,7 +83,7 @@ class Door:
             connection.close()
 
     def _accept(self) -> None:
-        for _ in range(ACCEPTED_AT_ONCE):
+        for _ in range(64):
             try:
                 accepted, _ = self._listener.accept()
             except (BlockingIOError, InterruptedError):

@@ -38,12 +38,7 @@ class Guard(aio.ServerInterceptor):  # type: ignore[misc,unused-ignore]
     """Stands before every method of the server."""
 
     def __init__(self, gate: Gate, rules: Mapping[str, Rule]) -> None:
-        """Let in whom ``gate`` lets in.
-
-        Args:
-            gate: Of roles and rates.
-            rules: By methods' full names; any other method is for those who observe.
-        """
+        """Let in whom ``gate`` lets in, by rules of methods' full names; any other method is for those who observe."""
         self._gate, self._rules = gate, rules
         self.door: Door | None = None
 

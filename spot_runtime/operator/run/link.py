@@ -31,8 +31,6 @@ def is_ready(connection: socket.socket, within_s: float, *, to_send: bool = Fals
 
 
 MAX_DATAGRAM_BYTES: Final = 16_384
-MAX_SENTENCE: Final = 2_000
-MAX_PATHS: Final = 10
 LAST_WORD_S: Final = 1.0
 """How long the word of the end waits for room; the robot is at rest by then."""
 
@@ -131,8 +129,8 @@ class RunLink:
         self._has_ended = True
         message = run_link_pb2.FromRun(ended=outcome)
         if message.ByteSize() > MAX_DATAGRAM_BYTES:
-            message.ended.sentence = f"{outcome.sentence[:MAX_SENTENCE]} … (cut; see the journal)"
-            del message.ended.log_paths[:-MAX_PATHS]
+            message.ended.sentence = f"{outcome.sentence[:2_000]} … (cut; see the journal)"
+            del message.ended.log_paths[:-10]
         untold, deadline_s = self.untold, time.monotonic() + LAST_WORD_S
         while not self._tell(message) and not self.is_lost and time.monotonic() < deadline_s:
             self.untold = untold

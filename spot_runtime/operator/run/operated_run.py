@@ -11,38 +11,31 @@ off.
 from __future__ import annotations
 
 import time
-from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from typing import Final
 
 from spot_log.format.events import EventName
-from spot_log.format.records import EventRecord
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_model.version import software_revision
 from spot_protos import operator_pb2
 from spot_runtime.admission import gait_event
-from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.hal.base import Hal
-from spot_runtime.host.clock import HostClock
 from spot_runtime.host.pauses import pauses
-from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.operator.run.requests import Requests
-from spot_runtime.operator.run.run_logs import NewLog, RunLogs, SwitchedSink
+from spot_runtime.operator.run.run_logs import NewLog, RunLogs
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.steering import Attendance
-from spot_runtime.session.robot_session import ControlEnd, RobotSession, check_standing, control_end, fall_of
-from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, header_of, log_file_name
-from spot_runtime.session.signals import StopSignals
+from spot_runtime.session.robot_session import ControlEnd, check_standing, control_end, fall_of
+from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, log_file_name, log_header
 from spot_runtime.stops import Reaction, Stop, StopReason, unforeseen
 
-STANDBY_WAIT_S: Final = 0.02
 STANDBY_PAUSE_S: Final = 0.2
 """Between two looks; far less than the silence of the robot that ends the arming."""
 
@@ -56,43 +49,28 @@ class OperatedRun(Requests):
     def __init__(
         self, spec: RunSpec, policy: Policy, link: RunLink, make_sink: SinkFactory, *, manager: ServiceManager | None
     ) -> None:
-        """Prepare.
-
-        Args:
-            spec: What to run.
-            policy: The one that ``spec`` names, loaded.
-            link: To the operator's service.
-            make_sink: Opens a log.
-            manager: Told of progress while this process is answerable for the robot; nobody if None.
-        """
-        super().__init__(spec.config, policy, link, is_sync=bool(spec.lock_step))
+        """Prepare to run a loaded policy; ``manager`` is told of progress while this process answers for the robot."""
+        self._logs = RunLogs(make_sink)
+        super().__init__(spec, policy, link, self._logs.sink, manager)
         self._spec = spec
-        self._manager = manager or ServiceManager()
-        self._clock = HostClock()
         software_revision()  # kept from now on: no later log waits for git while the robot stands
-        self._sink = SwitchedSink()
-        self._logs = RunLogs(make_sink, self._sink)
-        self.attendance = Attendance(spec.config, self._clock.now_ns())
+        self.attendance = Attendance(spec.config, self.now_ns())
         self.stop: Stop | None = None
         """Why the whole arming ends; None while it goes on."""
-        self._session: RobotSession | None = None
         self._status_due_ns = 0
         self._status_ticks = -1
 
     def drive(self, make_hal: HalFactory) -> operator_pb2.Outcome:
         """Do it all. Returns how it ended, which is also told to the service."""
-        with StopSignals(" of the operator's service, or of the system") as signals:
-            session = self._session = RobotSession(
-                signals, self.event, limits=self._spec.config.safety, on_shut_down=lambda: self.link.state("ending")
-            )
+        with self.signals:
             try:
-                for refusal in apply_real_time(self.config.real_time):
-                    self.event(EventName.REAL_TIME_REFUSED, refusal)
-                session.drive(lambda: self._make(make_hal), lambda hal: self._serve(hal, signals))
+                self.ask_for_real_time()
+                self.session.drive(lambda: self.make(make_hal, self.policy), self._serve)
             finally:
                 self.background.wait()
-                self._end_log(session.outcome.label or StopReason.INTERNAL_ERROR.label)
-            end = session.outcome.after_loss_of_log(self._logs.loss) if self._logs.loss else session.outcome
+                self._end_log(self.session.outcome.label or StopReason.INTERNAL_ERROR.label)
+            end = self.session.outcome
+            end = end.after_loss_of_log(self._logs.loss) if self._logs.loss else end
             outcome = operator_pb2.Outcome(
                 outcome=end.label,
                 exit_code=end.exit_code,
@@ -102,6 +80,10 @@ class OperatedRun(Requests):
             )
             self.link.ended(outcome)  # a signal that came before it would otherwise take this word away
         return outcome
+
+    def shutting_down(self) -> None:
+        """The service is told."""
+        self.link.state("ending")
 
     # What requests use ------------------------------------------------------------------------------------------------
 
@@ -117,7 +99,7 @@ class OperatedRun(Requests):
             self.loop.ask_stop(stop)
         elif self.stop is None or stop.reason.reaction.level > self.stop.reason.reaction.level:
             self.stop = stop
-            hal = self._hal
+            hal = self.session.hal
             if stop.reason.reaction is Reaction.ESTOP and hal is not None:
                 hal.estop()
             self.event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
@@ -125,7 +107,7 @@ class OperatedRun(Requests):
     def open_log(self, labels: dict[str, str]) -> NewLog:
         """Open a log; in any thread. Raises LogError."""
         request = self._request(labels)
-        return self._logs.open(request.log_path, header_of(request, self._now_ns()))
+        return self._logs.open(request.log_path, log_header(request, self.now_ns()))
 
     def begin_log(self, log: NewLog) -> Path:
         """Write to this log from now on."""
@@ -134,20 +116,9 @@ class OperatedRun(Requests):
         self.event(*gait_event(self.policy.contract))
         return log.path
 
-    def event(self, name: EventName, text: str) -> None:
-        """Write an event to the log of the moment, and tell the service."""
-        record = EventRecord(self._now_ns(), 0, name.severity, name.label, text)
-        self._sink.put(record)
-        self.link.event(record)
-
     # The way through --------------------------------------------------------------------------------------------------
 
-    def _make(self, make_hal: HalFactory) -> Hal:
-        """The adapter. What takes long is done first: later the robot has power, and nobody would look after it."""
-        self.policy.warm_up()
-        return make_hal(self._sink)
-
-    def _serve(self, hal: Hal, signals: StopSignals) -> ControlEnd:
+    def _serve(self, hal: Hal) -> ControlEnd:
         """Stand by and control in turn, until something ends it."""
         self.attendance = Attendance(self.config, hal.host_now_ns())
         fallen = self._fall(hal)
@@ -156,11 +127,11 @@ class OperatedRun(Requests):
         self.event(EventName.ARMED, f"policy {self.policy.contract.name}")
         self._tell_armed()
         while True:
-            stop = self._stand_by(hal, signals)
+            stop = self._stand_by(hal)
             if stop is not None:
                 self.refuse_start(stop.sentence())
                 return ControlEnd(stop, may_stand=False)
-            end = self._control(hal, signals)
+            end = self._control(hal)
             if not (self.keeps_standing and end.may_stand and end.stop.reason is StopReason.OPERATOR_STOP):
                 return end
             self.link.state("arming")
@@ -171,23 +142,23 @@ class OperatedRun(Requests):
             # Only now: a robot that does not stand has not ended as the operator wanted. A slow disk takes seconds.
             self.background.run(partial(self._logs.end, end.stop.reason.label), self._log_ended)
 
-    def _stand_by(self, hal: Hal, signals: StopSignals) -> Stop | None:
+    def _stand_by(self, hal: Hal) -> Stop | None:
         """Until a start is asked for (None), or the end."""
         self.stop, self.start_asked = None, None
         newest_ns, battery = hal.host_now_ns(), BatteryMemory()
         watch = pauses(self.config.real_time, shortest_s=STANDBY_PAUSE_S)
         while self._waits():
-            states = hal.receive(0, STANDBY_WAIT_S)
+            states = hal.receive(0, 0.02)
             # While this process does not run, nobody can say that the robot is silent.
             paused_ns = 0 if watch is None else round(watch.look() * NS_PER_S)
             newest_ns = states[-1].host_stamp_ns if states else newest_ns + paused_ns
-            self._look(signals)
+            self._look()
             battery, wrong = check_standing(hal, states[-1:], newest_ns, battery, self.config.safety)
             if wrong is not None:
                 self.end(wrong)
             self.background.finish()
             self._tell_status(hal, states[-1] if states else None)
-            self._manager.progressed()
+            self.manager.progressed()
             if self._spec.lock_step:
                 time.sleep(LOCK_STEP_PAUSE_S)
         return self.stop
@@ -195,19 +166,15 @@ class OperatedRun(Requests):
     def _waits(self) -> bool:
         return self.stop is None and (self.background.is_busy or self.start_asked is None)
 
-    def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
+    def _control(self, hal: Hal) -> ControlEnd:
         self.keeps_standing = False
         self.source.let_go()
-        watch = pauses(self.config.real_time)
-        loop = ControlLoop(
-            hal, self.policy, self.source, self.config, self._sink, on_event=self.link.event, pauses=watch
-        )
-        freeze_garbage_collection(self.config.real_time)
+        loop = self.loop_of(hal, self.policy, self.source)
         self.loop, self._status_ticks = loop, -1
         self.link.state("running")
         try:
             while not loop.is_done:
-                self._look(signals)
+                self._look()
                 loop.cycle()
                 if self.start_asked is not None and loop.mode.runs_policy:
                     asked, self.start_asked = self.start_asked, None
@@ -215,16 +182,16 @@ class OperatedRun(Requests):
                 if loop.stats.ticks != self._status_ticks:  # the longest pause until the next tick begins now
                     self._status_ticks = loop.stats.ticks
                     self._tell_status(hal, loop.newest)
-                self._manager.progressed()
+                self.manager.progressed()
         finally:
             self.loop = None
             self.refuse_start("control ended" if loop.stop is None else loop.stop.sentence())
         return control_end(loop.ending)
 
-    def _look(self, signals: StopSignals) -> None:
+    def _look(self) -> None:
         """Take what operators and signals want, and see whether anybody is there."""
-        now_ns = self._now_ns()
-        asked = signals.take()
+        now_ns = self.now_ns()
+        asked = self.signals.take()
         if asked is not None:
             self.end(asked)
         for message in self.link.take():
@@ -272,26 +239,18 @@ class OperatedRun(Requests):
         self._status_due_ns = now_ns + STATUS_PERIOD_NS
         self.link.status(
             status_of(
-                robot_id="" if self._session is None else self._session.robot_id,
+                robot_id=self.session.robot_id,
                 policy=self.policy,
                 loop=self.loop,
                 state=state,
                 slow=hal.slow_state,
                 log_path=self.log_path,
-                log=self._sink.health(),
+                log=self.sink.health(),
             )
         )
 
     def _request(self, labels: dict[str, str]) -> RunRequest:
-        name = log_file_name(self.policy.contract.name, self.source.name, 0, datetime.now(timezone.utc))
+        name = log_file_name(self.policy.contract.name, self.source.name, 0)
         path = self.config.log.directory / name
         all_labels = {**self._spec.labels, **labels}
         return RunRequest(self._spec.robot, self.policy, self.source, self.config, path, 0, all_labels)
-
-    @property
-    def _hal(self) -> Hal | None:
-        return None if self._session is None else self._session.hal
-
-    def _now_ns(self) -> int:
-        hal = self._hal
-        return self._clock.now_ns() if hal is None else hal.host_now_ns()

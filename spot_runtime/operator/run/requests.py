@@ -11,21 +11,22 @@ from typing import Any, Final
 import numpy as np
 
 from spot_log.format.events import EventName
+from spot_log.write.sink import LogSink
 from spot_model.errors import SpotRlError
 from spot_model.policy.policy import Policy
 from spot_protos import run_link_pb2
 from spot_runtime.admission import gait_event
-from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
+from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.operator.run.run_logs import NewLog
-from spot_runtime.operator.run.run_spec import load_checked
+from spot_runtime.operator.run.run_spec import RunSpec, load_checked
 from spot_runtime.operator.run.steering import OperatorSource
+from spot_runtime.session.run import Driver
 from spot_runtime.stops import Reaction, Stop, StopReason
 
 _BUSY: Final = "the request before this one is still being carried out; wait for its answer"
-_NOT_STANDING: Final = "the policy has the joints; stop with keep_standing first"
 
 
 class BackgroundTask:
@@ -44,11 +45,7 @@ class BackgroundTask:
         return self._then is not None
 
     def run(self, task: Callable[[], Any], then: Callable[[Any, Exception | None], None]) -> None:
-        """Begin a task; ``then`` gets its result or its error, called by :meth:`finish`.
-
-        Raises:
-            RuntimeError: One is under way.
-        """
+        """Begin a task; ``then`` gets its result or its error, called by :meth:`finish`. Raises RuntimeError."""
         if self.is_busy:
             raise RuntimeError("a task is under way")
         self._then, self._result = then, None
@@ -80,14 +77,16 @@ class BackgroundTask:
             self._result = (None, error)
 
 
-class Requests(ABC):
+class Requests(Driver, ABC):
     """The operator's side of a run: carries requests out, and answers each that needs an answer once."""
 
-    def __init__(self, config: RunConfig, policy: Policy, link: RunLink, *, is_sync: bool) -> None:
-        """Prepare; with ``is_sync`` slow work is done at once, as in lock-step."""
-        self.config, self.policy, self.link = config, policy, link
-        self.source = OperatorSource(config)
-        self.background = BackgroundTask(is_sync=is_sync)
+    def __init__(
+        self, spec: RunSpec, policy: Policy, link: RunLink, sink: LogSink, manager: ServiceManager | None
+    ) -> None:
+        super().__init__(spec.config, sink, link.event, manager, " of the operator's service, or of the system")
+        self.policy, self.link = policy, link
+        self.source = OperatorSource(spec.config)
+        self.background = BackgroundTask(is_sync=bool(spec.lock_step))
         """Slow work that must not hold up the robot's cycles."""
         self.loop: ControlLoop | None = None
         """None while the vendor's controller stands."""
@@ -112,10 +111,6 @@ class Requests(ABC):
     @abstractmethod
     def begin_log(self, log: NewLog) -> Path:
         """Write to this log from now on."""
-
-    @abstractmethod
-    def event(self, name: EventName, text: str) -> None:
-        """Write an event to the log of the moment, and tell the service."""
 
     def refuse_start(self, why: str) -> None:
         """A start that was asked for, if one was, is not carried out."""
@@ -194,7 +189,7 @@ class Requests(ABC):
     def _switch_policy(self, message: run_link_pb2.ToRun) -> None:
         asked = message.switch_policy
         if self.loop is not None:
-            self._refuse(message, _NOT_STANDING)
+            self._refuse(message, "the policy has the joints; stop with keep_standing first")
         elif self.background.is_busy:
             self._refuse(message, _BUSY)
         elif self.log_path:

@@ -62,8 +62,8 @@ class NewLog(NamedTuple):
 class RunLogs:
     """Opens logs under names of their own and remembers where they are."""
 
-    def __init__(self, make_sink: SinkFactory, sink: SwitchedSink) -> None:
-        self._make_sink, self._sink = make_sink, sink
+    def __init__(self, make_sink: SinkFactory) -> None:
+        self._make_sink, self.sink = make_sink, SwitchedSink()
         self.paths: list[Path] = []
         self._newest: NewLog | None = None
         self.loss = ""
@@ -72,7 +72,7 @@ class RunLogs:
     @property
     def path(self) -> Path | None:
         """The log of the moment."""
-        return self.paths[-1] if self._sink.is_logging else None
+        return self.paths[-1] if self.sink.is_logging else None
 
     def open(self, path: Path, header: RunHeader) -> NewLog:
         """Open a log; where the name is taken, as by a second start within a second, under the next free one.
@@ -86,19 +86,19 @@ class RunLogs:
     def begin(self, log: NewLog) -> None:
         """Pass everything on to this log from now on."""
         self._newest = log
-        self._sink.open(log.flight)
+        self.sink.open(log.flight)
         self.paths.append(log.path)
 
     def write_flight_record(self, outcome: str) -> tuple[EventName, str] | None:
         """Write what led to a stop, if there was one in the log of the moment. Returns the event to tell."""
         log = self._newest
-        return log.flight.write(log.path, log.header, outcome) if log is not None and self._sink.is_logging else None
+        return log.flight.write(log.path, log.header, outcome) if log is not None and self.sink.is_logging else None
 
     def end(self, outcome: str) -> None:
         """Close the log of the moment, and remember where it is."""
-        is_logging = self._sink.is_logging
-        self._sink.close(outcome)
-        last = self._sink.last
+        is_logging = self.sink.is_logging
+        self.sink.close(outcome)
+        last = self.sink.last
         if is_logging and last.path is not None:
             self.paths[-1:] = [Path(last.path)] if last.path else []
             self.loss = self.loss if last.path else last.problem

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO, Final
+from typing import IO
 
 from pydantic import Field, ValidationError
 
@@ -13,8 +13,6 @@ from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
 from spot_runtime.admission import admission
 from spot_runtime.config import RunConfig
-
-MAX_SPEC_BYTES: Final = 1 << 20
 
 
 class RunSpec(Settings):
@@ -34,7 +32,7 @@ class RunSpec(Settings):
 def read_spec(stream: IO[bytes]) -> RunSpec:
     """The spec of a run, up to its end. Raises BadInputError."""
     try:
-        return RunSpec.model_validate_json(stream.read(MAX_SPEC_BYTES))
+        return RunSpec.model_validate_json(stream.read(1 << 20))
     except ValidationError as error:
         raise BadInputError(f"the run's specification:\n{explain(error)}") from error
 

@@ -125,10 +125,7 @@ class ArmedRun:
     def keep_times(self, state: State, since_s: float, arm_timeout_s: float) -> tuple[str, str] | None:
         """Abort a process that hangs, so that it tells where; kill it if that does not end it.
 
-        Args:
-            state: Of the service.
-            since_s: When that began, monotonic clock.
-            arm_timeout_s: Longest time from arming to standing, and from the end to rest.
+        The state began at ``since_s``, monotonic clock; arming, and the way to rest, take ``arm_timeout_s`` at most.
 
         Returns:
             Name and words of an event to tell, once; None otherwise.

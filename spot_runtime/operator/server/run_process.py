@@ -40,11 +40,7 @@ class RunProcess:
 
     @staticmethod
     def start(spec: RunSpec) -> RunProcess:
-        """Start it; it begins to connect at once.
-
-        Raises:
-            OSError: The system cannot start a process.
-        """
+        """Start it; it begins to connect at once. Raises OSError: the system cannot start a process."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         # The watchdog that the service manager meant for us is fed by the control loop while there is one.
         environment = without_secrets(os.environ)

@@ -20,7 +20,6 @@ from spot_runtime.session.labels import RULE, is_label
 MAX_MESSAGE_BYTES: Final = 64 * 1024
 MAX_LABELS: Final = 32
 _DIGEST: Final = re.compile(r"[0-9a-fA-F]{64}")
-_COMPONENTS: Final = ("v_x_m_s", "v_y_m_s", "yaw_rate_rad_s")
 
 
 def checked_labels(given: Mapping[str, str], *, at_least: int = 0) -> dict[str, str]:
@@ -54,7 +53,7 @@ def checked_velocity(
 ) -> tuple[float, float, float]:
     """A velocity within the running policy's range; while that is not known, any finite one. Raises Refusal."""
     values = (given.v_x_m_s, given.v_y_m_s, given.yaw_rate_rad_s)
-    for i, (name, value) in enumerate(zip(_COMPONENTS, values, strict=True)):
+    for i, (name, value) in enumerate(zip(("v_x_m_s", "v_y_m_s", "yaw_rate_rad_s"), values, strict=True)):
         if not math.isfinite(value):
             raise bad_request(f"{name} = {value} is no number")
         if low and high and not low[i] - 1e-9 <= value <= high[i] + 1e-9:
@@ -71,7 +70,6 @@ def checked_rate_hz(given: float) -> float:
     return given
 
 
-EVENT_PERIOD_S: Final = 0.1
 _VERSION: Final = software_version()
 
 
@@ -129,7 +127,7 @@ class OperatorService:
             for event in events.after(number):
                 number = event.number
                 yield event
-            await asyncio.sleep(EVENT_PERIOD_S)
+            await asyncio.sleep(0.1)
 
     # To operate -------------------------------------------------------------------------------------------------------
 

@@ -53,15 +53,7 @@ class Supervisor:
         tell: Callable[[EventRecord], None],
         lock_step: str = "",
     ) -> None:
-        """Begin idle.
-
-        Args:
-            robot: The robot's address.
-            config: Of every run, and of the service.
-            manager: The service manager.
-            tell: Also told of every event; must not block.
-            lock_step: Admin address of a fake robot in lock-step mode.
-        """
+        """Begin idle. ``tell`` is also told of every event, and must not block."""
         self._robot, self._config, self._lock_step = robot, config, lock_step
         self._manager = manager
         self.policies = PolicyFolder(config.service)
@@ -184,10 +176,8 @@ class Supervisor:
     def steer(self, request: run_link_pb2.ToRun, identity: str, name: str) -> None:
         """Pass a velocity on; no answer is waited for.
 
-        Args:
-            request: The velocity.
-            identity: Who steers, by certificate or user; whoever steers keeps others out.
-            name: What they call themselves, which tells two of one identity apart.
+        Whoever steers keeps others out; ``identity`` is the certificate or user, ``name`` what they call themselves,
+        which tells two of one identity apart.
 
         Raises:
             Refusal: The policy is not in full control, or somebody else steers.

@@ -257,23 +257,17 @@ def test_every_fault_has_been_tried_here(make, request):
 
 
 def test_a_new_fault_is_one_class(make) -> None:
-    from typing import ClassVar
-
     from fake_robot.faults.fault import FAULTS, Fault, ServiceFault
     from fake_robot.faults.registry import fault_kinds
 
-    class Nudge(Fault):
+    class Nudge(Fault, name="thrown_away_nudge"):
         """The body is nudged upwards."""
-
-        name: ClassVar[str] = "thrown_away_nudge"
 
         def start(self, simulation) -> None:
             simulation.body.push(np.array([0.0, 0.0, 1.0]), np.zeros(3))
 
-    class Chatter(ServiceFault):
+    class Chatter(ServiceFault, name="thrown_away_chatter"):
         """Nothing happens."""
-
-        name: ClassVar[str] = "thrown_away_chatter"
 
     try:
         driver = make()

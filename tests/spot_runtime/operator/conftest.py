@@ -19,7 +19,8 @@ from spot_log.write.sink import LogSink
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import load_policy
 from spot_model.robot.state import RobotState
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc, operator_pb2, run_link_pb2
+from spot_protos import fake_admin_pb2, operator_pb2, run_link_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
@@ -195,7 +196,7 @@ def armed_at(fake: FakeAddress, folder: Path, monkeypatch: pytest.MonkeyPatch) -
     for name, value in fake.environment.items():
         monkeypatch.setenv(name, value)
     with grpc.insecure_channel(fake.admin) as channel:
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin = stub(channel, fake_admin_pb2)
         yield Arming(fake, admin, folder)
         admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
 

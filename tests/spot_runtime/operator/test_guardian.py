@@ -17,7 +17,8 @@ import pytest
 
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.process.child_process import LOOK_PERIOD_S, LivingProcess
-from spot_protos import fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.rescue.guardian import ABORT_TAKES_S, Heartbeat, Hold, outlive
 
 from .conftest import POLICIES, wait_until
@@ -144,7 +145,7 @@ def fake(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 @pytest.fixture
 def admin(fake: FakeAddress) -> Iterator[Any]:
     with grpc.insecure_channel(fake.admin) as channel:
-        yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield stub(channel, fake_admin_pb2)
 
 
 @pytest.fixture

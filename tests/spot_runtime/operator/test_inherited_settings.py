@@ -15,7 +15,8 @@ import pytest
 
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.process.signals import STOP_SIGNALS
-from spot_protos import fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from tests.spot_model.test_inherited import DEAF, SPOT_RL, loaded_first, marks, planted
 
 from . import test_serve
@@ -35,7 +36,7 @@ def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
 @pytest.fixture(scope="module")
 def admin(fake: FakeAddress) -> Iterator[Any]:
     with grpc.insecure_channel(fake.admin) as channel:
-        yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield stub(channel, fake_admin_pb2)
 
 
 def signals_of(pid: int, kind: str) -> set[int]:

@@ -17,7 +17,8 @@ import pytest
 from bosdyn.client.lease import LeaseClient
 
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.spot.session import RobotCalls
@@ -44,7 +45,7 @@ def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
 @pytest.fixture
 def admin(fake: FakeAddress) -> Iterator[Any]:
     with grpc.insecure_channel(fake.admin) as channel:
-        yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield stub(channel, fake_admin_pb2)
 
 
 class Thief:

@@ -21,7 +21,8 @@ from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log.write.sink import NullSink
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.errors import CertificateError, HalError, LeaseHeldError, MotionError
@@ -129,7 +130,7 @@ def robot(fake: FakeAddress, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     for name, value in fake.environment.items():
         monkeypatch.setenv(name, value)
     with grpc.insecure_channel(fake.admin) as channel:
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin = stub(channel, fake_admin_pb2)
         robot = Robot(fake, admin, tmp_path)
         yield robot
         admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
@@ -468,7 +469,7 @@ def test_a_robot_that_hears_from_nobody_sits_down_by_itself_unless_it_has_been_t
     with fake as process, grpc.insecure_channel(process.address.admin) as channel:
         for name, value in process.address.environment.items():
             monkeypatch.setenv(name, value)
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin = stub(channel, fake_admin_pb2)
         robot = Robot(process.address, admin, tmp_path)
         hal = robot.hal()
         hal.connect()

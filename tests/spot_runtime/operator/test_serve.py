@@ -20,7 +20,8 @@ import pytest
 
 from fake_robot.start.process import FakeAddress
 from spot_log import read_run
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc, operator_pb2
+from spot_protos import fake_admin_pb2, operator_pb2
+from spot_protos.stub import stub
 from spot_tools.client import OperatorClient, RefusedError
 
 from .conftest import POLICIES, wait_until
@@ -120,7 +121,7 @@ def service(tmp_path: Path, fake_process: FakeAddress) -> Iterator[Service]:
 @pytest.fixture
 def admin(fake_process: FakeAddress) -> Iterator[Any]:
     with grpc.insecure_channel(fake_process.admin) as channel:
-        yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield stub(channel, fake_admin_pb2)
 
 
 def child_of(pid: int, module: str) -> int:

@@ -17,7 +17,8 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from proof.attacks.certificates import Authority, role
-from spot_protos import operator_pb2, operator_pb2_grpc
+from spot_protos import operator_pb2
+from spot_protos.stub import stub as stub_of
 from spot_runtime.config import RunConfig
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.door import guard
@@ -114,7 +115,7 @@ def test_health_and_reflection(idle: OperatorClient) -> None:
 
 def test_a_message_that_is_too_large_and_bytes_that_are_none(idle: OperatorClient) -> None:
     with grpc.insecure_channel(idle.address) as channel:
-        stub = operator_pb2_grpc.OperatorStub(channel)  # type: ignore[no-untyped-call]
+        stub = stub_of(channel, operator_pb2)
         with pytest.raises(grpc.RpcError) as refused:
             stub.StartLog(operator_pb2.StartLogRequest(labels={"a": "x" * 100_000}), timeout=10.0)
         assert refused.value.code() is grpc.StatusCode.RESOURCE_EXHAUSTED
@@ -126,7 +127,7 @@ def test_a_message_that_is_too_large_and_bytes_that_are_none(idle: OperatorClien
 
 def test_streams_are_counted_and_given_back(idle: OperatorClient) -> None:
     with grpc.insecure_channel(idle.address) as channel:
-        stub = operator_pb2_grpc.OperatorStub(channel)  # type: ignore[no-untyped-call]
+        stub = stub_of(channel, operator_pb2)
         calls = [stub.WatchStatus(operator_pb2.WatchStatusRequest(rate_hz=10.0)) for _ in range(8)]
         for call in calls:
             assert next(call).state == "idle"

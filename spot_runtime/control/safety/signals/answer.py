@@ -95,13 +95,9 @@ class AnswerMemory(NamedTuple):
 def after_window(
     memory: AnswerMemory, window: Window, command: JointCommand, is_measured: NDArray[np.bool_]
 ) -> AnswerMemory:
-    """The memory after one more window.
+    """The memory after one more window, given the newest command that the robot says it has.
 
-    Args:
-        memory: Before it.
-        window: The states.
-        command: The newest that the robot says it has.
-        is_measured: Joints whose load lives; one that repeats itself says nothing about its joint. Shape (12,).
+    Where ``is_measured``, shape (12,), is False, a load repeats itself and says nothing about its joint.
     """
     state = window.last
     asked = torque_nm(command, state.position_rad, state.velocity_rad_s)

@@ -77,12 +77,7 @@ def asked(memory: SignalMemory, command: JointCommand) -> SignalMemory:
 def check_signals(
     memory: SignalMemory, states: Sequence[RobotState], situation: Situation
 ) -> tuple[SignalMemory, tuple[Doubt, ...]]:
-    """Judge the states that may be used, oldest first.
-
-    Args:
-        memory: From the last call.
-        states: Those that have arrived since.
-        situation: Who has the joints.
+    """Judge the states that have arrived and may be used, oldest first.
 
     Returns:
         The new memory, and a doubt for each kind of thing that cannot be true.

@@ -91,11 +91,7 @@ def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
 def sole_speeds_m_s(state_feet: Feet, *, velocity_m_s: Array, turn_rate_rad_s: Array, up: Array) -> Array:
     """Speed over ground of the point of each foot that would touch it. Shape (..., 4), m/s.
 
-    Args:
-        state_feet: From :func:`feet`.
-        velocity_m_s: The body's, in the body's frame. Shape (3,).
-        turn_rate_rad_s: The body's, in the body's frame. Shape (3,).
-        up: The upward direction in the body's frame. Shape (3,).
+    The body's velocity and turn rate, and the upward direction, are in the body's frame, each of shape (3,).
     """
     centres = velocity_m_s + _cross(turn_rate_rad_s, state_feet.position_m) + state_feet.velocity_m_s
     soles = centres - facts.FOOT_RADIUS_M * _cross(turn_rate_rad_s + state_feet.turn_rate_rad_s, up)

@@ -56,16 +56,11 @@ def still_windows(
 ) -> Counts:
     """Count on, signal by signal, in how many windows in a row it stood still while its neighbours moved.
 
-    Args:
-        counts: Before this window. Shape (55,), in the order of :data:`NAMES`.
-        first: State at the start of the window.
-        last: State at its end.
-        resting: Joints that are known to rest; their positions and velocities may repeat, not both. Shape (12,).
-        has_loads: Whether the robot reports loads.
+    ``counts`` are those before the window, shape (55,), in the order of :data:`NAMES`; ``first`` and ``last`` are
+    the states at its ends. Of joints known to rest, shape (12,), positions and velocities may repeat, not both.
 
-    Returns:
-        The new counts. Where neighbours move quickly, a window counts as much as two; where they stand, it takes one
-        back, so that nothing gathers while nothing happens. A signal that changes begins anew.
+    Where neighbours move quickly, a window counts as much as two; where they stand, it takes one back, so that nothing
+    gathers while nothing happens. A signal that changes begins anew.
     """
     after = np.empty_like(counts)
     changes = np.abs(
