@@ -73,7 +73,7 @@ def explain_logs(
     elif nominal is None or out is None:
         raise BadInputError("give --nominal MODEL and --out DIR, or --history DIR")
     else:
-        place = Filing(out, nominal, "")
+        place = Filing(out, nominal)
     check_free(place.out)
     inputs = DiagnosisRequest(
         logs=tuple(map(str, logs)),
@@ -87,7 +87,14 @@ def explain_logs(
     try:
         with DiagnosisProgress() as progress:
             result, paths = run_session(
-                inputs, place.out, progress, robot_file=robot, with_synthesis=synthesis, place=where, seed=seed
+                inputs,
+                place.out,
+                progress,
+                check_robot=place.check_robot,
+                robot_file=robot,
+                with_synthesis=synthesis,
+                place=where,
+                seed=seed,
             )
     except KeyboardInterrupt:
         typer.echo(f"interrupted; nothing was written into {place.out}", err=True)

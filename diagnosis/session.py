@@ -123,6 +123,7 @@ def run_session(
     *,
     nominal: RobotModel | None = None,
     library: Mapping[str, LibraryEffect] | None = None,
+    check_robot: Callable[[str], None] = lambda _: None,
     robot_file: Path | None = None,
     with_synthesis: bool = False,
     place: Place = IN_THIS_PROCESS,
@@ -136,6 +137,7 @@ def run_session(
         say: Where progress goes.
         nominal: The simulator's model; by default the inputs' name is loaded.
         library: Effects that are tried; by default those of the inputs.
+        check_robot: Told the logs' robot before anything is computed; raises where they must not be of that one.
         robot_file: Describes a robot other than Spot.
         with_synthesis: As a check, also diagnose the nominal simulator with the effects added.
         place: Where closed loops are computed.
@@ -153,6 +155,7 @@ def run_session(
     # Logs, and the policy that made them.
     say("reading logs")
     runs, notes = read_logs([Path(path) for path in inputs.logs], robot, say.at)
+    check_robot(robot_of(runs))
     file = find_policy_file(None if inputs.policy is None else Path(inputs.policy), runs)
     policy = None if file is None else load_policy(file)
     if policy is not None:
