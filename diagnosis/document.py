@@ -350,9 +350,5 @@ class Verdict(Settings):
 
 
 def load_verdict(path: Path) -> Verdict:
-    """Read a ``verdict.json``.
-
-    Raises:
-        pydantic.ValidationError: It does not follow the schema.
-    """
+    """Read a ``verdict.json``. Raises pydantic.ValidationError: it does not follow the schema."""
     return Verdict.model_validate_json(path.read_bytes())

@@ -150,11 +150,7 @@ def rollouts_under(policy: Policy, place: Place = IN_THIS_PROCESS) -> Rollouts:
 
 
 def roll_out(shared: tuple[bytes, str], rollout: Rollout, tell: Tell) -> list[Run]:
-    """The runs of one rollout.
-
-    Raises:
-        BadInputError: The model cannot be simulated.
-    """
+    """The runs of one rollout. Raises BadInputError: the model cannot be simulated."""
     policy, device = shared
     return simulate(
         rollout.model,

@@ -58,11 +58,7 @@ class ImproveRequest(Settings):
         n: int,
         seed: int,
     ) -> Self:
-        """Check all that can be checked before any work.
-
-        Raises:
-            SpotRlError: A file is missing or not valid.
-        """
+        """Check all that can be checked before any work. Raises SpotRlError: a file is missing or not valid."""
         for path in logs:
             if not path.exists():
                 raise BadInputError(f"there is no log {path}; give files of spot-rl (*.mcap), or folders of them")

@@ -72,11 +72,7 @@ class Filing:
 
 
 def day_of(name: str) -> date:
-    """The date at the beginning of a folder's name.
-
-    Raises:
-        BadInputError: There is none.
-    """
+    """The date at the beginning of a folder's name. Raises BadInputError: there is none."""
     found = DATED.fullmatch(name)
     try:
         return date.fromisoformat(found[1] if found else "")

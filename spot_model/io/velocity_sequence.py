@@ -186,9 +186,5 @@ def _is_file(path: Path) -> bool:
 
 
 def save_sequence(sequence: VelocitySequence, path: Path) -> None:
-    """Write a sequence as YAML; refuses to overwrite.
-
-    Raises:
-        OutputExistsError: The file exists.
-    """
+    """Write a sequence as YAML; refuses to overwrite. Raises OutputExistsError: the file exists."""
     write_new(path, yaml.safe_dump(sequence.model_dump(by_alias=True, mode="json"), sort_keys=False))

@@ -60,11 +60,7 @@ class Captured:
         self._result: Any = None
 
     def __call__(self) -> Any:
-        """Do the work; returns what it returns.
-
-        Raises:
-            RecordingError: The work waits for the device.
-        """
+        """Do the work; returns what it returns. Raises RecordingError: the work waits for the device."""
         if not self._is_recorded or not self._is_warm:
             self._is_warm = True
             return self._work()

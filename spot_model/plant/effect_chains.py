@@ -66,11 +66,7 @@ class EffectChain(Generic[Kind]):
         return [leaves(memory) for memory in self._memory]
 
     def restore(self, snapshot: list[list[Any]]) -> None:
-        """Continue from a snapshot.
-
-        Raises:
-            ValueError: It was made with other effects.
-        """
+        """Continue from a snapshot. Raises ValueError: it was made with other effects."""
         if len(snapshot) != len(self._effects):
             raise ValueError(f"the snapshot has memories of {len(snapshot)} effects, the plant {len(self._effects)}")
         self._memory = [with_leaves(memory, values) for memory, values in zip(self._memory, snapshot, strict=True)]

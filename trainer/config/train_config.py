@@ -186,11 +186,7 @@ def config_from_data(data: Any, *, source: str, overrides: tuple[str, ...] = ())
 
 
 def load_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfig:
-    """Read a config from YAML and apply overrides.
-
-    Raises:
-        BadInputError: The file cannot be read, or is not valid.
-    """
+    """Read a config from YAML and apply overrides. Raises BadInputError: the file cannot be read, or is not valid."""
     return config_from_data(read_yaml(path, "config"), source=f"config {path}", overrides=overrides)
 
 

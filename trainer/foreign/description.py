@@ -119,11 +119,7 @@ class ForeignPolicy:
 
 
 def checked(policy: ForeignPolicy) -> ForeignPolicy:
-    """The policy, if it can be one of ours.
-
-    Raises:
-        BadInputError: A value is out of its range; the message names it.
-    """
+    """The policy, if it can be one of ours. Raises BadInputError: a value is out of its range; the message names it."""
     for term in policy.terms:
         if len(term.scale) not in (1, term.width) or not all(math.isfinite(v) and v != 0.0 for v in term.scale):
             raise BadInputError(

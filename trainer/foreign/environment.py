@@ -250,11 +250,7 @@ _PlainLoader.add_multi_constructor("tag:yaml.org,2002:python/", _plain)
 
 
 def read_data(path: Path) -> dict[str, Any]:
-    """A file of settings as plain data.
-
-    Raises:
-        BadInputError: The file cannot be read, or is not a mapping.
-    """
+    """A file of settings as plain data. Raises BadInputError: the file cannot be read, or is not a mapping."""
     try:
         text = read_at_most(path, MAX_BYTES).decode("utf-8")
         data = json.loads(text) if path.suffix == ".json" else yaml.load(text, Loader=_PlainLoader)  # noqa: S506 - see it

@@ -22,11 +22,7 @@ RATE_HZ = 50.0
 
 
 def find_environment(policy: Path) -> Path:
-    """The one JSON file beside the policy.
-
-    Raises:
-        BadInputError: There is none, or more than one.
-    """
+    """The one JSON file beside the policy. Raises BadInputError: there is none, or more than one."""
     found = sorted(policy.parent.glob("*.json"))
     if len(found) != 1:
         raise BadInputError(f"{policy.parent} holds {len(found)} JSON files; the example wants one beside the policy")
@@ -34,11 +30,7 @@ def find_environment(policy: Path) -> Path:
 
 
 def describe(data: Mapping[str, Any], name: str) -> ForeignPolicy:
-    """What the example would do with this file.
-
-    Raises:
-        BadInputError: Something is missing; the message names it.
-    """
+    """What the example would do with this file. Raises BadInputError: something is missing; the message names it."""
     joints, environment = BREADTH_FIRST, parsed(Environment, data, "the environment file")
     if "scale" not in environment.action.model_fields_set:
         raise BadInputError("the environment file has no actions.joint_pos.scale; the example needs it")

@@ -22,11 +22,7 @@ from trainer.config.train_config import TrainConfig, config_from_data, config_ya
 
 
 def check_run_folder(folder: Path) -> None:
-    """Refuse a run folder that holds something.
-
-    Raises:
-        BadInputError: It does.
-    """
+    """Refuse a run folder that holds something. Raises BadInputError: it does."""
     if folder.exists() and any(folder.iterdir()):
         raise BadInputError(f"run folder {folder} is not empty; choose another with --out, or --resume it")
 

@@ -254,11 +254,7 @@ class NewestPolicy:
         self._looked_s = -LOOKED_EVERY_S
 
     def load(self) -> Policy:
-        """The newest.
-
-        Raises:
-            BadInputError: The run has no checkpoint yet.
-        """
+        """The newest. Raises BadInputError: the run has no checkpoint yet."""
         self._seen = find_checkpoint(self._run)
         self._tell(self._seen.name)
         return policy_of_checkpoint(self._seen)[0]

@@ -68,11 +68,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         self.env.end_iteration()
 
     def check_finite(self) -> None:
-        """Wait for the storage and stop if a number in it is not finite.
-
-        Raises:
-            TrainingDivergedError: One is.
-        """
+        """Wait for the storage and stop if a number in it is not finite. Raises TrainingDivergedError: one is."""
         self.env.check_finite(self.alg.storage.observations["policy"], self.alg.storage.rewards)
 
     def close(self) -> None:

@@ -132,11 +132,7 @@ class Recording(Measured):
 
 
 def record(run: Run) -> Recording:
-    """Lay a log out on its grid.
-
-    Raises:
-        RecordingError: The log has too few states, or its stamps do not rise.
-    """
+    """Lay a log out on its grid. Raises RecordingError: the log has too few states, or its stamps do not rise."""
     states = run.states
     if len(states) < MIN_STATES:
         raise RecordingError(f"log {run.path} has {len(states)} states; at least {MIN_STATES} are needed")

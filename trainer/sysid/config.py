@@ -291,11 +291,7 @@ def default_config(device: str) -> SysidConfig:
 
 
 def config_from_data(data: Any, *, source: str) -> SysidConfig:
-    """Check plain data.
-
-    Raises:
-        BadInputError: A key or a value is not allowed; the message names it.
-    """
+    """Check plain data. Raises BadInputError: a key or a value is not allowed; the message names it."""
     try:
         return SysidConfig.model_validate(data)
     except ValidationError as error:
@@ -303,11 +299,7 @@ def config_from_data(data: Any, *, source: str) -> SysidConfig:
 
 
 def load_config(path: Path) -> SysidConfig:
-    """Read a configuration from YAML.
-
-    Raises:
-        BadInputError: The file cannot be read, or is not valid.
-    """
+    """Read a configuration from YAML. Raises BadInputError: the file cannot be read, or is not valid."""
     data = read_yaml(path, "config")
     return config_from_data(data if data is not None else {}, source=f"config {path}")
 
