@@ -19,11 +19,12 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from compare.cause import Cause
 from compare.differences import Differences
-from compare.tracks import STEP_S, Array, Track
+from compare.tracks import STEP_S, Track
 from spot_log.format.codec import Topic
 from spot_log.format.viewer import BODY_FRAME, ODOM_FRAME, joint_states, odometry, spot_scene, transforms
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz, yaw_rad
 from spot_protos import log_pb2
 

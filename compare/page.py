@@ -9,11 +9,11 @@ import numpy as np
 
 from compare.cause import Cause
 from compare.differences import SIGNALS, TITLES, Differences
-from compare.tracks import SLIP_S, STEP_S, Array, Track
+from compare.tracks import SLIP_S, STEP_S, Track
 from spot_log.page.charts import liveliest, stance
 from spot_log.page.render import rendered
 from spot_log.page.sections import Beside, Cell, Chart, Fold, Head, Items, Legend, Map, Section, Series, Shade, Table
-from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, Array
 
 CLOSE: Final = 0.10
 """Distributions that differ by less than this share of their spread are called close."""

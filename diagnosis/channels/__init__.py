@@ -47,7 +47,6 @@ CHANNEL_TITLES: Final[Mapping[str, str]] = {
 }
 """For a person; by the name that a file holds."""
 
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Flags = NDArray[np.bool_]

@@ -15,8 +15,9 @@ from scipy.optimize import nnls
 from diagnosis.read.robot_file import DriveNumbers, RobotFile
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from spot_model.robot.facts import Array
 from trainer.signals.motor_torque import direction
-from trainer.signals.recording import Array, Flags
+from trainer.signals.recording import Flags
 from trainer.signals.smoothing import rate, smooth
 
 STEP_S: Final = 1e-3

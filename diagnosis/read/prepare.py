@@ -16,7 +16,7 @@ import numpy as np
 from diagnosis.read.fixed_base import Drives, error_rad, fitted, loads_nm
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
-from trainer.signals.recording import Array
+from spot_model.robot.facts import Array
 from trainer.signals.smoothing import rate, smooth, too_coarse
 
 MAX_ROWS_APART: Final = 12

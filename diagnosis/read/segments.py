@@ -14,9 +14,10 @@ from spot_log.read.run import CommandTable
 from spot_log.tools.measures import NEVER_NS
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import projected_gravity
 from trainer.signals.policy_ticks import fall_row
-from trainer.signals.recording import Array, Flags, Recording
+from trainer.signals.recording import Flags, Recording
 
 START_S: Final = 0.2
 """After the first command servos and body settle."""

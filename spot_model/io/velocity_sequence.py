@@ -11,15 +11,13 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
-
-Array = NDArray[np.float64]
+from spot_model.robot.facts import Array
 
 SCHEMA: Final = "spot-rl/velocity-sequence/1"
 

@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from spot_model.errors import SpotRlError
-
-Tensor = torch.Tensor
 
 
 class TorchDraws:

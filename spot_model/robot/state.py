@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-
-Array = NDArray[np.float64]
+from spot_model.robot.facts import Array
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ from spot_model.plant.closed_loop import ClosedLoop
 from spot_model.plant.plant import Plant
 from spot_model.robot import facts
 from spot_model.robot.arrays import like, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import AnyArray, multiply_wxyz
 from spot_model.robot.terrain import CourseTerrain, NoiseTerrain, RampTerrain
 from trainer.config.task_config import FREE_HEIGHT_M
 from trainer.evaluate.setting import FOOT_GEOMS, Setting, set_friction
-from trainer.simulate.walks import Array
 
 SECONDS: Final = 15.0
 RAMP_S: Final = 1.0

@@ -13,10 +13,10 @@ from spot_model.io.model_file import RobotModel, load_model
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.config.task_config import FREE_HEIGHT_M, NoiseConfig, RandomisationConfig
-from trainer.simulate.walks import Array
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 

@@ -12,10 +12,11 @@ import numpy as np
 
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant
+from spot_model.robot.facts import Array
 from trainer.config.task_config import CommandConfig
 from trainer.evaluate.holds import CONDITIONS, SECONDS, holds
 from trainer.evaluate.setting import Setting, set_friction
-from trainer.simulate.walks import Array, WalkRecord, hold, record_walks
+from trainer.simulate.walks import WalkRecord, hold, record_walks
 
 RAMP_M_S2 = 0.5
 """Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""

@@ -29,11 +29,9 @@ from spot_model.policy.contract import (
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from trainer.foreign.description import JOINT_FIELDS, LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
 from trainer.foreign.inspection import action_output, check_no_memory, check_normaliser, observation_input
-
-Array = NDArray[np.float64]
-
 
 Step = tuple[str, str, NDArray[Any]]
 """An operator of ONNX, the name of its weight, and the weight."""

@@ -11,10 +11,10 @@ from typing import Any, Final
 import numpy as np
 import torch
 from cmaes import CMA
-from numpy.typing import NDArray
 
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.robot.facts import Array
 from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import random_commands
 from trainer.ppo.checkpoint_policy import policy_of, read_layers
@@ -23,8 +23,6 @@ from trainer.refine.gains import gains_of, with_gains
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.walks import hold, record_walks
-
-Array = NDArray[np.float64]
 
 TRACKED_UP_TO_M_S = 5.0
 

@@ -18,10 +18,9 @@ from spot_log.read.run import Run
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.arrays import like, namespace_of, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import AnyArray
 from trainer.signals.policy_ticks import policy_ticks
-
-Array = NDArray[np.float64]
 
 
 def features_of_observations(observation: AnyArray, action: AnyArray, policy: Policy) -> Any:

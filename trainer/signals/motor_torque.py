@@ -12,7 +12,7 @@ from spot_model.effects.base import Effect, Motion, TorqueEffect
 from spot_model.effects.friction import smooth_sign
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
-from trainer.signals.recording import Array
+from spot_model.robot.facts import Array
 
 Ints = NDArray[np.intp]
 

@@ -22,9 +22,8 @@ from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, like, namespace_of, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import AnyArray, rotate_wxyz
-
-Array = NDArray[np.float64]
 
 START_NS = 1_000_000_000_000
 """Robot time of a simulated run's first state."""

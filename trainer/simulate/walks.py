@@ -15,11 +15,10 @@ from spot_model.plant.plant import Plant
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import like, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.gait import measure_gait
 from spot_model.robot.rotation import AnyArray, tilt_rad
 from trainer.simulate.recorded_loop import stacked
-
-Array = NDArray[np.float64]
 
 AT_STOP_RAD: Final = 0.02
 """Distance from a joint's stop at which it counts as at the stop."""

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from spot_model.effects.base import Effect, Parameter
@@ -17,8 +16,7 @@ from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
-
-Array = NDArray[np.float64]
+from spot_model.robot.facts import Array
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
+from spot_model.robot.facts import Array
 from trainer.signals.recording import record
 from trainer.simulate.generations import Generation
 from trainer.simulate.rollout import RolloutOptions
@@ -35,8 +35,6 @@ from trainer.sysid.search import (
 from trainer.sysid.torque_fit import TorqueFit, fit_torque
 from trainer.sysid.torque_model import TorqueModel, TorqueSamples, torque_samples
 from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict, judge, score_intervals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

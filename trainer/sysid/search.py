@@ -11,11 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 from cmaes import CMA
-from numpy.typing import NDArray
 
 from spot_log import Run
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.robot.facts import Array
 from trainer.signals.distances import SequenceReference, features_of_observations, score_of_distances
 from trainer.signals.policy_ticks import start_of
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
@@ -23,8 +23,6 @@ from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
 from trainer.sysid.config import SearchConfig, SearchSpace
 from trainer.sysid.logs import sequence_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

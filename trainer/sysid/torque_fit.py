@@ -15,11 +15,10 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from trainer.sysid.torque_errors import FitErrors, effective_freedom, fit_errors
 from trainer.sysid.torque_losses import LossFit, fit_losses
 from trainer.sysid.torque_model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel, TorqueSamples
-
-Array = NDArray[np.float64]
 
 LARGE_REQUEST_NM: Final = 20.0
 """Requests from here on are kept at any speed: friction is small beside them."""

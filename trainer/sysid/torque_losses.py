@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spot_model.effects.friction import CoulombFriction
 from spot_model.plant.model_fields import LossMotion, joint_losses_nm
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.joints import select_joints
 from trainer.sysid.config import SearchSpace
 from trainer.sysid.torque_errors import cluster_covariances
@@ -27,8 +28,6 @@ from trainer.sysid.torque_model import (
     TorqueSamples,
     shifted_motion,
 )
-
-Array = NDArray[np.float64]
 
 WIDTH: Final = 5
 SIMPSON: Final = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0

@@ -8,14 +8,12 @@ from typing import Final, Literal
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
+from spot_model.robot.facts import Array
 from trainer.sysid.config import SearchParameter, SearchSpace
 from trainer.sysid.search import CandidateResult, Problem
 from trainer.sysid.torque_fit import TorqueFit, usable
 from trainer.sysid.torque_model import TorqueModel, TorqueSamples
-
-Array = NDArray[np.float64]
 
 N_BOOTSTRAP: Final = 200
 BEST_SHARE: Final = 0.5

@@ -7,14 +7,13 @@ from typing import Final
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import rotate_wxyz
 from spot_model.robot.terrain import NoiseTerrain, TileTerrain
 from trainer.config.task_config import TerrainConfig
 from trainer.task.plant_backend import PlantState
-
-Tensor = torch.Tensor
 
 START_FROM_EDGE_M: Final = 12.0
 """No robot starts nearer to the ground's edge."""

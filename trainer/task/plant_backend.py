@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import torch
+from torch import Tensor
 
 from spot_model.effects.base import Effect, EstimateEffect, SensorEffect
 from spot_model.plant.command_channel import ServoCommand
@@ -18,8 +19,6 @@ from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.config.task_config import TaskConfig
-
-Tensor = torch.Tensor
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 

@@ -16,12 +16,11 @@ from importlib.metadata import entry_points
 from typing import Any, Final
 
 import torch
+from torch import Tensor
 
 from spot_model.errors import BadInputError
 from spot_model.user_code import users_code
 from trainer.config.task_config import ENTRY_POINT_GROUP, RewardShape
-
-Tensor = torch.Tensor
 
 
 @dataclass(frozen=True)

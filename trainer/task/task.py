@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import torch
+from torch import Tensor
 
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT, build_observation
@@ -22,8 +23,6 @@ from trainer.task.draws import Draws, VelocityCommands, draw_initial_state, draw
 from trainer.task.feet import FootMotion, FootTimers, Ground, foot_motion
 from trainer.task.plant_backend import PlantBackend, PlantState
 from trainer.task.rewards import Moment, reward_term
-
-Tensor = torch.Tensor
 
 
 class EpisodeStats:
