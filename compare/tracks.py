@@ -135,7 +135,7 @@ def _held(stamps: NDArray[np.int64], values: Array, grid_ns: NDArray[np.int64], 
     return np.where(at[:, None] >= 0, values[np.maximum(at, 0)], np.nan)
 
 
-def aligned(tracks: Sequence[Track]) -> list[Track]:
+def aligned_tracks(tracks: Sequence[Track]) -> list[Track]:
     """The stretch that all runs share, each run's samples at the same time under the command.
 
     Args:

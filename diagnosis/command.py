@@ -62,7 +62,7 @@ def explain_logs(
     typer.echo("loading the library of effects and the simulator …", err=True)
     from diagnosis.report.history import Filing, file_next
     from diagnosis.report.history_page import write_history
-    from diagnosis.report.output import check_free
+    from diagnosis.report.output import check_no_diagnosis
     from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
     from diagnosis.terminal import twelve_lines
 
@@ -74,7 +74,7 @@ def explain_logs(
         raise BadInputError("give --nominal MODEL and --out DIR, or --history DIR")
     else:
         place = Filing(out, nominal)
-    check_free(place.out)
+    check_no_diagnosis(place.out)
     inputs = DiagnosisRequest(
         logs=tuple(map(str, logs)),
         nominal=place.nominal,

@@ -24,8 +24,8 @@ from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.headline import headline
 from diagnosis.report.output import write_all
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.selection.robot_models import merged
-from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from diagnosis.selection.robot_models import effects_merged
+from diagnosis.verdict.diagnose import Diagnosis, diagnose_runs
 from spot_log.read.run import Run
 from spot_model.console import progress
 from spot_model.io.model_file import RobotModel, load_model
@@ -149,7 +149,7 @@ def run_session(
     Raises:
         SpotRlError: Something that was given is wrong; nothing is written then.
     """
-    nominal = merged(nominal or load_model(inputs.nominal))
+    nominal = effects_merged(nominal or load_model(inputs.nominal))
     library = library or chosen_library(inputs.add_effect, inputs.without)
     robot = load_robot(robot_file) if robot_file is not None else SPOT
     # Logs, and the policy that made them.
@@ -166,7 +166,7 @@ def run_session(
     for text in notes:
         say(f"note: {text}")
     with one_thread(), nullcontext() if policy is None else rollouts_under(policy, place) as engine:
-        result = diagnose(
+        result = diagnose_runs(
             runs,
             nominal,
             policy,
@@ -188,7 +188,7 @@ def run_session(
         differences = tuple(d.model_copy(update={"split": None}) for d in verdict.differences)
         drives = _drives(verdict, runs, robot)
         files = fixed_base.corrected_files(robot, drives)
-        notes = (*verdict.notes, *_told(robot, runs, drives), NO_MODEL)
+        notes = (*verdict.notes, *_fit_sentences(robot, runs, drives), NO_MODEL)
         verdict = verdict.model_copy(update={"differences": differences, "no_model": NO_MODEL, "notes": notes})
     result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     say("writing the report")
@@ -217,7 +217,7 @@ def _drives(verdict: Verdict, runs: Sequence[Run], robot: RobotFile) -> fixed_ba
     return fixed_base.Drives(**found, delay_s=delay_s)
 
 
-def _told(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> tuple[str, ...]:
+def _fit_sentences(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> tuple[str, ...]:
     """How near simulations of the rigid bodies come to the logs without drives and with them, in a sentence."""
     if robot.mjcf is None or not any(np.isfinite(run.commands.kp_nm_per_rad).any() for run in runs):
         return ()

@@ -103,7 +103,7 @@ def loads_nm(robot: RobotFile, position_rad: Array, velocity_rad_s: Array, accel
     return load
 
 
-def fitted(torque_nm: Array, velocity_rad_s: Array, period_s: float) -> tuple[Drives, Array]:
+def fitted_drives(torque_nm: Array, velocity_rad_s: Array, period_s: float) -> tuple[Drives, Array]:
     """Drives by least squares from what the servos give beyond the links' loads, and what they leave; shape (n, J).
 
     No number of a drive is negative: none of them gives power.

@@ -32,14 +32,14 @@ SHORTEST_S: Final = 0.06
 STILL_RAD_S: Final = 0.25
 """Root-mean-square joint speed under which the robot stands."""
 
-Kind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
+SegmentKind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
 
 
 @dataclass(frozen=True)
 class Segment:
     """A stretch of one recording, rows ``first`` to ``last`` inclusive."""
 
-    kind: Kind
+    kind: SegmentKind
     first: int
     last: int
     reason: str
@@ -73,7 +73,7 @@ def cut(recording: Recording) -> Segmentation:
         end = recording.commands.end_robot_stamp_ns[np.maximum(row, 0)]
         expired = (row >= 0) & (end > 0) & (end < NEVER_NS) & (recording.stamp_ns > end)
     ignored = _not_following(recording, row)
-    cuts: tuple[tuple[Kind, Flags, str], ...] = (
+    cuts: tuple[tuple[SegmentKind, Flags, str], ...] = (
         ("lost", ~recording.present, "state messages are missing"),
         ("no_command", ~known, "no command has been received yet"),
         ("start", start & known, f"the first {START_S} s after the first command"),

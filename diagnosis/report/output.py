@@ -26,7 +26,7 @@ NAMES = {
 }
 
 
-def check_free(out: Path) -> None:
+def check_no_diagnosis(out: Path) -> None:
     """Refuse a folder that holds a diagnosis already, before any work is done.
 
     Raises:

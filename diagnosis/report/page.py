@@ -155,7 +155,7 @@ def _unknown(v: Verdict) -> Content:
     about = f"Probability of an effect that the library lacks: {v.probability_unknown:.2f}. "
     about += "Sizes are root mean squares."
     add = ("Write it as an effect, and diagnose again with ", Mark("--add-effect module:Class", "code"), ".")
-    return Section("What no effect explains", about, [words.sentence(words.unknown_told(v.unknown)), add])
+    return Section("What no effect explains", about, [words.sentence(words.unknown_phrase(v.unknown)), add])
 
 
 def _walk(v: Verdict) -> Section:
@@ -165,7 +165,7 @@ def _walk(v: Verdict) -> Section:
         unit, scale = {"rad": ("°", float(np.degrees(1.0)))}.get(q.unit, (q.unit, 1.0))
         unit, scale = ("%", 100.0) if q.quantity == "fall_share" else (unit, scale)
         values = ("—" if x is None else words.number(scale * x) for x in (q.before, q.after, q.robot))
-        rows.append((f"{q.title}, {unit}", *(Mark(x, "number") for x in values), words.change_told(q)))
+        rows.append((f"{q.title}, {unit}", *(Mark(x, "number") for x in values), words.change_phrase(q)))
     head = ("quantity", "nominal model", "corrected model", "robot", "change from nominal to corrected")
     about = "The policy on both models and on the robot, with the same commands; compare/compare.html shows one log."
     return Section("How the walk changes", about, Table(head, rows))

@@ -12,8 +12,8 @@ from diagnosis.channels import Array, Channel, ChannelView
 from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
-from diagnosis.closed_loop.gap_map import LogSet, gap_map
-from diagnosis.closed_loop.simulation import Rollouts, SensorNoise, rollouts_under, simulate
+from diagnosis.closed_loop.gap_map import GapSide, gap_map
+from diagnosis.closed_loop.simulation import RolloutEngine, UsualNoise, rollouts_under, simulate_scripts
 from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
 from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
@@ -21,18 +21,13 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import UNLIKE_MOTION
-from diagnosis.selection.robot_models import by_joint, merged, model_of
+from diagnosis.selection.robot_models import corrected_model, effects_merged, model_by_joint
 from diagnosis.selection.scoring import crossed
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.belief import Belief, decide
-from diagnosis.verdict.explanation import Say, explain
+from diagnosis.verdict.explanation import Say, weigh
 from diagnosis.verdict.left_over import left_over
-from diagnosis.verdict.measured import (
-    compared_models,
-    measured_by_prediction,
-    measured_by_simulation,
-    open_loop_cells,
-)
+from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation, open_loop_cells
 from diagnosis.verdict.possible_robots import possible_robots
 from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from diagnosis.verdict.unknown import gaps_left
@@ -71,7 +66,7 @@ class Diagnosis:
     """Robots drawn from what is still possible; none of a robot other than Spot."""
 
 
-def diagnose(
+def diagnose_runs(
     runs: Sequence[Run],
     nominal: RobotModel,
     policy: Policy | None,
@@ -83,7 +78,7 @@ def diagnose(
     with_synthesis: bool = False,
     nominal_name: str = "",
     limits_rad: tuple[Array, Array] | None = None,
-    engine: Rollouts | None = None,
+    engine: RolloutEngine | None = None,
     is_from_motion: bool = False,
 ) -> Diagnosis:
     """Diagnose logs.
@@ -106,13 +101,15 @@ def diagnose(
     if is_from_motion:
         library = {name: entry for name, entry in library.items() if name not in UNLIKE_MOTION}
     say(f"building channels of {counted(len(runs), 'log')}")
-    found = explain(runs, nominal, policy, library, say, limits_rad, is_from_motion)
+    found = weigh(runs, nominal, policy, library, say, limits_rad, is_from_motion)
     # What is there, and how this robot is calibrated.
     belief, board = decide(found, library), found.board
     best = crossed(board, belief.best)
     board.forget()
     is_spot = board.robot.joint_names == facts.JOINT_NAMES
-    corrected = by_joint(merged(model_of(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
+    corrected = (
+        model_by_joint(effects_merged(corrected_model(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
+    )
     # What it does.
     bench = Bench.of(runs, policy, engine or rollouts_under(policy)) if policy is not None and is_spot else None
     measured, shrink, trials, around = measured_by_prediction(board, best), None, None, Surroundings()
@@ -130,8 +127,8 @@ def diagnose(
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
         loads = actuator_view(logs, nominal.effects)
-        real = LogSet(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
-        made = LogSet(logs, loads if isinstance(loads, ChannelView) else None)
+        real = GapSide(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
+        made = GapSide(logs, loads if isinstance(loads, ChannelView) else None)
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
         shrink = measure_shrink(trials, belief.stated, rng)
         measured = measured_by_simulation(trials, best, belief.stated, rng) or measured
@@ -192,8 +189,8 @@ def synthesis_check(
         ``passed``: every effect found comes back, itself or by a member of its group, with at least half of its
         joints; ``found``: what came back.
     """
-    logs = simulate(corrected, policy, scripts_of(runs), rng, SensorNoise())
-    back = explain(logs, nominal, policy, library, lambda _: None)
+    logs = simulate_scripts(corrected, policy, scripts_of(runs), rng, UsualNoise())
+    back = weigh(logs, nominal, policy, library, lambda _: None)
     robot = back.board.robot
     found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in back.selection.best.terms}
     passed = all(

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from diagnosis.channels import Array
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
-from diagnosis.selection.robot_models import by_joint, with_errors
+from diagnosis.selection.robot_models import model_by_joint, with_errors
 from diagnosis.selection.scoring import posterior_covariance
 from diagnosis.verdict.belief import Belief
 from spot_model.io.model_file import RobotModel
@@ -22,7 +22,7 @@ from spot_model.io.settings import Settings
 from spot_model.robot.facts import JOINT_NAMES
 
 
-class Term(Settings):
+class PosteriorTerm(Settings):
     """An effect of a set, and what its numbers may be."""
 
     effect: str
@@ -40,7 +40,7 @@ class Possibility(Settings):
     distance_floors: float | None
     model: dict[str, Any]
     """Model file's data: the nominal model with this robot's ordinary errors, without the effects."""
-    terms: tuple[Term, ...]
+    terms: tuple[PosteriorTerm, ...]
 
 
 class Posterior(Settings):
@@ -78,9 +78,9 @@ def posterior_of(
     for name, (scored, weight) in belief.sets.items():
         covariance = posterior_covariance(board, scored)[len(scored.pulls) :, len(scored.pulls) :]
         ends = np.cumsum([len(c) for c in scored.coefficients])
-        base = around.around(by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES))
+        base = around.around(model_by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES))
         terms = tuple(
-            Term(
+            PosteriorTerm(
                 effect=t.effect.name,
                 joints=board.robot.words_for(t.effect, t.place),
                 shape={k: float(v) for k, v in t.shape.items()},

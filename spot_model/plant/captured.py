@@ -33,7 +33,7 @@ class TorchDraws:
         return torch.empty(size, device=self._device).exponential_(generator=self.generator)
 
 
-class RecordingError(SpotRlError):
+class CaptureError(SpotRlError):
     """Work cannot be recorded, because it looks at values that are on the GPU."""
 
 
@@ -81,7 +81,7 @@ class Captured:
             with torch.cuda.graph(graph, stream=torch.cuda.current_stream(), capture_error_mode="thread_local"):
                 self._result = self._work()
         except RuntimeError as error:
-            raise RecordingError(
+            raise CaptureError(
                 f"work cannot be recorded as a CUDA graph: {error}. An effect or a reward of your own must not look at "
                 "values (.item(), if, a mask as index); write it with torch.where; training goes without graphs with "
                 "ppo.cuda_graphs=false"

@@ -80,8 +80,7 @@ class Gains:
     def policy() -> Gains:
         """The paper's gains: 60 and 1.5 on every joint."""
         return Gains(
-            np.full(facts.N_JOINTS, facts.POLICY_KP_NM_PER_RAD),
-            np.full(facts.N_JOINTS, facts.POLICY_KD_NM_S_PER_RAD),
+            np.full(facts.N_JOINTS, facts.POLICY_KP_NM_PER_RAD), np.full(facts.N_JOINTS, facts.POLICY_KD_NM_S_PER_RAD)
         )
 
     @staticmethod

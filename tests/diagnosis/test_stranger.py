@@ -12,7 +12,7 @@ from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report.output import write_all
-from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from diagnosis.verdict.diagnose import Diagnosis, diagnose_runs
 from diagnosis.verdict.possible_robots import ROBOTS
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.effects.commands import CommandDelay
@@ -33,7 +33,7 @@ SHORT = {name: SEQUENCES[name] for name in ("forward", "turn")}
 
 def _diagnosed(robot: Stranger) -> Diagnosis:
     runs = robot.walk(SHORT, 2, 4.0)
-    return diagnose(runs, NOMINAL, robot.policy, np.random.default_rng(0), lambda _: None)
+    return diagnose_runs(runs, NOMINAL, robot.policy, np.random.default_rng(0), lambda _: None)
 
 
 @pytest.mark.slow
@@ -67,7 +67,7 @@ def test_one_weak_joint_is_named_and_nothing_else() -> None:
 def test_one_run_without_the_policy_proves_nothing_and_still_says_where() -> None:
     robot = Stranger(load_policy(POLICY), 102, Faults(gain={"hl_kn": 0.6}), EXACT)
     runs = robot.walk({"forward": SEQUENCES["forward"]}, 1, 3.0)
-    found = diagnose(runs, NOMINAL, None, np.random.default_rng(0), lambda _: None)
+    found = diagnose_runs(runs, NOMINAL, None, np.random.default_rng(0), lambda _: None)
     assert all(e.probability <= 0.9 for e in found.verdict.differences)
     assert found.verdict.where[0].joint == "hl_kn"
 
@@ -78,7 +78,7 @@ def test_a_short_slow_walk_at_uneven_55_hz_gets_no_confident_cause() -> None:
     for seed in (2, 5):
         run = Stranger(load_policy(POLICY), seed).walk(SLOW, 1, 3.2)
         coarse = thinned(run[0], uneven(len(run[0].states), np.random.default_rng(seed)))
-        verdict = diagnose([coarse], NOMINAL, None, np.random.default_rng(0), lambda _: None).verdict
+        verdict = diagnose_runs([coarse], NOMINAL, None, np.random.default_rng(0), lambda _: None).verdict
         assert all(e.probability <= 0.5 for e in verdict.differences), verdict.differences
         assert "a state every 18 ms says too little of accelerations" in verdict.channels["base_wrench"]
         assert "payload_mass" in verdict.invisible

@@ -21,7 +21,7 @@ from diagnosis.document import (
 )
 from diagnosis.report.words import joints_in_short
 from diagnosis.terminal import twelve_lines
-from diagnosis.verdict.posterior_file import Possibility, Posterior, Term
+from diagnosis.verdict.posterior_file import Possibility, Posterior, PosteriorTerm
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
@@ -152,7 +152,7 @@ BASE = RobotModel((TorqueGain(joints=("fl_hx",), gain=1.03),)).to_data()
 
 
 def _friction(weight: float, sd: float) -> Possibility:
-    term = Term(effect="coulomb_friction", joints=("knees",), shape={}, mean=(1.0,), covariance=((sd**2,),))
+    term = PosteriorTerm(effect="coulomb_friction", joints=("knees",), shape={}, mean=(1.0,), covariance=((sd**2,),))
     return Possibility(weight=weight, distance_floors=1.2, model=BASE, terms=(term,))
 
 

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from proof.training import train
 from spot_model.errors import BadInputError
-from trainer.__main__ import commands
+from tests.trainer.conftest import commands
 
 CONFIG = str(Path(__file__).parents[2] / "policies" / "walk.yaml")
 

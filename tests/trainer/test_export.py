@@ -14,14 +14,14 @@ from trainer.config.train_config import TrainConfig
 from trainer.evaluate.export import export_policy
 from trainer.ppo.checkpoint import find_checkpoint
 from trainer.ppo.checkpoint_policy import NewestPolicy, check_agreement, run_torch
-from trainer.ppo.train import train
+from trainer.ppo.train import train_policy
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run") / "r"
     ppo = {**TINY["ppo"], "normalise_observations": True}
-    train(
+    train_policy(
         TrainConfig.model_validate({**TINY, "iterations": 2, "ppo": ppo}), folder, device="cpu", command="the command"
     )
     return folder

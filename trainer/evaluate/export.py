@@ -13,7 +13,7 @@ from spot_model.policy.contract import TrainingRecord
 from spot_model.policy.policy import Policy, load_policy
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import find_checkpoint
-from trainer.ppo.checkpoint_policy import contract_of, layers_of, policy_of, policy_of_checkpoint
+from trainer.ppo.checkpoint_policy import contract_of, layers_of, policy_of_checkpoint, policy_of_layers
 from trainer.simulate.stated_gait import write_with_gait
 
 
@@ -66,4 +66,4 @@ def export_network(
     weight, bias = layers[-1]
     layers[-1] = (action_unit * weight, action_unit * bias)
     contract = contract_of(config, name, TrainingRecord(model_sha256=model.digest()))
-    return write_with_gait(policy_of(layers, contract), model, out)
+    return write_with_gait(policy_of_layers(layers, contract), model, out)

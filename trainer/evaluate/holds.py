@@ -24,7 +24,6 @@ from trainer.evaluate.setting import FOOT_GEOMS, Setting, set_friction
 SECONDS: Final = 15.0
 RAMP_S: Final = 1.0
 """Time in which the command rises."""
-LATEST_START_S: Final = 0.5
 COUNTED_FROM_S: Final = 2.5
 """From here on, the mean velocity counts."""
 SPEEDS_M_S: Final = (0.3, 1.0)
@@ -178,7 +177,7 @@ def _commands(setting: Setting, each: list[Condition], rng: np.random.Generator)
     command[straight] = (1.0, 0.0, 0.0)
     command[:, :2] *= (rng.uniform(*SPEEDS_M_S, n) / np.linalg.norm(command[:, :2], axis=-1))[:, None]
     command = np.clip(command, contract.velocity_command_low, contract.velocity_command_high)
-    return command, rng.uniform(0.0, LATEST_START_S, n)
+    return command, rng.uniform(0.0, 0.5, n)
 
 
 def _walk(

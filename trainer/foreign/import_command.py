@@ -125,15 +125,15 @@ def describe_file(policy: Path, like: str, env: Path | None, name: str, joint_or
             metadata = read_head(policy_bytes(policy)).metadata
         except OnnxHeadError as error:
             raise BadInputError(f"policy {policy} is no readable ONNX model: {error}") from error
-        return mjlab.describe(metadata, name, agent=read_agent(policy.parent / "params" / "env.yaml"))
+        return mjlab.policy_of_mjlab(metadata, name, agent=read_agent(policy.parent / "params" / "env.yaml"))
     if like == "spot-rl-example":
         if joint_order:
             raise BadInputError("the example has a joint order of its own; leave out --joint-order")
-        return spot_rl_example.describe(read_data(env or spot_rl_example.find_environment(policy)), name)
+        return spot_rl_example.policy_of_example(read_data(env or spot_rl_example.find_environment(policy)), name)
     found = env or next((policy.parent / at for at in BESIDE if (policy.parent / at).is_file()), None)
     if found is None:
         raise BadInputError(f"no env.yaml beside {policy}; name the training run's with --env")
-    return isaac_lab.describe(read_data(found), name, agent=read_agent(found), joint_order=joint_order)
+    return isaac_lab.policy_of_isaac_lab(read_data(found), name, agent=read_agent(found), joint_order=joint_order)
 
 
 def _with_options(policy: ForeignPolicy, rate_hz: float | None, commands: str) -> ForeignPolicy:

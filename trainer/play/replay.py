@@ -22,7 +22,7 @@ from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import spot_mjcf
 from spot_model.robot.rotation import yaw_rad
 from trainer.play.live_plots import beside_robot
-from trainer.play.scene import DrawnRobot, Scene, Server, offer
+from trainer.play.scene import DrawnRobot, WebScene, WebServer, offer
 from trainer.play.switches import Switch, Switched
 
 Effects = tuple[Effect, ...]
@@ -135,11 +135,11 @@ class ReplayPage:
     """
 
     def __init__(
-        self, server: Server, walks: Sequence[Walked], own: Effects, offered: Sequence[Switch], simulate: Simulate
+        self, server: WebServer, walks: Sequence[Walked], own: Effects, offered: Sequence[Switch], simulate: Simulate
     ) -> None:
         self._server, self._walks = server, list(walks)
         self._end_s = walks[0].end_s
-        self._scene = Scene(server)
+        self._scene = WebScene(server)
         model = mujoco.MjModel.from_xml_string(spot_mjcf())
         names = ("recorded", "model", "changed")
         self._robots = [DrawnRobot(server, name, model, tint) for name, tint in zip(names, TINTS, strict=True)]

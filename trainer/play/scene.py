@@ -28,11 +28,11 @@ CAMERA_M: Final = ((1.6, -2.4, 1.5), (0.0, 0.2, 0.2))
 """Where it stands and what it looks at, from the robot's place on the floor."""
 
 
-class Server(viser.ViserServer):
+class WebServer(viser.ViserServer):
     """Viser's server, which answers at one address alone and prints nothing."""
 
     def __init__(self, host: str, port: int) -> None:
-        check_free(host, port)
+        check_port(host, port)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(host=host, port=port, verbose=False, label="Spot RL")
@@ -50,7 +50,7 @@ class Server(viser.ViserServer):
             super().stop()
 
 
-def check_free(host: str, port: int) -> None:
+def check_port(host: str, port: int) -> None:
     """See that a server can listen there.
 
     Raises:
@@ -75,11 +75,7 @@ class DrawnRobot:
     """One robot in the scene."""
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        name: str,
-        model: mujoco.MjModel,
-        tint: tuple[int, int, int] | None = None,
+        self, server: viser.ViserServer, name: str, model: mujoco.MjModel, tint: tuple[int, int, int] | None = None
     ) -> None:
         self._bodies = Bodies(model)
         self._whole = server.scene.add_frame(f"/world/{name}", show_axes=False)
@@ -106,7 +102,7 @@ class DrawnRobot:
         self._whole.visible = is_shown
 
 
-class Scene:
+class WebScene:
     """A floor with robots; the whole world moves under the camera, so that everyone may turn it as they like."""
 
     def __init__(self, server: viser.ViserServer) -> None:

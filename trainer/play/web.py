@@ -14,7 +14,7 @@ from spot_model.plant.plant import PlantDivergedError
 from spot_model.robot.facts import Array
 from spot_runtime.sources import Shaper
 from trainer.play.live_plots import SpeedHistory, live_html
-from trainer.play.scene import DrawnRobot, Scene, Server, offer
+from trainer.play.scene import DrawnRobot, WebScene, WebServer, offer
 from trainer.play.steering import ACCELERATION_M_S2
 from trainer.play.switches import Switch, Switched
 from trainer.play.walk import PUSH_M_S, Walk
@@ -23,7 +23,6 @@ LATE_S: Final = 0.5
 """Lateness beyond which the walk slows down instead of catching up, s."""
 DRAWN_WITHIN_S: Final = 0.04
 """A late computer leaves out frames, but never for longer than this, s."""
-PLOT_RATE_HZ: Final = 5.0
 PACES: Final = ("1", "1/2", "1/4", "1/8")
 """Parts of real time at which the robot may walk."""
 KEYS: Final[tuple[tuple[Any, tuple[float, float, float], str], ...]] = (
@@ -53,10 +52,10 @@ class LivePage:
     """
 
     def __init__(
-        self, server: Server, walk: Walk, own: Sequence[Effect], offered: Sequence[Switch], start: Array
+        self, server: WebServer, walk: Walk, own: Sequence[Effect], offered: Sequence[Switch], start: Array
     ) -> None:
         self._walk, self._server = walk, server
-        self._scene = Scene(server)
+        self._scene = WebScene(server)
         self._robot = DrawnRobot(server, "robot", walk.plant.model)
         self._switched = Switched(own)
         self._shaper = Shaper(ACCELERATION_M_S2, release_s=1.0)
@@ -101,7 +100,7 @@ class LivePage:
             if is_watched and (now_s < due_s + tick_s or now_s > drawn_s + DRAWN_WITHIN_S):
                 self._draw()
                 drawn_s = now_s
-            if now_s - plotted_s >= 1.0 / PLOT_RATE_HZ:
+            if now_s - plotted_s >= 1.0 / 5.0:
                 self._history.note(walk)
                 if is_watched:
                     self._live.content = live_html(walk, *self._history.columns())

@@ -28,7 +28,7 @@ def check_display() -> None:
         )
 
 
-def show(walk: Walk, velocity_at: VelocityAt, press: Callable[[int], None], seconds: float | None) -> None:
+def show_walk(walk: Walk, velocity_at: VelocityAt, press: Callable[[int], None], seconds: float | None) -> None:
     """Walk until the window is closed, or ``seconds`` have passed.
 
     Raises:

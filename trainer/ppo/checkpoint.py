@@ -18,7 +18,7 @@ from spot_model.io.whole import whole_file, whole_folder
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
 from spot_model.version import software_revision
-from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
+from trainer.config.train_config import TrainConfig, config_yaml, train_config_from_data
 
 
 def check_run_folder(folder: Path) -> None:
@@ -125,7 +125,7 @@ def save_networks(checkpoint: Path, out: Path) -> None:
 
 def config_of(content: dict[str, Any], source: str) -> TrainConfig:
     """The config that a checkpoint was trained with."""
-    return config_from_data(yaml.safe_load(content["config"]), source=source)
+    return train_config_from_data(yaml.safe_load(content["config"]), source=source)
 
 
 def find_checkpoint(run: Path) -> Path:

@@ -23,7 +23,6 @@ from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint, read_run_record
 
-OPSET = 18
 NORMALISER_FLOOR = 1.0e-2
 """Added to the deviation by rsl-rl's normaliser."""
 LARGEST_ERROR = 1.0e-5
@@ -42,7 +41,7 @@ Layers = list[tuple[torch.Tensor, torch.Tensor]]
 """Weight (out, in) and bias (out,) of each linear layer; ELU between them."""
 
 
-def policy_of(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
+def policy_of_layers(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
     """A network with its contract, as the runtime loads it; ``file_bytes`` of it is the file.
 
     It is run beside torch on random inputs, of which the first becomes the contract's stored pair.
@@ -84,7 +83,7 @@ def policy_of_checkpoint(checkpoint: Path, name: str | None = None) -> tuple[Pol
         model_sha256=load_models(config.model)[0].digest(),
     )
     layers = actor_layers(content["algorithm"]["actor_state_dict"])
-    return policy_of(layers, contract_of(config, name or config.name, training), str(checkpoint)), config
+    return policy_of_layers(layers, contract_of(config, name or config.name, training), str(checkpoint)), config
 
 
 def contract_of(config: TrainConfig, name: str, training: TrainingRecord) -> PolicyContract:
@@ -234,7 +233,7 @@ def onnx_bytes(layers: Layers, contract: PolicyContract) -> bytes:
         [helper.make_tensor_value_info(OUTPUT_NAME, TensorProto.FLOAT, ["batch", facts.N_JOINTS])],
         weights,
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="spot-rl")
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], producer_name="spot-rl")
     model.ir_version = 8
     helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
     onnx.checker.check_model(model, full_check=True)

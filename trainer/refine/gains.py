@@ -59,7 +59,7 @@ def gains_of(joint_names: Sequence[str]) -> tuple[Gain, ...]:
     return tuple(gains)
 
 
-def with_gains(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
+def gains_in(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
     """The network with its gains.
 
     Args:

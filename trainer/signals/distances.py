@@ -118,8 +118,6 @@ def _squared_distances(first: NDArray[np.float64], second: NDArray[np.float64]) 
 MEASURES: Final = ("w1", "mmd")
 """Measures of the score: Wasserstein (mean over the 36 features, N·m) and MMD (on all 36 at once, no unit)."""
 
-N_FREQUENCIES: Final = 192
-
 
 def wasserstein_sorted(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float64]:
     """Exact 1-Wasserstein distance between sorted samples, along the last axis.
@@ -180,7 +178,7 @@ class SequenceReference:
             raise ValueError(f"sequence {sequence!r} has no real run")
         pooled = np.concatenate(real_features)
         bandwidth = median_bandwidth(pooled)
-        fourier = FourierFeatures.draw(np.random.default_rng(seed), pooled.shape[1], N_FREQUENCIES, bandwidth)
+        fourier = FourierFeatures.draw(np.random.default_rng(seed), pooled.shape[1], 192, bandwidth)
         digests = tuple(digest(f, fourier) for f in real_features)
         pairs = np.array([[distance(a, b) for b in digests] for a in digests])
         n = len(digests)

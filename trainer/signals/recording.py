@@ -29,7 +29,6 @@ GRID_TOLERANCE: Final = 0.1
 """Share of the period by which a stamp may miss an even grid."""
 MAX_GAP_PERIODS: Final = 1.5
 """A wider gap is a loss of messages."""
-MAX_GRID: Final = 10_000_000
 
 
 class RecordingError(SpotRlError):
@@ -146,7 +145,7 @@ def record(run: Run) -> Recording:
     period_s = float(np.median(steps)) * 1e-9
     at = (stamps - stamps[0]) * 1e-9 / period_s
     n = round(float(at[-1])) + 1
-    if n > MAX_GRID:
+    if n > 10_000_000:
         raise RecordingError(f"log {run.path} spans {n} periods of {period_s} s; cut it into runs first")
     row = np.round(at).astype(np.intp)
     if np.max(np.abs(at - row)) <= GRID_TOLERANCE and len(np.unique(row)) == len(at):

@@ -106,9 +106,7 @@ def roll_out(
         by_case[:, i, len(case.velocity_command) :] = np.nan
     shape = (n_candidates, n_cases, n_ticks, -1)
     return Rollouts(
-        features=by_case,
-        fallen_tick=fallen.reshape(shape[:2]),
-        torque_nm=xp.astype(torque, xp.float32).reshape(shape),
+        features=by_case, fallen_tick=fallen.reshape(shape[:2]), torque_nm=xp.astype(torque, xp.float32).reshape(shape)
     )
 
 

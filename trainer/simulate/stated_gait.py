@@ -14,7 +14,7 @@ from spot_model.io.whole import whole_file
 from spot_model.plant.plant import Plant
 from spot_model.policy.contract import FALL, METADATA_KEY, StatedGait
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.simulate.walks import hold
+from trainer.simulate.walks import walk_at
 
 SPEEDS_M_S = (0.3, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
 TURN_RAD_S = 1.0
@@ -35,7 +35,7 @@ def stated_gaits(policy: Policy, model: RobotModel) -> tuple[StatedGait, ...]:
     target = np.array([[v, 0.0, yaw_rate] for yaw_rate in (0.0, turn) for v in speeds])
     steady_s = RAMP_S + SETTLE_S
     plant = Plant(side_by_side([model.effects], len(target)), len(target))
-    recording = hold(policy, plant, target, RAMP_S, steady_s + WATCH_S)
+    recording = walk_at(policy, plant, target, RAMP_S, steady_s + WATCH_S)
     span = recording.ticks(steady_s, steady_s + WATCH_S)
     mean = recording.mean_velocity(span)
 

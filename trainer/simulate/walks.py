@@ -28,7 +28,7 @@ PARTS: Final = {"body": "body", "uleg": "upper leg", "lleg": "lower leg"}
 
 
 @dataclass(frozen=True)
-class Fall:
+class TrialFall:
     """One robot's fall: the first policy period at whose end something other than a foot is on the ground."""
 
     robot: int
@@ -73,7 +73,7 @@ class Fall:
 
 def falls_now(
     plant: Plant, rows: NDArray[np.bool_], time_s: float, command: Array, command_since_s: Array, velocity: Array
-) -> list[Fall]:
+) -> list[TrialFall]:
     """What is to be said of the robots that fell in this policy period.
 
     Args:
@@ -91,7 +91,7 @@ def falls_now(
     )
     at_stop = (position < facts.POSITION_LOW_RAD + AT_STOP_RAD) | (position > facts.POSITION_HIGH_RAD - AT_STOP_RAD)
     return [
-        Fall(
+        TrialFall(
             robot=int(i),
             time_s=time_s,
             command=_three(command[i]),
@@ -154,7 +154,7 @@ class WalkRecord:
     alive: NDArray[np.bool_]
     """Whether the robot has not fallen yet, shape (T, n)."""
     rate_hz: float
-    falls: tuple[Fall, ...] = ()
+    falls: tuple[TrialFall, ...] = ()
     """In the order of time."""
 
     def ticks(self, start_s: float, end_s: float) -> slice:
@@ -201,7 +201,7 @@ class WalkRecord:
         }
 
 
-def hold(
+def walk_at(
     policy: Policy,
     plant: Plant,
     target: Array,
@@ -272,7 +272,7 @@ def record_walks(
     rows: list[tuple[Array, Array, NDArray[np.bool_], Array, Array, NDArray[np.bool_]]] = []
     alive = np.ones(n, dtype=np.bool_)
     peak = np.zeros(n)
-    falls: list[Fall] = []
+    falls: list[TrialFall] = []
     asked, since_s = np.full((n, 3), np.nan), np.zeros(n)
     for tick in loop.run(command_at, [(substeps,)] * n_ticks):
         time_s = (tick.index + 1) / policy.contract.rate_hz

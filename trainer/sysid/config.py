@@ -288,7 +288,7 @@ def default_config(device: str) -> SysidConfig:
     return SysidConfig(search=SearchConfig(population=GPU_POPULATION, generations=GPU_GENERATIONS))
 
 
-def config_from_data(data: Any, *, source: str) -> SysidConfig:
+def sysid_config_from_data(data: Any, *, source: str) -> SysidConfig:
     """Check plain data. Raises BadInputError: a key or a value is not allowed; the message names it."""
     try:
         return SysidConfig.model_validate(data)
@@ -296,10 +296,10 @@ def config_from_data(data: Any, *, source: str) -> SysidConfig:
         raise BadInputError(f"{source}:\n{explain(error, SysidConfig)}") from error
 
 
-def load_config(path: Path) -> SysidConfig:
+def load_sysid_config(path: Path) -> SysidConfig:
     """Read a configuration from YAML. Raises BadInputError: the file cannot be read, or is not valid."""
     data = read_yaml(path, "config")
-    return config_from_data(data if data is not None else {}, source=f"config {path}")
+    return sysid_config_from_data(data if data is not None else {}, source=f"config {path}")
 
 
 def _check_bounds(

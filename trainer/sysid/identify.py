@@ -24,17 +24,10 @@ from trainer.sysid.measured import (
     observation_noise,
     with_measured,
 )
-from trainer.sysid.search import (
-    CandidateResult,
-    Candidates,
-    Problem,
-    SearchState,
-    build_problem,
-    run_search,
-)
+from trainer.sysid.search import CandidateResult, Candidates, SearchState, SysidProblem, build_problem, run_search
 from trainer.sysid.torque_fit import TorqueFit, fit_torque
 from trainer.sysid.torque_model import TorqueModel, TorqueSamples, torque_samples
-from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict, judge, score_intervals
+from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict, judge_parameters, score_intervals
 
 
 @dataclass(frozen=True)
@@ -46,8 +39,8 @@ class Preparation:
     delays: MeasuredDelays
     changes: tuple[MeasuredData, ...]
     samples: TorqueSamples | None
-    problem: Problem
-    final: Problem
+    problem: SysidProblem
+    final: SysidProblem
     """The same with more simulated robots, for the scores that are stated."""
 
 
@@ -89,7 +82,7 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
         device=device,
     )
 
-    def posed(robots_per_sequence: int) -> Problem:
+    def posed(robots_per_sequence: int) -> SysidProblem:
         return build_problem(
             space,
             policy_bytes,
@@ -110,7 +103,7 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
     return Preparation(logs, noise, delays, changes, samples, problem, final)
 
 
-def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, MeasuredData]:
+def with_best_contact(problem: SysidProblem, values: Array) -> tuple[SysidProblem, MeasuredData]:
     """The same problem with the contact time constant whose score at ``values``, shape (n,), is best."""
     choices = []
     for choice_s in CONTACT_CHOICES_S:
@@ -122,7 +115,7 @@ def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, Measure
     return chosen, MeasuredData(what="contact time constant", value=best_s, unit="s", source=source)
 
 
-def identify(
+def search_and_fit(
     preparation: Preparation,
     config: SysidConfig,
     engine: Candidates,
@@ -147,7 +140,7 @@ def identify(
     fit = None
     if preparation.samples is not None:
         fit = fit_torque(TorqueModel(space), preparation.samples, [mean, space.initial], rng)
-    verdicts = judge(TorqueModel(space), preparation.samples, fit, mean, intervals)
+    verdicts = judge_parameters(TorqueModel(space), preparation.samples, fit, mean, intervals)
     chosen = space.within_bounds(np.array([v.value for v in verdicts]))
     names = ("initial", "search", "identified")
     final = preparation.final

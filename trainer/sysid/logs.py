@@ -42,7 +42,7 @@ class LogSet:
     """A sentence each: what was cut, left out or is missing, and what that costs."""
 
 
-def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
+def read_identification_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
     """Read logs of one policy, from files or folders of files.
 
     Raises:

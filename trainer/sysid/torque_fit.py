@@ -26,7 +26,6 @@ SLOPE_DOUBT: Final = 0.05
 """Share of an acceleration that five samples may get wrong. Without it, a few reversals at 700 rad/s² looked like a
 limit that was never met.
 """
-N_ROUGH: Final = 2_500
 N_FINE: Final = 40_000
 """Rows of the rough fit from several starts, and of the final one."""
 LARGE_SHARE: Final = 0.3
@@ -58,7 +57,7 @@ def fit_torque(
 ) -> TorqueFit:
     """Fit by soft-L1 least squares; the best of several starts."""
     keep = usable(samples)
-    rough, fine = (_selection(samples, keep, n, rng) for n in (N_ROUGH, N_FINE))
+    rough, fine = (_selection(samples, keep, n, rng) for n in (2_500, N_FINE))
     attempts = []
     for start in starts:
         unit = np.clip(model.space.unit_of_values(start), 0.0, 1.0)

@@ -29,7 +29,7 @@ warm start has them (``lab/benchmarks/solver_options.py``)."""
 
 
 @dataclass(frozen=True)
-class PlantState:
+class TaskState:
     """What the task sees of the robots; float32 tensors on the back end's device, canonical joint order."""
 
     position_rad: Tensor
@@ -130,11 +130,11 @@ class PlantBackend:
             self.plant.advance()
             self._duty += _tensor(self.plant.physics.standing()) / self._substeps
 
-    def read(self) -> PlantState:
+    def read(self) -> TaskState:
         """The state now, as float32 copies."""
         p = self.plant
         foot_contact, body_contact = (_tensor(flags) for flags in p.physics.contacts())
-        return PlantState(
+        return TaskState(
             position_rad=_float(p.joint_position_rad),
             velocity_rad_s=_float(p.joint_velocity_rad_s),
             torque_nm=_float(p.applied_torque_nm),
@@ -147,7 +147,7 @@ class PlantBackend:
             foot_duty=foot_contact.float() if self._duty is None else self._duty.clone(),
         )
 
-    def read_reported(self, truth: PlantState) -> PlantState:
+    def read_reported(self, truth: TaskState) -> TaskState:
         """What sensors and estimator report where effects falsify it; ``truth`` itself where they do not."""
         if not self._is_falsified:
             return truth
