@@ -46,10 +46,6 @@ def explain_logs(
     without: Annotated[
         list[str] | None, typer.Option("--without", help="Leave an effect out of the library; repeatable.")
     ] = None,
-    synthesis: Annotated[
-        bool,
-        typer.Option("--synthesis", help="As a check, also diagnose the nominal simulator with the effects added."),
-    ] = False,
     workers: Workers = 1,
     engine: EngineOption = EngineName.LOCAL,
     device: Device = "cpu",
@@ -92,7 +88,6 @@ def explain_logs(
                 progress,
                 check_robot=place.check_robot,
                 robot_file=robot,
-                with_synthesis=synthesis,
                 place=where,
                 seed=seed,
             )

@@ -125,7 +125,6 @@ def run_session(
     library: Mapping[str, LibraryEffect] | None = None,
     check_robot: Callable[[str], None] = lambda _: None,
     robot_file: Path | None = None,
-    with_synthesis: bool = False,
     place: Place = IN_THIS_PROCESS,
     seed: int = 0,
 ) -> tuple[Diagnosis, dict[str, Path]]:
@@ -139,7 +138,6 @@ def run_session(
         library: Effects that are tried; by default those of the inputs.
         check_robot: Told the logs' robot before anything is computed; raises where they must not be of that one.
         robot_file: Describes a robot other than Spot.
-        with_synthesis: As a check, also diagnose the nominal simulator with the effects added.
         place: Where closed loops are computed.
         seed: Of all random draws.
 
@@ -174,7 +172,6 @@ def run_session(
             say,
             say.at,
             library=library,
-            with_synthesis=with_synthesis,
             nominal_name=inputs.nominal,
             limits_rad=robot.limits_rad,
             engine=engine,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.gap_map import GapSide, gap_map
-from diagnosis.closed_loop.simulation import RolloutEngine, UsualNoise, rollouts_under, simulate_scripts
+from diagnosis.closed_loop.simulation import RolloutEngine, rollouts_under
 from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
 from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
@@ -29,14 +28,12 @@ from diagnosis.verdict.explanation import Say, weigh
 from diagnosis.verdict.left_over import left_over
 from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation, open_loop_cells
 from diagnosis.verdict.possible_robots import possible_robots
-from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from diagnosis.verdict.unknown import gaps_left
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.text import counted
-from trainer.signals.policy_ticks import scripts_of
 from trainer.signals.recording import record
 from trainer.simulate.engine import Tell
 
@@ -60,8 +57,6 @@ class Diagnosis:
     runs: tuple[Run, ...]
     board: Evidence
     belief: Belief
-    posterior: Posterior | None = None
-    """What is still possible, to simulate; None for a robot other than Spot."""
     possible: tuple[RobotModel, ...] = ()
     """Robots drawn from what is still possible; none of a robot other than Spot."""
 
@@ -75,7 +70,6 @@ def diagnose_runs(
     tell: Tell = lambda _: None,
     *,
     library: Mapping[str, LibraryEffect] = LIBRARY,
-    with_synthesis: bool = False,
     nominal_name: str = "",
     limits_rad: tuple[Array, Array] | None = None,
     engine: RolloutEngine | None = None,
@@ -91,7 +85,6 @@ def diagnose_runs(
         say: Gets each step in words.
         tell: Gets the share of the present step that is done, 0 to 1.
         library: Effects that are tried.
-        with_synthesis: As a check, also diagnose the nominal simulator with the effects added.
         nominal_name: For the verdict.
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.
@@ -147,15 +140,8 @@ def diagnose_runs(
         nominal=nominal_name,
         notes=tuple(dict.fromkeys(notes)),
     )
-    if with_synthesis and verdict.differences and policy is not None and is_spot:
-        say("synthesis check")
-        check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
-        verdict = verdict.model_copy(update={"synthesis": check})
-    posterior = (
-        posterior_of(belief, nominal, around, verdict.probability_unknown, verdict.distances) if is_spot else None
-    )
     robots = possible_robots(belief, nominal, around, rng) if is_spot else ()
-    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, belief, posterior, robots)
+    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, belief, robots)
 
 
 def _about(bench: Bench, is_crossed: bool) -> list[str]:
@@ -172,29 +158,3 @@ def _about(bench: Bench, is_crossed: bool) -> list[str]:
     if all(len(own) < 2 for own in bench.real().values()):
         notes.append("no command sequence has two whole runs: what repeats explain is taken from simulated runs")
     return notes
-
-
-def synthesis_check(
-    runs: Sequence[Run],
-    nominal: RobotModel,
-    corrected: RobotModel,
-    policy: Policy,
-    verdict: Verdict,
-    rng: np.random.Generator,
-    library: Mapping[str, LibraryEffect],
-) -> dict[str, Any]:
-    """Diagnose the corrected model's own logs.
-
-    Returns:
-        ``passed``: every effect found comes back, itself or by a member of its group, with at least half of its
-        joints; ``found``: what came back.
-    """
-    logs = simulate_scripts(corrected, policy, scripts_of(runs), rng, UsualNoise())
-    back = weigh(logs, nominal, policy, library, lambda _: None)
-    robot = back.board.robot
-    found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in back.selection.best.terms}
-    passed = all(
-        any(m in found and 2 * len(set(found[m]) & set(e.joints)) >= len(e.joints) for m in e.group)
-        for e in verdict.differences
-    )
-    return {"passed": bool(passed and verdict.differences), "found": {k: list(v) for k, v in found.items()}}
