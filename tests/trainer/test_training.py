@@ -17,7 +17,7 @@ from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.task_config import RandomisationConfig
 from trainer.config.train_config import TrainConfig, load_train_config
-from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
+from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, write_checkpoint
 from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, policy_of_layers, read_layers, run_torch
 from trainer.ppo.train import make_runner, resume, train_policy
 from trainer.task.draws import Draws, training_effects
@@ -71,7 +71,8 @@ def test_a_used_folder_and_a_finished_run_are_refused(run: Path, tiny: TrainConf
 
 def test_a_run_can_start_from_anothers_networks(run: Path, tiny: TrainConfig, tmp_path: Path) -> None:
     small = tmp_path / "networks.pt"
-    save_networks(find_checkpoint(run), small)
+    content = read_checkpoint(find_checkpoint(run))
+    write_checkpoint(small, {key: content[key] for key in ("config", "iterations_done", "algorithm")})
     config = tiny.model_copy(update={"start_from": str(small), "iterations": 1, "save_every": 1})
     assert train_policy(config, tmp_path / "next", device="cpu").is_file()
     with pytest.raises(BadInputError, match="networks alone; start a new run"):

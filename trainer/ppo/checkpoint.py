@@ -115,14 +115,6 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     return content
 
 
-def save_networks(checkpoint: Path, out: Path) -> None:
-    """Write a small checkpoint that only ``start_from`` and ``export`` can use: no optimiser, no environment."""
-    content = read_checkpoint(checkpoint)
-    networks = {key: content["algorithm"][key] for key in ("actor_state_dict", "critic_state_dict")}
-    kept = {key: content[key] for key in ("config", "iterations_done")}
-    write_checkpoint(out, {**kept, "algorithm": networks})
-
-
 def config_of(content: dict[str, Any], source: str) -> TrainConfig:
     """The config that a checkpoint was trained with."""
     return train_config_from_data(yaml.safe_load(content["config"]), source=source)
