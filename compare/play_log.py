@@ -21,17 +21,15 @@ from diagnosis.read import find_policy
 from diagnosis.report.words import joints_in_short, number
 from spot_log.read.reader import read_run
 from spot_log.read.run import Run
-from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.plant.closed_loop import standing_height_m
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import JOINT_TYPES
 from trainer.play.replay import Walked
-from trainer.play.switches import BUILT_IN, Found, Switch
+from trainer.play.switches import BUILT_IN, Effects, Found, Switch
 from trainer.signals.policy_ticks import Script, script_of
 
-Effects = tuple[Effect, ...]
 USUAL_MODEL: Final = "paper_identified"
 
 

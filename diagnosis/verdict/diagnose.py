@@ -22,9 +22,10 @@ from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import UNLIKE_MOTION
 from diagnosis.selection.robot_models import corrected_model, effects_merged, model_by_joint
 from diagnosis.selection.scoring import crossed
+from diagnosis.selection.search import Say
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.belief import Belief, decide
-from diagnosis.verdict.explanation import Say, weigh
+from diagnosis.verdict.explanation import weigh
 from diagnosis.verdict.left_over import left_over
 from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation, open_loop_cells
 from diagnosis.verdict.possible_robots import possible_robots

@@ -198,4 +198,4 @@ def test_a_browser_shows_a_log_and_switches_a_finding_on(tmp_path: Path) -> None
         thread.join()
         server.stop()
     assert asked == [(added,)]
-    assert shown.frame_rate_hz > 0.0
+    assert shown.scene.frame_rate_hz > 0.0

@@ -170,7 +170,7 @@ def test_a_browser_that_never_comes(capsys: pytest.CaptureFixture[str]) -> None:
     finally:
         server.stop()
     assert walk.time_s == pytest.approx(0.1)
-    assert page.frame_rate_hz == 0.0
+    assert page.scene.frame_rate_hz == 0.0
     assert capsys.readouterr().out == ""
 
 

@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 from spot_model.effects.bodies import PayloadMass
 from spot_model.plant.closed_loop import ClosedLoop
 from spot_model.plant.plant import Plant
-from spot_model.robot import facts
 from spot_model.robot.arrays import like, on_host
 from spot_model.robot.facts import Array
-from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import AnyArray, multiply_wxyz
 from spot_model.robot.terrain import CourseTerrain, NoiseTerrain, RampTerrain
-from trainer.config.task_config import FREE_HEIGHT_M
 from trainer.evaluate.setting import FOOT_GEOMS, Setting, set_friction
 
 SECONDS: Final = 15.0
@@ -119,9 +116,7 @@ def _robots(setting: Setting, each: list[Condition], rng: np.random.Generator) -
     is_ramp, is_down = (np.array([getattr(c, name) for c in each]) for name in ("is_ramp", "is_down"))
     around = rng.uniform(-np.pi, np.pi, n)
     yaw = np.where(is_ramp, np.where(is_down, np.pi, 0.0) + around / 9.0, around)
-    joints = facts.DEFAULT_POSITION_RAD + rng.uniform(*setting.randomisation.initial_position_rad, (n, facts.N_JOINTS))
-    joints = np.clip(joints, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
-    height = facts.FOOT_RADIUS_M + FREE_HEIGHT_M - foot_position_in_body_m(joints)[..., 2].min(axis=-1)
+    joints, height = setting.drawn_joints(n, rng)
     place = rng.uniform(-1.0, 1.0, (n, 2))
     position, tilt = np.zeros((n, 3)), np.zeros(n)
     for i, c in enumerate(each):

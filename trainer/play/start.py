@@ -23,7 +23,7 @@ from trainer.play.switches import BUILT_IN
 from trainer.play.walk import Walk
 
 if TYPE_CHECKING:
-    from trainer.play.scene import WebServer
+    from trainer.play.scene import WebScene, WebServer
 
 
 @dataclass(frozen=True)
@@ -119,10 +119,7 @@ def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> 
 class Page(Protocol):
     """What browsers show."""
 
-    @property
-    def frame_rate_hz(self) -> float:
-        """Frames a second that were drawn while a browser watched; 0 if none ever did."""
-        ...
+    scene: WebScene
 
     def run(self, seconds: float | None) -> None:
         """Show it until ``seconds`` have passed, without them for ever."""
@@ -158,7 +155,7 @@ def serve_page(page_on: Callable[[WebServer], Page], address: tuple[str, int], s
             page.run(seconds)
     finally:
         server.stop()
-    return f"browsers got {page.frame_rate_hz:.1f} frames a second" if page.frame_rate_hz else ""
+    return f"browsers got {page.scene.frame_rate_hz:.1f} frames a second" if page.scene.frame_rate_hz else ""
 
 
 def missing(what: str, error: ModuleNotFoundError, extra: str) -> BadInputError:
