@@ -30,7 +30,7 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
         ("held", "; ".join(v.held)),
         ("corrected", "; ".join(map(words.gap_phrase, words.all_gaps(v))) or "not measured"),
         ("remains", "; ".join(map(words.left_phrase, v.remainder))),
-        ("invisible", ", ".join(map(words.plain, v.invisible))),
+        ("invisible", ", ".join(map(words.plain_name, v.invisible))),
         ("to decide", "".join(splits[:1])),
         ("advice", "".join(v.log_advice[:1])),
         ("model", str(paths.get("model", v.no_model or "-"))),

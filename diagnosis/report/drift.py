@@ -171,7 +171,7 @@ def _tracks(history: Sequence[Dated]) -> Iterator[NumberHistory]:
             yield NumberHistory(
                 effect=effect,
                 parameter=name,
-                title=f"{e.title or words.plain(effect)}: {parameter_words(name)}",
+                title=f"{e.title or words.plain_name(effect)}: {parameter_words(name)}",
                 where=words.joints_in_short(joints),
                 unit="" if number.unit == "1" else number.unit,
                 is_named=bool(dates),

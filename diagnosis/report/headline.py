@@ -117,7 +117,7 @@ def next_step(v: Verdict) -> str:
         split, group = splits[0]
         what = split.text.split(":")[0].rstrip(".")
         which = (
-            " and ".join(map(words.plain, group))
+            " and ".join(map(words.plain_name, group))
             if len(group) <= words.LARGEST_GROUP
             else f"these {len(group)} effects"
         )

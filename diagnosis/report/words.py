@@ -48,7 +48,7 @@ MOST_KINDS: Final = 2
 """Kinds of the robot's own numbers that the first sentence names."""
 
 
-def plain(name: str) -> str:
+def plain_name(name: str) -> str:
     """What an effect is called among people; the name as words where it is none of the library's."""
     return LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
 
@@ -179,7 +179,7 @@ def found_in_full(d: Difference) -> str:
     farthest = [size_phrase(*own) for own in sorted(d.parameters.items(), key=distance)[-1:]]
     sizes = [number(p.value, p.unit, p.low, p.high)] if known and p else farthest
     if len(d.group) > 1:
-        sizes = [f"{size} if it is {plain(d.name)}" for size in sizes]
+        sizes = [f"{size} if it is {plain_name(d.name)}" for size in sizes]
     return ", ".join([": ".join([found(d), *sizes]), f"P {d.probability:.2f}"])
 
 
@@ -190,12 +190,12 @@ def called(d: Difference) -> str:
     """
     less = "less " if is_less(d) else ""
     if len(d.group) <= LARGEST_GROUP:
-        return less + (" or ".join(map(plain, d.group)) if len(d.group) > 1 else d.title or plain(d.name))
+        return less + (" or ".join(map(plain_name, d.group)) if len(d.group) > 1 else d.title or plain_name(d.name))
     families = [LIBRARY[n].family if n in LIBRARY else "" for n in d.group]
     shared = LIBRARY[d.name].family if d.name in LIBRARY else ""
     if shared and families.count(shared) > len(families) / 2:
         return f"something like {less}{shared}"
-    return f"one of {len(d.group)} effects, {less}{d.title or plain(d.name)} among them"
+    return f"one of {len(d.group)} effects, {less}{d.title or plain_name(d.name)} among them"
 
 
 def is_less(d: Difference) -> bool:
@@ -246,7 +246,7 @@ def kind_phrases(v: Verdict) -> list[str]:
     for effect, g in closing_kinds(v).items():
         own = [n for n in v.calibration.numbers if n.effect == effect]
         shown = [n for n in own if n.stands_out] or own[:1]
-        told = _numbers_phrase(shown) if shown else plain(effect)
+        told = _numbers_phrase(shown) if shown else plain_name(effect)
         out.append(f"{told}, which closes {percent(g.share or 0.0)} of the {g.gap} gap")
     return out
 
@@ -276,14 +276,14 @@ def unknown_phrase(u: UnknownEffect) -> str:
     return f"{CHANNEL_TITLES.get(u.channel, u.channel)}{where}: {left} is left; {most}"
 
 
-def whole(v: Verdict) -> Consequences | None:
+def whole_change(v: Verdict) -> Consequences | None:
     """What the corrected model changes."""
     return v.consequences or v.calibration.consequences
 
 
 def all_gaps(v: Verdict) -> tuple[GapChange, ...]:
     """What it does to each gap; empty where that was not measured."""
-    all_ = whole(v)
+    all_ = whole_change(v)
     return () if all_ is None else all_.gaps
 
 

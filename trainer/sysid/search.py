@@ -22,7 +22,7 @@ from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
 from trainer.sysid.config import SearchConfig, SearchSpace
-from trainer.sysid.logs import sequence_of
+from trainer.sysid.logs import sequence_of_log
 
 
 @dataclass(frozen=True)
@@ -167,11 +167,11 @@ def build_problem(
         seed: Seed of that noise and of the measures' random features.
     """
     policy = policy_from_bytes(policy_bytes, source="policy")
-    names = sorted({sequence_of(run) for run in runs})
+    names = sorted({sequence_of_log(run) for run in runs})
     rng = np.random.default_rng(seed)
     cases, references = [], []
     for name in names:
-        group = sorted((run for run in runs if sequence_of(run) == name), key=lambda run: run.header.repeat)
+        group = sorted((run for run in runs if sequence_of_log(run) == name), key=lambda run: run.header.repeat)
         features = [features_of_observations(r.ticks.observation, r.ticks.action, policy) for r in group]
         references.append(SequenceReference.build(name, features, seed))
         sequence_cases = []

@@ -80,7 +80,7 @@ class FootMotion:
     """Shape (n, 4, 3)."""
 
 
-def motion_of_feet(state: TaskState) -> FootMotion:
+def motion_at_feet(state: TaskState) -> FootMotion:
     """Where the feet are and how they move, from joints and body alone."""
     position, jacobian = foot_position_and_jacobian(state.position_rad)
     rates = state.velocity_rad_s.reshape(-1, 4, 1, 3)

@@ -20,7 +20,7 @@ from trainer.config.task_config import TaskConfig
 from trainer.config.train_config import TrainConfig
 from trainer.simulate.engine import check_device
 from trainer.task.draws import Draws, VelocityCommands, draw_initial_state, draw_simulations, training_effects
-from trainer.task.feet import FootMotion, FootTimers, Ground, motion_of_feet
+from trainer.task.feet import FootMotion, FootTimers, Ground, motion_at_feet
 from trainer.task.plant_backend import PlantBackend, TaskState
 from trainer.task.rewards import Moment, reward_term
 
@@ -137,7 +137,7 @@ class Task:
         self.backend.step(self._default + facts.ACTION_SCALE_RAD * action)
         state = self.backend.read()
         self.episode_steps += 1
-        feet = motion_of_feet(state)
+        feet = motion_at_feet(state)
         touched_down = self.feet.update(state.foot_contact, PERIOD_S, state.foot_duty)
         moment = self._moment(state, feet, touched_down, action)
         by_term = self._weighted_rewards(moment)
