@@ -14,9 +14,9 @@ import numpy as np
 from compare.cause import Cause, cause_in_words, causes
 from compare.differences import SIGNALS, Differences, differences
 from compare.ghost import write_ghosts
-from compare.page import comparison_page, sentence, stretch
-from compare.tracks import STEP_S, CompareError, Track, aligned, track_of
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from compare.page import comparison_page, difference_sentence, stretch
+from compare.tracks import STEP_S, CompareError, Track, aligned_tracks, track_of
+from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.document import Verdict
 from diagnosis.read import find_policy
 from spot_log.read.reader import read_run
@@ -69,7 +69,7 @@ def read_other(name: str, reference: Run, policy: Path | None, seed: int) -> Run
 
 
 def simulate_like(
-    run: Run, model: RobotModel, policy: Policy, rng: np.random.Generator, noise: SensorNoise | None = None
+    run: Run, model: RobotModel, policy: Policy, rng: np.random.Generator, noise: UsualNoise | None = None
 ) -> Run:
     """Put a model through a log's velocity commands, from the state in which the policy took over.
 
@@ -89,7 +89,7 @@ def simulate_like(
     script = script_of(run)
     if script is None:
         raise CompareError(f"{run.path} has less than a second under a policy; nothing can be simulated from it")
-    return simulate(model, policy, [script], rng, noise or SensorNoise())[0]
+    return simulate_scripts(model, policy, [script], rng, noise or UsualNoise())[0]
 
 
 PAGE_NAME: Final = "compare.html"
@@ -131,7 +131,7 @@ class Comparison:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What differs most, one sentence for each other run; then which part of each run is compared."""
-        return (*(sentence(self.tracks[0], d) for d in self.differences), stretch(self.tracks))
+        return (*(difference_sentence(self.tracks[0], d) for d in self.differences), stretch(self.tracks))
 
     def to_json(self) -> dict[str, Any]:
         """The figures as plain data."""
@@ -177,7 +177,7 @@ def compare_runs(runs: Sequence[Named], verdict: Verdict | None = None) -> Compa
     """
     if len(runs) < 2:
         raise CompareError("a comparison needs two runs: a log, and another log or a model")
-    tracks = aligned([track_of(r.run, r.name, is_simulated=r.is_simulated) for r in runs])
+    tracks = aligned_tracks([track_of(r.run, r.name, is_simulated=r.is_simulated) for r in runs])
     notes = [f"{r.name}: {text}" for r in runs for text in r.run.damage]
     untold = [t.name for t in tracks if np.isnan(t.velocity_command).all()]
     if untold:

@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from compare.tracks import Array, Track
+from compare.tracks import Track
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import yaw_rad
 from trainer.signals.distances import wasserstein_sorted
 

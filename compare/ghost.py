@@ -19,19 +19,18 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from compare.cause import Cause
 from compare.differences import Differences
-from compare.tracks import STEP_S, Array, Track
+from compare.tracks import STEP_S, Track
 from spot_log.format.codec import Topic
 from spot_log.format.viewer import BODY_FRAME, ODOM_FRAME, joint_states, odometry, spot_scene, transforms
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz, yaw_rad
 from spot_protos import log_pb2
 
 EVERY: Final = 2
 """Samples of the grid to a message: 50 a second."""
-SCENE_EVERY: Final = 100
 TINTS: Final = ((0.35, 0.65, 1.0), (0.35, 0.9, 0.6), (0.9, 0.5, 0.9))
-ALPHA: Final = 0.45
 
 
 def write_ghosts(
@@ -85,7 +84,7 @@ def _messages(
     tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause], beside_m: float
 ) -> Iterator[tuple[int, str, Message]]:
     reference = tracks[0]
-    placed = [place(track, reference, beside_m * i) for i, track in enumerate(tracks)]
+    placed = [placed_beside(track, reference, beside_m * i) for i, track in enumerate(tracks)]
     waiting = sorted(causes, key=lambda cause: cause.start_s)
     for row in range(0, len(reference), EVERY):
         stamp_ns = int(reference.stamp_ns[row])
@@ -104,11 +103,11 @@ def _messages(
                 yield stamp_ns, f"/{start}difference", _difference(found[i - 1], row, stamp_ns)
         yield stamp_ns, "/tf", FrameTransforms(transforms=frames)
         yield stamp_ns, "/command", _command(reference, row, stamp_ns)
-        if row % SCENE_EVERY == 0:
+        if row % 100 == 0:
             yield stamp_ns, "/scene", _scene(len(tracks) - 1, stamp_ns)
 
 
-def place(track: Track, reference: Track, beside_m: float) -> tuple[Array, Array]:
+def placed_beside(track: Track, reference: Track, beside_m: float) -> tuple[Array, Array]:
     """Positions and attitudes of a body that starts where the reference does; shapes (n, 3) and (n, 4)."""
     heading = float(yaw_rad(reference.odom_from_body_wxyz[0]))
     turn = heading - float(yaw_rad(track.odom_from_body_wxyz[0]))
@@ -173,7 +172,7 @@ def _scene(n_ghosts: int, stamp_ns: int) -> SceneUpdate:
             shapes: list[Any] = [*entity.cubes, *entity.spheres, *entity.cylinders]
             for shape in shapes:
                 shape.color.r, shape.color.g, shape.color.b = TINTS[i % len(TINTS)]
-                shape.color.a = ALPHA
+                shape.color.a = 0.45
         scene.entities.extend(ghost.entities)
     return scene
 

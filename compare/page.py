@@ -9,11 +9,11 @@ import numpy as np
 
 from compare.cause import Cause
 from compare.differences import SIGNALS, TITLES, Differences
-from compare.tracks import SLIP_S, STEP_S, Array, Track
+from compare.tracks import SLIP_S, STEP_S, Track
 from spot_log.page.charts import liveliest, stance
 from spot_log.page.render import rendered
 from spot_log.page.sections import Beside, Cell, Chart, Fold, Head, Items, Legend, Map, Section, Series, Shade, Table
-from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, Array
 
 CLOSE: Final = 0.10
 """Distributions that differ by less than this share of their spread are called close."""
@@ -57,7 +57,7 @@ def comparison_page(
     return rendered(f"{tracks[0].name} beside {', '.join(t.name for t in tracks[1:])}", parts)
 
 
-def sentence(reference: Track, found: Differences) -> str:
+def difference_sentence(reference: Track, found: Differences) -> str:
     """What differs most, in one sentence, and whether that is close."""
     speeds = found.forward_speed_m_s
     told = ""
@@ -97,7 +97,7 @@ def is_close(found: Differences) -> bool:
 def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> Head:
     reference = tracks[0]
     close, apart = ([d.name for d in found if is_close(d) == wanted] for wanted in (True, False))
-    lines = [sentence(reference, d) for d in found] + ([f"The diagnosis: {cause}."] if cause else [])
+    lines = [difference_sentence(reference, d) for d in found] + ([f"The diagnosis: {cause}."] if cause else [])
     meta = f"{stretch(tracks)} The commands are the same. Simulated runs are in closed loop, with the policy that ran."
     badge, kind = ("Some close", "fair") if close and apart else ("Close", "good") if close else ("Apart", "bad")
     told = [f"{verb} {' and '.join(names)}" for verb, names in (("like", close), ("differently from", apart)) if names]

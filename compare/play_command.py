@@ -107,7 +107,7 @@ def _log_in_browsers(
     address: tuple[str, int],
     seconds: float | None,
 ) -> str:
-    from trainer.play.start import missing, serve
+    from trainer.play.start import missing, serve_page
 
     try:
         from compare.play_log import LogToPlay, read_diagnosed
@@ -120,7 +120,7 @@ def _log_in_browsers(
         typer.echo(f"{diagnosis} found no difference ({verdict.status}); the usual four effects are offered", err=True)
     typer.echo(f"simulating {played.model_name} with the commands of {log} …", err=True)
     walks = (played.recorded(), played.simulate(played.model.effects, "", lambda _: None))
-    told = serve(
+    told = serve_page(
         lambda server: ReplayPage(server, walks, played.model.effects, played.offered, played.simulate),
         address,
         seconds,

@@ -11,27 +11,25 @@ import numpy as np
 
 from compare.cause import check_verdict, read_verdict
 from compare.differences import differences
-from compare.ghost import place
-from compare.page import sentence
-from compare.tracks import STEP_S, CompareError, Track, aligned, track_of
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from compare.ghost import placed_beside
+from compare.page import difference_sentence
+from compare.tracks import STEP_S, CompareError, Track, aligned_tracks, track_of
+from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.document import Difference, Verdict
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read import find_policy
 from diagnosis.report.words import joints_in_short, number
 from spot_log.read.reader import read_run
 from spot_log.read.run import Run
-from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.plant.closed_loop import standing_height_m
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import JOINT_TYPES
 from trainer.play.replay import Walked
-from trainer.play.switches import BUILT_IN, Found, Switch
+from trainer.play.switches import BUILT_IN, Effects, Found, Switch
 from trainer.signals.policy_ticks import Script, script_of
 
-Effects = tuple[Effect, ...]
 USUAL_MODEL: Final = "paper_identified"
 
 
@@ -101,19 +99,19 @@ class LogToPlay:
     def simulate(self, effects: Effects, words: str, tell: Callable[[float], None]) -> Walked:
         """The model's walk with these effects; ``words`` say what is switched on, if anything."""
         rng = np.random.default_rng(self.seed)
-        (run,) = simulate(RobotModel(effects), self.policy, [self.script], rng, SensorNoise(), tell=tell)
+        (run,) = simulate_scripts(RobotModel(effects), self.policy, [self.script], rng, UsualNoise(), tell=tell)
         model = Path(self.model_name).stem
         name = f"{model} with {words}" if words else model
         track = track_of(run, "the model with them" if words else model, is_simulated=True)
         try:
-            reference, other = aligned([self.track, track])
-            told = sentence(reference, differences(reference, other))
+            reference, other = aligned_tracks([self.track, track])
+            told = difference_sentence(reference, differences(reference, other))
         except CompareError as error:
             told = str(error)
         return self._walked(track, name, told)
 
     def _walked(self, track: Track, words: str, told: str) -> Walked:
-        position, attitude = place(track, self.track, 0.0)
+        position, attitude = placed_beside(track, self.track, 0.0)
         # The height of odom is that of the place where the robot was switched on.
         position[:, 2] += standing_height_m(self.script.start) - self.track.position_of_body_in_odom_m[0, 2]
         qpos = np.hstack([position, attitude, track.position_rad])

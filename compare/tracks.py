@@ -18,11 +18,9 @@ from spot_log.tools.measures import body_velocity
 from spot_model.errors import BadInputError
 from spot_model.policy.observation import is_fallen
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from trainer.signals.policy_ticks import policy_ticks
-from trainer.signals.recording import nearest_rows
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from trainer.signals.recording import Flags, nearest_rows
 
 STEP_S: Final = 0.01
 """The grid: fine enough for a leg's swing, a third of the states of a 333 Hz stream."""
@@ -137,7 +135,7 @@ def _held(stamps: NDArray[np.int64], values: Array, grid_ns: NDArray[np.int64], 
     return np.where(at[:, None] >= 0, values[np.maximum(at, 0)], np.nan)
 
 
-def aligned(tracks: Sequence[Track]) -> list[Track]:
+def aligned_tracks(tracks: Sequence[Track]) -> list[Track]:
     """The stretch that all runs share, each run's samples at the same time under the command.
 
     Args:

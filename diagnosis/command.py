@@ -46,10 +46,6 @@ def explain_logs(
     without: Annotated[
         list[str] | None, typer.Option("--without", help="Leave an effect out of the library; repeatable.")
     ] = None,
-    synthesis: Annotated[
-        bool,
-        typer.Option("--synthesis", help="As a check, also diagnose the nominal simulator with the effects added."),
-    ] = False,
     workers: Workers = 1,
     engine: EngineOption = EngineName.LOCAL,
     device: Device = "cpu",
@@ -62,7 +58,7 @@ def explain_logs(
     typer.echo("loading the library of effects and the simulator …", err=True)
     from diagnosis.report.history import Filing, file_next
     from diagnosis.report.history_page import write_history
-    from diagnosis.report.output import check_free
+    from diagnosis.report.output import check_no_diagnosis
     from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
     from diagnosis.terminal import twelve_lines
 
@@ -73,8 +69,8 @@ def explain_logs(
     elif nominal is None or out is None:
         raise BadInputError("give --nominal MODEL and --out DIR, or --history DIR")
     else:
-        place = Filing(out, nominal, "")
-    check_free(place.out)
+        place = Filing(out, nominal)
+    check_no_diagnosis(place.out)
     inputs = DiagnosisRequest(
         logs=tuple(map(str, logs)),
         nominal=place.nominal,
@@ -87,7 +83,13 @@ def explain_logs(
     try:
         with DiagnosisProgress() as progress:
             result, paths = run_session(
-                inputs, place.out, progress, robot_file=robot, with_synthesis=synthesis, place=where, seed=seed
+                inputs,
+                place.out,
+                progress,
+                check_robot=place.check_robot,
+                robot_file=robot,
+                place=where,
+                seed=seed,
             )
     except KeyboardInterrupt:
         typer.echo(f"interrupted; nothing was written into {place.out}", err=True)

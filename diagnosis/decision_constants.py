@@ -17,7 +17,7 @@ from diagnosis.channels import Channel
 class ErrorScale:
     """How far a nominal model is off in one effect's numbers without anything being wrong: standard deviations.
 
-    The ordinary part of each number's prior; the other part is its realistic range (:mod:`diagnosis.selection.priors`).
+    The ordinary part of each number's prior; the other part is its realistic range.
     """
 
     scales: Mapping[str, float]
@@ -50,15 +50,12 @@ ERROR_SCALES: Final[Mapping[str, ErrorScale]] = {
     "encoder_offset": ErrorScale({"offset_rad": 0.005}),
     # CAD masses are off by 3 to 5 %.
     "leg_mass": ErrorScale({"scale": 0.05}, alike=0.3),
-    "payload_mass": ErrorScale(
-        {"mass_kg": 0.5, "moment_x_kg_m": 0.15, "moment_y_kg_m": 0.1, "moment_z_kg_m": 0.15},
-    ),
+    "payload_mass": ErrorScale({"mass_kg": 0.5, "moment_x_kg_m": 0.15, "moment_y_kg_m": 0.1, "moment_z_kg_m": 0.15}),
     "body_inertia": ErrorScale({"scale": 0.06}),
     # A worn foot loses 1 to 2 mm; soft ground looks the same, and is chosen by the closed loop itself.
     "foot_radius": ErrorScale({"change_m": 0.002}, alike=1.0),
     "velocity_estimate": ErrorScale(
-        {"scale": 0.02, "bias_x_m_s": 0.015, "bias_y_m_s": 0.015, "late": 1.0},
-        at={"lag_s": 0.005},
+        {"scale": 0.02, "bias_x_m_s": 0.015, "bias_y_m_s": 0.015, "late": 1.0}, at={"lag_s": 0.005}
     ),
     "imu_tilt": ErrorScale({"roll_rad": 0.008, "pitch_rad": 0.008}, at={"packets_are_tilted": 1.0}),
     # Paved ground falls by 1 to 2 % for drainage, screed by less.
@@ -77,6 +74,18 @@ ERROR_SCALES: Final[Mapping[str, ErrorScale]] = {
 """Published ranges of ordinary errors, by effect of the library."""
 CLEARLY_ORDINARY: Final = 2.5
 """An error counts as ordinary up to so many of its published standard deviations: 99 in 100 lie within."""
+
+# ---- before anything is seen
+
+OUTSIDE: Final = 0.15
+"""Share of robots brought to a diagnosis whose fault the library lacks, before anything is seen: its 40 effects are
+those that publications describe."""
+ODD: Final = 0.01
+"""Share of numbers that are out of the ordinary, before anything is seen: with some eighty of them, one on most robots
+that are brought to a diagnosis."""
+LARGEST_IN_SPREADS: Final = 10.0
+"""Largest realistic size in published spreads, where an entry names none: half the torque lost, 2 N·m of friction or
+of a zero, 5 kg, 3 degrees of an encoder."""
 
 # ---- evidence in the residuals
 
@@ -111,6 +120,11 @@ ODD_RUN: Final = 0.1
 """Share of runs in which something else went on (a rug, a push, a hot day): none tells more than log(0.9/0.1) nats."""
 GROUP_ODDS: Final = 0.1
 """A rival with at least these odds against the best stays in its group."""
+LEAST_NATS: Final = 3.0
+"""What brings less than odds of 20 to 1 is no finding, however little faultless robots show of it."""
+TAUGHT: Final = 0.5
+"""Share of the published variance that a number's variance stays under, if the logs say at least as much of it as the
+publications do."""
 
 # ---- the gap in closed loops, in floors: distances between repeats of the robot's own runs
 
@@ -118,5 +132,11 @@ RUNS_APART: Final = 1.2
 """Distance in floors that even a model without any error keeps if its runs scatter as the robot's do: its few runs are
 not the robot's. Among 1.0 to 1.5, the distances of 50 robots without a fault (calibrating catalogue, seeds 311001 and
 311002) scatter least about their ordinary one with it."""
+PRACTICAL: Final = 0.02
+"""Share of a signal's own spread under which a distance is nothing to anybody, however well a robot repeats itself."""
+MIN_GAP: Final = 0.05
+"""A gap that exceeds its floor by less than this share of the floor has nothing to shrink."""
+SIGNIFICANT: Final = 0.05
+"""Largest p value, corrected for the number of cells or of dated numbers, that is not taken for chance."""
 NAMED: Final = 0.5
 """What is more probable than not is named."""

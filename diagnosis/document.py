@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -321,8 +321,6 @@ class Verdict(Settings):
     """Effects of the library that these logs cannot show."""
     shrink: Shrink | None
     """How much of the gap closes; null if nothing could be simulated or nothing was found."""
-    synthesis: dict[str, Any] | None = None
-    """The diagnosis of the nominal simulator with the effects added (``--synthesis``); null if not asked for."""
     log_advice: tuple[str, ...]
     """What to record next, a sentence each."""
     timeline: tuple[Stretch, ...] = ()
@@ -350,9 +348,5 @@ class Verdict(Settings):
 
 
 def load_verdict(path: Path) -> Verdict:
-    """Read a ``verdict.json``.
-
-    Raises:
-        pydantic.ValidationError: It does not follow the schema.
-    """
+    """Read a ``verdict.json``. Raises pydantic.ValidationError: it does not follow the schema."""
     return Verdict.model_validate_json(path.read_bytes())

@@ -24,8 +24,8 @@ from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.headline import headline
 from diagnosis.report.output import write_all
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.selection.robot_models import merged
-from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from diagnosis.selection.robot_models import effects_merged
+from diagnosis.verdict.diagnose import Diagnosis, diagnose_runs
 from spot_log.read.run import Run
 from spot_model.console import progress
 from spot_model.io.model_file import RobotModel, load_model
@@ -123,8 +123,8 @@ def run_session(
     *,
     nominal: RobotModel | None = None,
     library: Mapping[str, LibraryEffect] | None = None,
+    check_robot: Callable[[str], None] = lambda _: None,
     robot_file: Path | None = None,
-    with_synthesis: bool = False,
     place: Place = IN_THIS_PROCESS,
     seed: int = 0,
 ) -> tuple[Diagnosis, dict[str, Path]]:
@@ -136,8 +136,8 @@ def run_session(
         say: Where progress goes.
         nominal: The simulator's model; by default the inputs' name is loaded.
         library: Effects that are tried; by default those of the inputs.
+        check_robot: Told the logs' robot before anything is computed; raises where they must not be of that one.
         robot_file: Describes a robot other than Spot.
-        with_synthesis: As a check, also diagnose the nominal simulator with the effects added.
         place: Where closed loops are computed.
         seed: Of all random draws.
 
@@ -147,12 +147,13 @@ def run_session(
     Raises:
         SpotRlError: Something that was given is wrong; nothing is written then.
     """
-    nominal = merged(nominal or load_model(inputs.nominal))
+    nominal = effects_merged(nominal or load_model(inputs.nominal))
     library = library or chosen_library(inputs.add_effect, inputs.without)
     robot = load_robot(robot_file) if robot_file is not None else SPOT
     # Logs, and the policy that made them.
     say("reading logs")
     runs, notes = read_logs([Path(path) for path in inputs.logs], robot, say.at)
+    check_robot(robot_of(runs))
     file = find_policy_file(None if inputs.policy is None else Path(inputs.policy), runs)
     policy = None if file is None else load_policy(file)
     if policy is not None:
@@ -163,7 +164,7 @@ def run_session(
     for text in notes:
         say(f"note: {text}")
     with one_thread(), nullcontext() if policy is None else rollouts_under(policy, place) as engine:
-        result = diagnose(
+        result = diagnose_runs(
             runs,
             nominal,
             policy,
@@ -171,7 +172,6 @@ def run_session(
             say,
             say.at,
             library=library,
-            with_synthesis=with_synthesis,
             nominal_name=inputs.nominal,
             limits_rad=robot.limits_rad,
             engine=engine,
@@ -185,7 +185,7 @@ def run_session(
         differences = tuple(d.model_copy(update={"split": None}) for d in verdict.differences)
         drives = _drives(verdict, runs, robot)
         files = fixed_base.corrected_files(robot, drives)
-        notes = (*verdict.notes, *_told(robot, runs, drives), NO_MODEL)
+        notes = (*verdict.notes, *_fit_sentences(robot, runs, drives), NO_MODEL)
         verdict = verdict.model_copy(update={"differences": differences, "no_model": NO_MODEL, "notes": notes})
     result = replace(result, verdict=verdict.model_copy(update={"headline": headline(verdict)}))
     say("writing the report")
@@ -214,7 +214,7 @@ def _drives(verdict: Verdict, runs: Sequence[Run], robot: RobotFile) -> fixed_ba
     return fixed_base.Drives(**found, delay_s=delay_s)
 
 
-def _told(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> tuple[str, ...]:
+def _fit_sentences(robot: RobotFile, runs: Sequence[Run], drives: fixed_base.Drives) -> tuple[str, ...]:
     """How near simulations of the rigid bodies come to the logs without drives and with them, in a sentence."""
     if robot.mjcf is None or not any(np.isfinite(run.commands.kp_nm_per_rad).any() for run in runs):
         return ()

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from reference.effects import PICTURES
 
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from spot_log.page.picture import standing
 from spot_log.page.sections import Chart, Series
 from spot_log.read.run import Run
@@ -96,9 +96,9 @@ def walk(name: str = "") -> Run:
     position, none = np.array(facts.DEFAULT_POSITION_RAD), np.zeros(12)
     start = StartState(position, none, level, still, still, none.astype(np.float32))
     script = Script("walk", 0, start, np.tile([1.0, 0.0, 0.0], (round(SECONDS * 50), 1)))
-    noise = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    noise = UsualNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     rng, policy = np.random.default_rng(0), load_policy(PICTURES.parents[2] / "policies/walk.onnx")
-    return simulate(model, policy, [script], rng, noise)[0]
+    return simulate_scripts(model, policy, [script], rng, noise)[0]
 
 
 def picture(name: str, plain: Run, drawn: Run) -> str:

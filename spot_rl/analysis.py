@@ -13,14 +13,14 @@ from rich.console import Console
 
 from compare.compare import FILES, Comparison, Named, compare_runs, named, simulate_like, write_comparison
 from compare.diagnose_command import FOLDER, compared
-from diagnosis.closed_loop.simulation import SensorNoise
+from diagnosis.closed_loop.simulation import UsualNoise
 from diagnosis.document import Verdict
 from diagnosis.library.registry import chosen_library
 from diagnosis.read import find_policy
 from diagnosis.read.fixed_base import Drives, predicted
-from diagnosis.read.prepare import with_gains
+from diagnosis.read.prepare import with_own_gains
 from diagnosis.read.robot_file import load_robot
-from diagnosis.report.output import check_free
+from diagnosis.report.output import check_no_diagnosis
 from diagnosis.session import DiagnosisProgress, DiagnosisRequest, run_session
 from spot_log.read.run import Run, RunFooter
 from spot_model.errors import BadInputError
@@ -58,7 +58,7 @@ def predict(robot: AnyPath, run: Run, *, restart_s: float | None = None) -> NDAr
     file = load_robot(Path(robot))
     if file.mjcf is None:
         raise wrong("robot", str(robot), "a robot file with the key mjcf, the rigid bodies")
-    return predicted(file, with_gains(run, file), Drives.of(file), restart_s)
+    return predicted(file, with_own_gains(run, file), Drives.of(file), restart_s)
 
 
 @with_our_errors
@@ -94,7 +94,7 @@ def simulate(
             "neither a built-in policy nor a file in ./policies has the log's digest "
             f"{run.header.policy_sha256[:12] or '(none)'}…; give the policy that ran: simulate(run, model, policy=FILE)"
         )
-    sensors = SensorNoise() if noise else SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    sensors = UsualNoise() if noise else UsualNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     simulated, name = model_of(model)
     made = simulate_like(run, simulated, chosen, np.random.default_rng(seed), sensors)
     # A comparison names its runs by their paths.
@@ -187,7 +187,7 @@ def diagnose(
     library = chosen_library(added, left_out)
     seed, progress = whole(seed, "seed"), flag(progress, "progress")
     place = place_of(1, EngineName.LOCAL, None, text(device, "device", "cpu, cuda or cuda:N"))
-    check_free(folder)
+    check_no_diagnosis(folder)
     check_new(folder / FOLDER)
     kept = (folder / "nominal.yaml").absolute() if isinstance(nominal, RobotModel) else None
     if kept is not None:

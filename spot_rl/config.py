@@ -9,7 +9,7 @@ from typing import Any
 from spot_model.errors import BadInputError
 from spot_model.policy import built_in
 from spot_rl.checks import AnyPath, a_file, mapping, to_path
-from trainer.config.train_config import TrainConfig, config_from_data, load_config
+from trainer.config.train_config import TrainConfig, load_train_config, train_config_from_data
 
 
 def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, Any] | None) -> TrainConfig:
@@ -20,5 +20,7 @@ def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, A
     except TypeError as error:
         raise BadInputError(f"changes: {error}; allowed: numbers, text, lists and mappings") from error
     if isinstance(config, Mapping):
-        return config_from_data(mapping(config, "config", "a mapping of keys"), source="config", overrides=overrides)
-    return load_config(a_file(built_in.config_file(to_path(config, "config")), "config"), overrides)
+        return train_config_from_data(
+            mapping(config, "config", "a mapping of keys"), source="config", overrides=overrides
+        )
+    return load_train_config(a_file(built_in.config_file(to_path(config, "config")), "config"), overrides)

@@ -155,7 +155,5 @@ def make_env(
 
 
 gymnasium.register(
-    id=ID,
-    entry_point="spot_rl.environment:SpotEnv",
-    vector_entry_point="spot_rl.vector_environment:SpotVectorEnv",
+    id=ID, entry_point="spot_rl.environment:SpotEnv", vector_entry_point="spot_rl.vector_environment:SpotVectorEnv"
 )

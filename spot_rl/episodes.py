@@ -19,7 +19,7 @@ from spot_rl.checks import AnyPath, flag, mapping, numbers, text, whole
 from spot_rl.config import training_config
 from spot_rl.inputs import model_of
 from trainer.config.train_config import TrainConfig
-from trainer.task.plant_backend import PlantState
+from trainer.task.plant_backend import TaskState
 from trainer.task.task import StepResult, Task, make_tasks
 
 ID: Final = "spot_rl/Velocity-v0"
@@ -77,7 +77,7 @@ class Episodes(Task):
             self.final = self._observed(self.backend.read(), none.float(), none, none).observation
         super()._reset(mask)
 
-    def _observed(self, state: PlantState, reward: torch.Tensor, *flags: torch.Tensor) -> StepResult:
+    def _observed(self, state: TaskState, reward: torch.Tensor, *flags: torch.Tensor) -> StepResult:
         if self.held is not None:
             self.commands.command[:] = self.held
         return super()._observed(state, reward, *flags)

@@ -73,7 +73,7 @@ def train(
     device = text(device, "device", DEVICES)
     stamp = datetime.now(tz=timezone.utc).strftime("%Y%m%d-%H%M%S")
     folder = a_folder(out, "out") if out is not None else Path("runs") / f"{settings.name}-{stamp}"
-    from trainer.ppo.train import train as run_training
+    from trainer.ppo.train import train_policy as run_training
 
     run_training(settings, folder, device=device, command="spot_rl.train")
     return folder
@@ -126,11 +126,7 @@ def export(
 
 @with_our_errors
 def evaluate(
-    policy: AnyPath | Policy,
-    *,
-    model: str | AnyPath | RobotModel = "paper_identified",
-    n: int = 100,
-    seed: int = 0,
+    policy: AnyPath | Policy, *, model: str | AnyPath | RobotModel = "paper_identified", n: int = 100, seed: int = 0
 ) -> dict[str, Any]:
     """Measure a policy in simulation: tracking, top speed, gait, falls, pushes, a slippery patch.
 
@@ -197,7 +193,7 @@ def identify(
         SpotRlError: A file is missing or not valid, ``out`` holds a result, or no log can be used.
     """
     from trainer.simulate.engine import EngineName, place_of
-    from trainer.sysid.logs import read_logs
+    from trainer.sysid.logs import read_identification_logs
     from trainer.sysid.run_identification import run_identification
 
     # As multiprocessing itself asks: a worker that still imports the script must start no workers.
@@ -211,19 +207,19 @@ def identify(
     folder, resume = a_folder(out, "out"), flag(resume, "resume")
     place = place_of(workers, EngineName.LOCAL, None, device)
     file = policy_file(policy)
-    log_set = read_logs(existing_all(logs, "logs"), policy_of(file))
+    log_set = read_identification_logs(existing_all(logs, "logs"), policy_of(file))
     return run_identification(log_set, file, settings, folder, resume=resume, place=place)
 
 
 def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int | None) -> SysidConfig:
-    from trainer.sysid.config import SysidConfig, config_from_data, load_config
+    from trainer.sysid.config import SysidConfig, load_sysid_config, sysid_config_from_data
 
     if config is None:
         settings = SysidConfig()
     elif isinstance(config, Mapping):
-        settings = config_from_data(mapping(config, "config", "a mapping of keys"), source="config")
+        settings = sysid_config_from_data(mapping(config, "config", "a mapping of keys"), source="config")
     else:
-        settings = load_config(a_file(config, "config"))
+        settings = load_sysid_config(a_file(config, "config"))
     if generations is None:
         return settings
     generations = whole(generations, "generations", 1)

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from spot_model.robot.state import Array
+from spot_model.robot.facts import Array
 
 
 class Wanted(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.joint_script import JointScript
-from spot_model.robot.state import Array
+from spot_model.robot.facts import Array
 from spot_runtime.config import OperatorConfig
 from spot_runtime.sources import CommandSource, Shaper, Wanted
 

@@ -14,7 +14,7 @@ from compare.differences import differences
 from compare.page import comparison_page
 from diagnosis.document import Number, Verdict
 from diagnosis.improve.improvement import Improvement, TakenStep
-from diagnosis.improve.judgement import figures
+from diagnosis.improve.judgement import compared_figures
 from diagnosis.improve.limits import Limit
 from diagnosis.improve.page import improvement_page
 from diagnosis.report.drift import drift_of
@@ -86,7 +86,7 @@ def _improvement() -> str:
     old, new = evaluation(), evaluation(falls=0, top_m_s=1.7)
     limit = Limit("torque_max_nm", "N·m", 115.0, 99.0, 95.0, 103.0, is_known=True, is_reached=True)
     steps = (TakenStep("diagnose the logs", f"spot-rl diagnose {LONG}/logs --out {LONG}/diagnosis", 61.0),)
-    result = Improvement("improved", "walk", (limit,), figures(old, new), steps, ("A note.",), {})
+    result = Improvement("improved", "walk", (limit,), compared_figures(old, new), steps, ("A note.",), {})
     return improvement_page(result, verdict(()), [old, new])
 
 

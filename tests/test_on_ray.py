@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.simulation import SensorNoise, rollouts_under, simulate
+from diagnosis.closed_loop.simulation import UsualNoise, rollouts_under, simulate_scripts
 from diagnosis.library.registry import LIBRARY
-from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from diagnosis.verdict.diagnose import Diagnosis, diagnose_runs
 from spot_log.read.run import Run
 from spot_model.effects.friction import CoulombFriction
 from spot_model.errors import BadInputError
@@ -27,7 +27,7 @@ from tests.withheld.blind.test_execution import finish, jobs
 from trainer.simulate.engine import Engine, EngineError, Place, Tell
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import SearchConfig, SysidConfig
-from trainer.sysid.search import Problem, SearchState, build_problem, candidates_engine, run_search
+from trainer.sysid.search import SearchState, SysidProblem, build_problem, candidates_engine, run_search
 from withheld.blind.execution import Job, run_cases
 from withheld.outcome import Outcome
 
@@ -99,16 +99,16 @@ def runs() -> list[Run]:
     """Two short runs of each of two sequences, of a robot with friction."""
     some = [replace(s, repeat=k) for k in range(2) for s in scripts(60)]
     model = RobotModel((CoulombFriction(level_nm=3.0),))
-    return simulate(model, load_policy(POLICY), some, np.random.default_rng(1), SensorNoise())
+    return simulate_scripts(model, load_policy(POLICY), some, np.random.default_rng(1), UsualNoise())
 
 
 @pytest.fixture(scope="module")
-def problem(runs: list[Run]) -> Problem:
+def problem(runs: list[Run]) -> SysidProblem:
     logged, space = runs, SysidConfig().space()
     return build_problem(space, POLICY.read_bytes(), logged, RolloutOptions(), robots_per_sequence=1, weights={})
 
 
-def test_a_search_whose_worker_is_killed_half_way_finds_the_same(problem: Problem, tmp_path: Path) -> None:
+def test_a_search_whose_worker_is_killed_half_way_finds_the_same(problem: SysidProblem, tmp_path: Path) -> None:
     killer = Killer()
 
     def searched(place: Place, name: str) -> SearchState:
@@ -137,7 +137,7 @@ def test_a_diagnosis_whose_worker_is_killed_half_way_says_the_same(runs: list[Ru
 
         with rollouts_under(policy, place) as engine:
             rng = np.random.default_rng(0)
-            return diagnose(runs, RobotModel(), policy, rng, say, library=library, engine=engine)
+            return diagnose_runs(runs, RobotModel(), policy, rng, say, library=library, engine=engine)
 
     here, there = diagnosed(Place()), diagnosed(ON_RAY)
     killer.join()

@@ -47,11 +47,10 @@ CHANNEL_TITLES: Final[Mapping[str, str]] = {
 }
 """For a person; by the name that a file holds."""
 
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Flags = NDArray[np.bool_]
-Rows = slice | Flags
+SampleRows = slice | Flags
 """Some samples."""
 
 Shape = Mapping[str, float]
@@ -118,7 +117,7 @@ class ChannelView:
         """Number of samples."""
         return len(self.run)
 
-    def of_rows(self, signals: Any, rows: Rows) -> ChannelView:
+    def of_rows(self, signals: Any, rows: SampleRows) -> ChannelView:
         """Some samples, with the signals that belong to them."""
         return replace(
             self,
@@ -143,11 +142,11 @@ MAX_SAMPLES: Final = 6_000
 """About this many samples of each channel are used, evenly thinned."""
 
 
-def thinned(views: Mapping[Channel, ChannelView], n_states: int) -> dict[Channel, ChannelView]:
+def thinned_views(views: Mapping[Channel, ChannelView], n_states: int) -> dict[Channel, ChannelView]:
     """The channels with one of so many rows that about :data:`MAX_SAMPLES` are left; short ones as they are."""
     apart = n_states // MAX_SAMPLES
     # Channels of the body share their signals, and what is kept with them.
-    made: dict[int, tuple[Any, Rows]] = {}
+    made: dict[int, tuple[Any, SampleRows]] = {}
 
     def of(view: ChannelView) -> ChannelView:
         if not hasattr(view.signals, "thinned"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, thinned
+from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, thinned_views
 from diagnosis.channels.actuator import ActuatorSignals, actuator_view, stand_in_view
 from diagnosis.channels.contact_events import contact_view
 from diagnosis.channels.dynamics import dynamics_signals, missing_for_dynamics, motion_views
@@ -69,4 +69,4 @@ def build_views(
     by_name = {view.name: view for view in found}
     on = {name: view for name in Channel if isinstance(view := by_name[name], ChannelView)}
     off = tuple(view for name in Channel if isinstance(view := by_name[name], ChannelOff))
-    return thinned(on, stack.n), off
+    return thinned_views(on, stack.n), off

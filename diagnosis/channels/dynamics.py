@@ -308,7 +308,6 @@ BASE_FLOOR: Final = np.array([1.5, 1.5, 2.5, 0.8, 1.5, 0.8])
 """What a rigid model and smoothed impacts leave at least, N and N·m."""
 EDGE: Final = 4
 """States around a change of any contact flag that channel *base wrench* leaves out."""
-JOINT_SCALE_NM: Final = 0.4
 BASE_SCALE: Final = np.array([3.0, 3.0, 5.0, 1.5, 3.0, 1.5])
 """Usual size of the residuals, so that joints and base weigh alike; N·m, N, N·m."""
 LEGS: Final = np.repeat(np.arange(facts.N_LEGS), 3)
@@ -321,7 +320,7 @@ def motion_views(signals: DynamicsSignals, lag_s: float) -> tuple[ChannelView, C
     swinging = in_air & (np.linalg.norm(signals.nominal.foot_force_n, axis=2) < LIGHT_N)
     steady = stack.inner(contact, EDGE, EDGE) | stack.inner(~contact, EDGE, EDGE)
     calm = np.all(steady[signals.rows], axis=1)
-    _, _, residuals = aligned(signals, swinging, calm, lag_s)
+    _, _, residuals = realigned(signals, swinging, calm, lag_s)
     # A foot that skips over the ground is carried by no flag, and shakes its whole leg.
     rattles = rattling(stack)[signals.rows].reshape(-1, facts.N_LEGS, 3).any(axis=2)
     usable = np.repeat(swinging & ~rattles, 3, axis=1)
@@ -354,7 +353,7 @@ def motion_views(signals: DynamicsSignals, lag_s: float) -> tuple[ChannelView, C
     return joints, base
 
 
-def aligned(signals: DynamicsSignals, swinging: Flags, calm: Flags, lag_s: float) -> tuple[float, float, Residuals]:
+def realigned(signals: DynamicsSignals, swinging: Flags, calm: Flags, lag_s: float) -> tuple[float, float, Residuals]:
     """Choose the convention that leaves least over swinging joints (n, 4) and the body's rows where calm (n,).
 
     Returns:
@@ -378,5 +377,5 @@ def _size_left(residuals: Residuals, swinging: Flags, calm: Flags) -> float:
     """Mean size of the residuals, which outliers do not rule."""
     base = np.abs(residuals.base[calm] / BASE_SCALE)
     joint = np.abs(residuals.joint_nm[np.repeat(swinging, 3, axis=1)])
-    every = np.concatenate([base.ravel(), joint.ravel() / JOINT_SCALE_NM])
+    every = np.concatenate([base.ravel(), joint.ravel() / 0.4])
     return float(np.mean(np.minimum(every, 5.0))) if len(every) else 0.0

@@ -98,7 +98,7 @@ class StanceSignals:
         """What the channel shows less what it would show for other inputs, shape (n, 16); kept under ``key``."""
         if key not in self.cache:
             reference, changed = (
-                feet(k, self.standing[self.rows]) for k in (self.inputs, replace(self.inputs, **changes))
+                standing_feet(k, self.standing[self.rows]) for k in (self.inputs, replace(self.inputs, **changes))
             )
             self.cache[key] = reference - changed
         found: Array = self.cache[key]
@@ -178,7 +178,7 @@ def stance_view(
     )
 
 
-def feet(k: Kinematics, standing: Flags) -> Array:
+def standing_feet(k: Kinematics, standing: Flags) -> Array:
     """Velocities of the contact points in the heading frame, then heights less the standing feet's mean; (N, 16)."""
     return _rows_of(*motion_of_feet(k), standing)
 

@@ -21,8 +21,6 @@ from diagnosis.channels import Array, Ints
 from spot_log.tools.measures import NEVER_NS
 from trainer.signals.recording import Recording
 
-ROUNDS: Final = 60
-START: Final = 0.01
 AGAIN: Final = 0.3
 """Chances to begin with that a command is lost, after one that arrived and after one that was lost."""
 CLEAR_NATS: Final = 10.0
@@ -99,7 +97,7 @@ def read(recordings: Sequence[Recording], fast_quantile: float) -> Receipts:
     least = np.min(received - sent[named])
     until = [_Places.of((received[: len(r)] - sent[r] - least) / width) for r in (*rows, named)]
     since = [_Places.of((before[: len(r)] - sent[r] - least) / width) for r in rows]
-    without, some = _likeliest(until, since, 0.0), _likeliest(until, since, START)
+    without, some = _likeliest(until, since, 0.0), _likeliest(until, since, 0.01)
     n, n_unseen = int(np.sum(unseen + 1)), int(unseen.sum())
     is_clear = some[-1] > without[-1] + CLEAR_NATS and n_unseen - sum(x.sum() for x in some[1]) < MOST_HIDDEN * n
     f, lost_of, bins_of, _ = some if is_clear else without
@@ -151,7 +149,7 @@ def _likeliest(until: list[_Places], since: list[_Places], p: float) -> tuple[Ar
     tail = int(np.sum(np.cumsum(f) < TAIL))
     lost: list[Array] = []
     bins: list[Array] = []
-    for _ in range(ROUNDS):
+    for _ in range(60):
         # Forwards: chance that none has arrived, that the latest arrives before the receipt, and with it.
         state, steps, q = np.zeros((3, len(own.bin))), [], 1.0 - p
         state[0] = 1.0

@@ -91,7 +91,6 @@ LITTLE_NM: Final = 8.0
 """Under so much torque a load's knocks are counted: harder ones are a foot's."""
 STEPS_TOO: Final = 2.0
 """Times what the steps of set-points leave in the torque that is asked for: the load follows them late."""
-KNOCK_FLOOR: Final = 2.0
 MIN_SAMPLES: Final = 24
 BEYOND: Final = 1e300
 """In place of a square that does not count."""
@@ -136,7 +135,7 @@ def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> Channel
         rows=tuple(f"{joint}_{group}" for group in SIGNALS for joint in stack.joint_names),
         unit="usual variances",
         usable=has,
-        noise=np.repeat([1.0, 1.0, 1.0, KNOCK_FLOOR], n_joints),
+        noise=np.repeat([1.0, 1.0, 1.0, 2.0], n_joints),
         row_joint=np.tile(np.arange(n_joints), len(SIGNALS)),
         row_leg=np.tile(stack.legs, len(SIGNALS)),
         leg_of_joint=stack.legs,
@@ -168,7 +167,6 @@ def _upper_quartile(values: Array, counts: Ints) -> Array:
     return np.asarray(low + (at - below) * (high - low))
 
 
-AVERAGE_S: Final = 0.05
 FLOOR_W: Final = 10.0
 MIN_POLLS: Final = 15
 
@@ -221,5 +219,5 @@ def power_view(stack: Stack) -> ChannelView | ChannelOff:
 
 def averaged(stack: Stack, power_w: Array) -> Array:
     """Running mean with the battery's time constant, each recording by itself; shape (N,)."""
-    keep = float(np.exp(-stack.period_s / AVERAGE_S))
+    keep = float(np.exp(-stack.period_s / 0.05))
     return stack.by_run(lambda part: lfilter([1.0 - keep], [1.0, -keep], part), power_w)

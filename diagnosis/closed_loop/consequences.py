@@ -25,7 +25,6 @@ from diagnosis.closed_loop.run_numbers import (
     time_to_fall,
 )
 from diagnosis.closed_loop.shrink import (
-    MIN_GAP,
     QUANTILES,
     Cuts,
     SequenceDistances,
@@ -35,17 +34,16 @@ from diagnosis.closed_loop.shrink import (
     mean_repeats,
     pair_distances,
     resamples,
-    sequence_of,
+    sequence_name,
     shrinkage,
 )
 from diagnosis.closed_loop.trials import Trials
+from diagnosis.decision_constants import MIN_GAP, PRACTICAL
 from diagnosis.document import Consequences, GapChange, GapLeft, GapName, QuantityChange
 from spot_log.read.run import Run
 from spot_model.robot.rotation import rotate_inverse_wxyz
 from trainer.signals.policy_ticks import MIN_TICKS, policy_ticks
 
-PRACTICAL: Final = 0.02
-"""Share of a signal's own spread under which a distance is nothing to anybody, however well a robot repeats itself."""
 FALLS: Final = Quantity("fall_share", "share of runs that fall", "")
 FALL_TIME: Final = Quantity("time_to_fall", "mean time to a fall, within the commands", "s")
 LARGEST: Final = frozenset({"top_speed"})
@@ -136,7 +134,7 @@ def worse_gaps(whole: Consequences) -> list[str]:
 def _by_sequence(runs: Sequence[Run]) -> Runs:
     out: dict[str, list[Run]] = {}
     for run in runs:
-        out.setdefault(sequence_of(run), []).append(run)
+        out.setdefault(sequence_name(run), []).append(run)
     return out
 
 

@@ -27,10 +27,10 @@ from diagnosis.closed_loop.shrink import (
     features_by_sequence,
     pair_distances,
     sequence_distances,
-    sequence_of,
+    sequence_name,
     simulated_features,
 )
-from diagnosis.closed_loop.simulation import Rollouts, run_all
+from diagnosis.closed_loop.simulation import RolloutEngine, run_all
 from spot_log.read.run import Run
 from spot_model.effects.bodies import GroundCompliance, GroundFriction
 from spot_model.effects.leg_odometry import LegOdometry
@@ -96,7 +96,6 @@ SLOWEST_S: Final = 2.0
 """An odometry of more time reports a velocity that is as good as true."""
 WIDE, NEAR = 32, 16
 """Number of surroundings that are tried: all over the bounds, then within half of them around the best."""
-PLACES: Final = 4096
 LOWEST: Final = 40
 """The lowest place is the mean of so many of so many places: near it a surface is flat."""
 RIDGE: Final = 1.0
@@ -143,14 +142,14 @@ class _Scores:
         self._model, self._policy = model, policy
         self._real = {name: [f[:MAX_TICKS] for f in real[name]] for name in names}
         self._seen = {
-            name: _seen([r for r in runs if sequence_of(r) == name and len(policy_ticks(r)) >= MIN_TICKS])
+            name: _seen([r for r in runs if sequence_name(r) == name and len(policy_ticks(r)) >= MIN_TICKS])
             for name in names
         }
         first = [next(s for s in scripts if s.sequence == name) for name in names]
         self._scripts = [replace(s, velocity_command=s.velocity_command[:MAX_TICKS]) for s in first]
         self._places, self._costs = np.empty((0, len(LOW))), np.empty((0, len(MEASURES), len(names)))
 
-    def add(self, places: Array, engine: Rollouts, rng: np.random.Generator, tell: Tell) -> None:
+    def add(self, places: Array, engine: RolloutEngine, rng: np.random.Generator, tell: Tell) -> None:
         """Score surroundings, shape (n, 4), by one simulated run of each sequence."""
         jobs = []
         for k, place in enumerate(places):
@@ -204,7 +203,7 @@ def best_surroundings(
     scripts: Sequence[Script],
     runs: Sequence[Run],
     policy: Policy,
-    engine: Rollouts,
+    engine: RolloutEngine,
     rng: np.random.Generator,
     tell: Tell,
 ) -> ChosenSurroundings:
@@ -268,4 +267,4 @@ def _quadratic(places: Array) -> Array:
 @cache
 def _places() -> Array:
     """Places all over the bounds."""
-    return np.asarray(2.0 * qmc.Sobol(len(LOW), rng=np.random.default_rng(0)).random(PLACES) - 1.0)
+    return np.asarray(2.0 * qmc.Sobol(len(LOW), rng=np.random.default_rng(0)).random(4096) - 1.0)

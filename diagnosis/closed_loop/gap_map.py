@@ -20,7 +20,6 @@ QUANTILES: Final = (np.arange(25) + 0.5) / 25
 """Quantiles of a run's digest in a cell; their mean difference is the Wasserstein distance."""
 MIN_SAMPLES: Final = 40
 N_PERMUTATIONS: Final = 400
-BLOCK_S: Final = 1.0
 N_BLOCK_DRAWS: Final = 200
 NO_FLOOR: Final = (
     "no command sequence was run twice: what repeats explain is not known, and no p-value; intervals of the gap come "
@@ -32,7 +31,7 @@ UNITS: Final = {"position": "rad", "velocity": "rad/s", "load": "N·m", "load er
 
 
 @dataclass(frozen=True)
-class LogSet:
+class GapSide:
     """Real or simulated logs, with the load's error against the servo law where channel *set-point to load* is on."""
 
     stack: Stack
@@ -40,7 +39,7 @@ class LogSet:
 
 
 def gap_map(
-    real: LogSet, simulated: LogSet, leg_of_joint: Ints, rng: np.random.Generator
+    real: GapSide, simulated: GapSide, leg_of_joint: Ints, rng: np.random.Generator
 ) -> tuple[tuple[GapCell, ...], str]:
     """Compare real logs and the nominal model's runs of the same commands, cell by cell; and a note for the reader.
 
@@ -93,7 +92,7 @@ def _known(value: Array) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _signals(side: LogSet) -> dict[str, Array]:
+def _signals(side: GapSide) -> dict[str, Array]:
     stack = side.stack
     found = {"position": stack.filled(lambda r: r.position_rad), "velocity": stack.filled(lambda r: r.velocity_rad_s)}
     if all(r.has("load_nm") for r in stack.recordings):
@@ -105,11 +104,7 @@ def _signals(side: LogSet) -> dict[str, Array]:
 
 
 def _digests(
-    stack: Stack,
-    values: dict[str, Array],
-    flags: dict[str, Flags],
-    signals: Sequence[str],
-    names: Sequence[str],
+    stack: Stack, values: dict[str, Array], flags: dict[str, Flags], signals: Sequence[str], names: Sequence[str]
 ) -> tuple[Array, Ints]:
     n_joints = next(iter(values.values())).shape[1]
     out = np.full((len(stack.recordings), len(signals), n_joints, len(names), len(QUANTILES)), np.nan)
@@ -131,12 +126,7 @@ def _digests(
 
 
 def _p_values(
-    distance: Array,
-    first: Ints,
-    second: Ints,
-    is_real: Flags,
-    sequences: Sequence[str],
-    rng: np.random.Generator,
+    distance: Array, first: Ints, second: Ints, is_real: Flags, sequences: Sequence[str], rng: np.random.Generator
 ) -> Array:
     """Adjusted p-values of the cells: whole runs change sides within their sequence."""
     flat = distance.reshape(len(distance), -1)
@@ -172,7 +162,7 @@ def benjamini_hochberg(p_values: Array) -> Array:
 
 
 def _block_interval(
-    real: LogSet,
+    real: GapSide,
     signals: Sequence[str],
     values_by_signal: dict[str, Array],
     model: Array,
@@ -182,7 +172,7 @@ def _block_interval(
     """90 % interval of the gap over all joints and regimes, resampling blocks of one second of the real logs."""
     stack = real.stack
     values = np.stack([values_by_signal[s] for s in signals], axis=2)
-    block = stack.run * 100_000 + stack.state // max(1, round(BLOCK_S / stack.period_s))
+    block = stack.run * 100_000 + stack.state // max(1, round(1.0 / stack.period_s))
     active, _ = _under_policy(stack)
     kinds, number = np.unique(np.where(stack.used & active, block, -1), return_inverse=True)
     rows_of = [np.flatnonzero(number == k)[::4] for k in range(len(kinds)) if kinds[k] >= 0]

@@ -13,6 +13,7 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from diagnosis.channels import Array
+from diagnosis.decision_constants import MIN_GAP
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy
 from trainer.signals.distances import SequenceReference, digest, distance, features_of_run
@@ -20,8 +21,6 @@ from trainer.signals.policy_ticks import MIN_TICKS
 
 N_RESAMPLES: Final = 1000
 LEVEL: Final = 0.90
-MIN_GAP: Final = 0.05
-"""A gap that exceeds its floor by less than this share of the floor has nothing to shrink."""
 QUANTILES: Final = (np.arange(100) + 0.5) / 100
 """Quantiles of a signal's digest; their mean difference is the Wasserstein distance."""
 WHOLE: Final = 0.9
@@ -84,7 +83,7 @@ class Shrinkage(NamedTuple):
     high: float | None
 
 
-def sequence_of(run: Run) -> str:
+def sequence_name(run: Run) -> str:
     """Name of the command sequence that a run follows."""
     return run.header.command_sequence or "unnamed"
 
@@ -100,7 +99,7 @@ def features_by_sequence(
     for run in runs:
         own = features_of_run(run, policy, at_least)
         if len(own) >= MIN_TICKS or at_least:
-            found.setdefault(sequence_of(run), []).append(own)
+            found.setdefault(sequence_name(run), []).append(own)
     return found
 
 

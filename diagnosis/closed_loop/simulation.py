@@ -32,7 +32,7 @@ SUBSTEPS: Final = 2
 
 
 @dataclass(frozen=True)
-class SensorNoise(recorded_loop.SensorNoise):
+class UsualNoise(recorded_loop.SensorNoise):
     """A robot's usual noise."""
 
     position_rad: float = 3e-4
@@ -42,12 +42,12 @@ class SensorNoise(recorded_loop.SensorNoise):
     angular_vel_rad_s: float = 0.01
 
 
-def simulate(
+def simulate_scripts(
     model: RobotModel,
     policy: Policy,
     scripts: Sequence[Script],
     rng: np.random.Generator,
-    noise: SensorNoise,
+    noise: UsualNoise,
     *,
     only_ticks: bool = False,
     device: str = "cpu",
@@ -133,11 +133,11 @@ def _of_rows(model: RobotModel, n: int, start: int, stop: int) -> RobotModel:
     return replace(model, effects=tuple(own(effect) for effect in model.effects))
 
 
-Rollouts = Engine[tuple[bytes, str], Rollout, list[Run]]
+RolloutEngine = Engine[tuple[bytes, str], Rollout, list[Run]]
 """Computes rollouts under one policy, of which it is given the file's content, on a device."""
 
 
-def rollouts_under(policy: Policy, place: Place = IN_THIS_PROCESS) -> Rollouts:
+def rollouts_under(policy: Policy, place: Place = IN_THIS_PROCESS) -> RolloutEngine:
     """An engine for rollouts under a policy that was loaded from a file.
 
     Raises:
@@ -146,29 +146,25 @@ def rollouts_under(policy: Policy, place: Place = IN_THIS_PROCESS) -> Rollouts:
     """
     if not policy.file_bytes:
         raise BadInputError(f"policy {policy.contract.name} has no file, and cannot be simulated; load it from a file")
-    return Engine(roll_out, (policy.file_bytes, place.device), place)
+    return Engine(runs_of_rollout, (policy.file_bytes, place.device), place)
 
 
-def roll_out(shared: tuple[bytes, str], rollout: Rollout, tell: Tell) -> list[Run]:
-    """The runs of one rollout.
-
-    Raises:
-        BadInputError: The model cannot be simulated.
-    """
+def runs_of_rollout(shared: tuple[bytes, str], rollout: Rollout, tell: Tell) -> list[Run]:
+    """The runs of one rollout. Raises BadInputError: the model cannot be simulated."""
     policy, device = shared
-    return simulate(
+    return simulate_scripts(
         rollout.model,
         policy_from_bytes(policy, source="of the diagnosis"),
         rollout.scripts,
         np.random.default_rng(rollout.seed),
-        SensorNoise(),
+        UsualNoise(),
         only_ticks=rollout.only_ticks,
         device=device,
         tell=tell,
     )
 
 
-def merged(models: Sequence[RobotModel]) -> RobotModel | None:
+def merged_models(models: Sequence[RobotModel]) -> RobotModel | None:
     """One model for a batch whose run i is of ``models[i]``; None where no such model exists.
 
     Models have plain numbers, or one number a joint, shape (1, J).
@@ -186,7 +182,7 @@ def merged(models: Sequence[RobotModel]) -> RobotModel | None:
 
 def run_all(
     jobs: Sequence[tuple[RobotModel, Script]],
-    engine: Rollouts,
+    engine: RolloutEngine,
     rng: np.random.Generator,
     tell: Tell,
     *,
@@ -199,7 +195,7 @@ def run_all(
     """
     if not jobs:
         return []
-    together = merged([model for model, _ in jobs])
+    together = merged_models([model for model, _ in jobs])
     by_model: dict[int, list[int]] = {}
     for i, (model, _) in enumerate(jobs):
         by_model.setdefault(id(together or model), []).append(i)
@@ -218,7 +214,7 @@ def run_all(
     return [made[i] for i in range(len(jobs))]
 
 
-def simulate_all(rollouts: Sequence[Rollout], engine: Rollouts, tell: Tell) -> list[list[Run]]:
+def simulate_all(rollouts: Sequence[Rollout], engine: RolloutEngine, tell: Tell) -> list[list[Run]]:
     """Runs of each rollout, in their order; on the cores as jobs of at most :data:`MOST_RUNS` runs.
 
     Raises:

@@ -15,14 +15,14 @@ from diagnosis.closed_loop.shrink import (
     SequenceDistances,
     features_by_sequence,
     sequence_distances,
-    sequence_of,
+    sequence_name,
     shrinkage,
     simulated_features,
 )
-from diagnosis.closed_loop.simulation import Rollouts, run_all
+from diagnosis.closed_loop.simulation import RolloutEngine, run_all
 from diagnosis.document import Shrink
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.robot_models import model_of
+from diagnosis.selection.robot_models import corrected_model
 from diagnosis.selection.scoring import Scored
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
@@ -42,10 +42,10 @@ class Bench:
     scripts: tuple[Script, ...]
     """Scripts of the runs that are long enough."""
     policy: Policy
-    engine: Rollouts
+    engine: RolloutEngine
 
     @staticmethod
-    def of(runs: Sequence[Run], policy: Policy, engine: Rollouts) -> Bench | None:
+    def of(runs: Sequence[Run], policy: Policy, engine: RolloutEngine) -> Bench | None:
         """With every log that is long enough, run so often that simulated runs of a sequence have a scatter too.
 
         Logs at gains other than the policy's are left out. None where no log is long enough.
@@ -167,8 +167,8 @@ def _fitted_models(
 ) -> tuple[list[RobotModel] | None, str]:
     """Models fitted without each fold, and last the one fitted to all; None, and why, if a value is out of bounds."""
     try:
-        without = [model_of(nominal, board, scored, k) for k in range(len(folds))]
-        return [*without, model_of(nominal, board, scored)], ""
+        without = [corrected_model(nominal, board, scored, k) for k in range(len(folds))]
+        return [*without, corrected_model(nominal, board, scored)], ""
     except BadInputError as error:
         return None, str(error)
 
@@ -202,7 +202,7 @@ def compared_by_sequence(
         notes += _falls_of(sequence, bench.runs)
         own = {name: part[sequence] for name, part in parts.items()}
         compared.append(sequence_distances(sequence, real[sequence], own, steady=NOMINAL))
-    for sequence in sorted({sequence_of(r) for r in bench.runs} - set(bench.sequences)):
+    for sequence in sorted({sequence_name(r) for r in bench.runs} - set(bench.sequences)):
         notes += _falls_of(sequence, bench.runs) and [
             f"sequence {sequence}: every run fell within a second; none is simulated"
         ]
@@ -215,7 +215,7 @@ def compared_by_sequence(
 
 
 def _falls_of(sequence: str, runs: Sequence[Run]) -> list[str]:
-    mine = [run for run in runs if sequence_of(run) == sequence]
+    mine = [run for run in runs if sequence_name(run) == sequence]
     falls_s = [lasted.time_s for run in mine if (lasted := time_to_fall(run)) is not None and lasted.has_fallen]
     if not falls_s:
         return []

@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from diagnosis.decision_constants import NAMED
 from diagnosis.document import Verdict
-from diagnosis.improve.judgement import Figure, is_taken
+from diagnosis.improve.judgement import PolicyFigure, is_taken
 from diagnosis.improve.limits import Limit
-from diagnosis.report.words import LIKELY
 
 SCHEMA: Final = "spot-rl/improvement/1"
-Outcome = Literal["improved", "kept", "nothing", "unknown"]
+ImprovementOutcome = Literal["improved", "kept", "nothing", "unknown"]
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Improvement:
     tell.
     """
 
-    outcome: Outcome
+    outcome: ImprovementOutcome
     policy: str
     limits: tuple[Limit, ...]
-    figures: tuple[Figure, ...]
+    figures: tuple[PolicyFigure, ...]
     steps: tuple[TakenStep, ...]
     notes: tuple[str, ...]
     """What has to be known beside the figures."""
@@ -77,15 +77,15 @@ class Improvement:
         return {"schema": SCHEMA, "headline": self.headline, **asdict(self)}
 
 
-def worth_training(verdict: Verdict, limits: Sequence[Limit]) -> Outcome | None:
+def worth_training(verdict: Verdict, limits: Sequence[Limit]) -> ImprovementOutcome | None:
     """Why nothing is trained; None where the logs give a training something to learn from."""
     if any(d.is_found for d in verdict.differences) or any(limit.differs for limit in limits):
         return None
-    is_open = verdict.status in ("unknown_effect", "cannot_tell") or verdict.probability_unknown > LIKELY
+    is_open = verdict.status in ("unknown_effect", "cannot_tell") or verdict.probability_unknown > NAMED
     return "unknown" if is_open else "nothing"
 
 
-def outcome_of(figures: tuple[Figure, ...]) -> Outcome:
+def outcome_of(figures: tuple[PolicyFigure, ...]) -> ImprovementOutcome:
     """Whether the new policy is taken."""
     return "improved" if is_taken(figures) else "kept"
 

@@ -10,7 +10,7 @@ from scipy.stats import fisher_exact
 
 from spot_model.robot.gait import HOPS
 
-Kind = Literal["better", "worse", "same"]
+Trend = Literal["better", "worse", "same"]
 Evaluation = Mapping[str, Any]
 
 SPEED_SHARE: Final = 0.02
@@ -29,33 +29,33 @@ CHANCE: Final = 0.05
 
 
 @dataclass(frozen=True)
-class Figure:
+class PolicyFigure:
     """One measure of both policies."""
 
     name: str
     unit: str
     old: str
     new: str
-    kind: Kind
+    kind: Trend
     is_decisive: bool = False
     """Whether a worse one forbids the new policy: speed, standing, falls, gait."""
 
 
-def figures(old: Evaluation, new: Evaluation) -> tuple[Figure, ...]:
+def compared_figures(old: Evaluation, new: Evaluation) -> tuple[PolicyFigure, ...]:
     """All that two evaluations on the same robots have in common; the evaluations are those of ``spot-rl evaluate``."""
     return tuple(_figures(old, new))
 
 
-def is_taken(found: tuple[Figure, ...]) -> bool:
+def is_taken(found: tuple[PolicyFigure, ...]) -> bool:
     """Whether the new policy is the one to take: better in something, and worse in nothing that decides."""
     return any(f.kind == "better" for f in found) and not any(f.kind == "worse" and f.is_decisive for f in found)
 
 
-def _figures(old: Evaluation, new: Evaluation) -> Iterator[Figure]:
+def _figures(old: Evaluation, new: Evaluation) -> Iterator[PolicyFigure]:
     held = [e["top_speed"]["sustained_m_s"] for e in (old, new)]
     before, after = (0.0 if v is None else float(v) for v in held)
     change = _change(before, after, SPEED_SHARE * max(before, after))
-    yield Figure("highest speed held", "m/s", _number(held[0]), _number(held[1]), change, is_decisive=True)
+    yield PolicyFigure("highest speed held", "m/s", _number(held[0]), _number(held[1]), change, is_decisive=True)
     for key, name, unit, least in (
         ("mean_forward_error_m_s", "error of forward speed", "m/s", ERROR_M_S),
         ("mean_lateral_error_m_s", "error of sideways speed", "m/s", ERROR_M_S),
@@ -63,19 +63,19 @@ def _figures(old: Evaluation, new: Evaluation) -> Iterator[Figure]:
     ):
         a, b = _error(old, new, key), _error(new, old, key)
         if a is not None and b is not None:
-            yield Figure(name, unit, _number(a), _number(b), _change(-a, -b, least))
+            yield PolicyFigure(name, unit, _number(a), _number(b), _change(-a, -b, least))
     followed = _where_followed(old, new)
     if followed is not None:
         change = _change(-followed[0], -followed[1], LOST_M_S)
         name = "error of forward speed where the old policy follows"
-        yield Figure(name, "m/s", _number(followed[0]), _number(followed[1]), change, is_decisive=True)
+        yield PolicyFigure(name, "m/s", _number(followed[0]), _number(followed[1]), change, is_decisive=True)
     still = [float(e["tracking"]["standing_speed_m_s"]) for e in (old, new)]
     change = _change(-still[0], -still[1], STANDS_M_S)
-    yield Figure("speed at zero command", "m/s", _number(still[0]), _number(still[1]), change, is_decisive=True)
+    yield PolicyFigure("speed at zero command", "m/s", _number(still[0]), _number(still[1]), change, is_decisive=True)
     work = [_work(e, other) for e, other in ((old, new), (new, old))]
     if work[0] and work[1]:
         change = _change(-work[0], -work[1], WORK_SHARE * work[0])
-        yield Figure("power at the same speeds", "W", f"{work[0]:.0f}", f"{work[1]:.0f}", change)
+        yield PolicyFigure("power at the same speeds", "W", f"{work[0]:.0f}", f"{work[1]:.0f}", change)
     for key, name, count, of, is_bad in (
         ("fitted_robot", "falls, the fitted robot", "falls", "episodes", True),
         ("possible_robots", "falls, all robots that the logs allow", "falls", "episodes", True),
@@ -92,18 +92,18 @@ def _figures(old: Evaluation, new: Evaluation) -> Iterator[Figure]:
     if common:
         old_gait, new_gait = (", ".join(dict.fromkeys(g[v] for v in common)) for g in gaits)
         change = _change(-float(hops[0]), -float(hops[1]), 0.5)
-        yield Figure("gait", "", old_gait, new_gait, change, is_decisive=True)
+        yield PolicyFigure("gait", "", old_gait, new_gait, change, is_decisive=True)
 
 
-def _change(old: float, new: float, least: float) -> Kind:
+def _change(old: float, new: float, least: float) -> Trend:
     return "better" if new > old + least else "worse" if new < old - least else "same"
 
 
-def _counted(name: str, old: tuple[int, int], new: tuple[int, int], *, is_bad: bool) -> Figure:
+def _counted(name: str, old: tuple[int, int], new: tuple[int, int], *, is_bad: bool) -> PolicyFigure:
     chance = float(fisher_exact([[old[0], old[1] - old[0]], [new[0], new[1] - new[0]]]).pvalue)
     rise = new[0] / new[1] - old[0] / old[1]
-    kind: Kind = "same" if chance > CHANCE else "worse" if (rise > 0.0) == is_bad else "better"
-    return Figure(name, "", f"{old[0]} of {old[1]}", f"{new[0]} of {new[1]}", kind, is_decisive=True)
+    kind: Trend = "same" if chance > CHANCE else "worse" if (rise > 0.0) == is_bad else "better"
+    return PolicyFigure(name, "", f"{old[0]} of {old[1]}", f"{new[0]} of {new[1]}", kind, is_decisive=True)
 
 
 def _points(own: Evaluation, other: Evaluation) -> list[Mapping[str, Any]]:

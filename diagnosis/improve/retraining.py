@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from diagnosis.improve.steps import Say, Step, take
+from diagnosis.improve.steps import CommandStep, Say, take
 from spot_model.errors import GpuMemoryError
 from spot_model.policy.contract import PolicyContract
 
@@ -38,7 +38,7 @@ def train_words(
     return ("train", "--config", str(config), *words, "--out", str(out), "--device", device)
 
 
-def take_training(step: Step, run: Path, n_envs: int, device: str, say: Say) -> float | None:
+def take_training(step: CommandStep, run: Path, n_envs: int, device: str, say: Say) -> float | None:
     """Train, from the last checkpoint where there is one; with half of the robots where a GPU's memory is too small."""
     while True:
         if sorted(run.glob("checkpoint_*.pt")):

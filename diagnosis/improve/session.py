@@ -15,11 +15,11 @@ from typing_extensions import Self
 
 from diagnosis.document import Verdict
 from diagnosis.improve.improvement import Improvement, TakenStep, outcome_of, step_names, worth_training
-from diagnosis.improve.judgement import figures
+from diagnosis.improve.judgement import compared_figures
 from diagnosis.improve.limits import Limit, is_nearer, limits_of, search_config, with_limits
 from diagnosis.improve.page import improvement_page
 from diagnosis.improve.retraining import RETRAIN, refine_config, take_training, train_words
-from diagnosis.improve.steps import Say, Step, take
+from diagnosis.improve.steps import CommandStep, Say, take
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.io.models_file import load_models, save_models
@@ -27,7 +27,7 @@ from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import whole_file, write_new, write_over
 from spot_model.policy.policy import load_policy
 from spot_model.version import software_revision
-from trainer.config.train_config import load_config
+from trainer.config.train_config import load_train_config
 from trainer.sysid.result import ResultData
 
 ROBOTS_DRAWN: Final = 1
@@ -58,16 +58,12 @@ class ImproveRequest(Settings):
         n: int,
         seed: int,
     ) -> Self:
-        """Check all that can be checked before any work.
-
-        Raises:
-            SpotRlError: A file is missing or not valid.
-        """
+        """Check all that can be checked before any work. Raises SpotRlError: a file is missing or not valid."""
         for path in logs:
             if not path.exists():
                 raise BadInputError(f"there is no log {path}; give files of spot-rl (*.mcap), or folders of them")
         load_model(nominal)
-        load_config(config or RETRAIN, sets)
+        load_train_config(config or RETRAIN, sets)
         return cls(
             logs=tuple(str(path.absolute()) for path in logs),
             policy=str(policy.absolute()),
@@ -95,15 +91,15 @@ def improve_policy(
     _keep(inputs, place["inputs"])
     policy, steps = Path(inputs.policy), list[TakenStep]()
 
-    def done(step: Step, seconds: float | None) -> None:
+    def done(step: CommandStep, seconds: float | None) -> None:
         steps.append(TakenStep(step.about, step.command, seconds))
 
     def simple(
         about: str, words: tuple[str, ...], result: str, *, cores: tuple[str, ...] = (), gpu: str = device
     ) -> None:
-        step = Step(about, (*words, *cores), place[result])
+        step = CommandStep(about, (*words, *cores), place[result])
         if gpu != "cpu":
-            step = Step(about, (*words, "--device", gpu), place[result], on_cores=step.words)
+            step = CommandStep(about, (*words, "--device", gpu), place[result], on_cores=step.words)
         done(step, take(step, say))
 
     # What the logs say of the robot; on the cores, where a GPU would not be quicker.
@@ -136,7 +132,7 @@ def improve_policy(
                      "--seed", str(inputs.seed), "--out", str(place[name].parent))  # fmt: skip
             simple(f"evaluation of the {name} policy", words, name)
             evaluations.append(json.loads(place[name].read_text(encoding="utf-8")))
-    compared = figures(*evaluations) if evaluations else ()
+    compared = compared_figures(*evaluations) if evaluations else ()
     outcome = why or outcome_of(compared)
     config = {**inputs.model_dump(by_alias=True), "device": device, "revision": software_revision()}
     result = Improvement(outcome, policy.stem, limits, compared, tuple(steps), (*verdict.warnings, *said), config)
@@ -198,16 +194,20 @@ def _identify(
 
 
 def _train(
-    inputs: ImproveRequest, place: dict[str, Path], device: str, say: Say, done: Callable[[Step, float | None], None]
+    inputs: ImproveRequest,
+    place: dict[str, Path],
+    device: str,
+    say: Say,
+    done: Callable[[CommandStep, float | None], None],
 ) -> None:
     """PPO on a GPU, from where the policy stands."""
     policy, run = Path(inputs.policy), place["training"]
-    contract, config = load_policy(policy).contract, load_config(Path(inputs.config), inputs.sets)
+    contract, config = load_policy(policy).contract, load_train_config(Path(inputs.config), inputs.sets)
     words = train_words(place["robots"], policy, contract, Path(inputs.config), inputs.sets, run, device)
     last = run / f"checkpoint_{config.iterations:06d}.pt"
-    step = Step("training", words, last)
+    step = CommandStep("training", words, last)
     done(step, take_training(step, run, config.n_envs, device, say))
-    step = Step("export", ("export", str(run), "--out", str(place["retrained"])), place["retrained"])
+    step = CommandStep("export", ("export", str(run), "--out", str(place["retrained"])), place["retrained"])
     done(step, take(step, say))
 
 

@@ -21,7 +21,7 @@ class StepError(SpotRlError):
 
 
 @dataclass(frozen=True)
-class Step:
+class CommandStep:
     """One command of the improvement.
 
     Args:
@@ -42,7 +42,7 @@ class Step:
         return " ".join(["spot-rl", *self.words])
 
 
-def take(step: Step, say: Say) -> float | None:
+def take(step: CommandStep, say: Say) -> float | None:
     """Run a step unless its result is there; returns its seconds, None if it was done before.
 
     Raises:

@@ -50,7 +50,7 @@ class Coefficient:
         return self.low != self.high
 
 
-Grid = Mapping[str, tuple[float, ...]]
+ShapeGrid = Mapping[str, tuple[float, ...]]
 STEPS: Final = (0.72, 0.85, 0.93, 1.08, 1.18, 1.38)
 WIDE_STEPS: Final = (0.72, 0.85, 1.19, 1.4)
 CLOSE_STEPS: Final = (0.9, 0.94, 0.97, 1.03, 1.06, 1.1)
@@ -100,9 +100,9 @@ class LibraryEffect(ABC):
     split_by: ClassVar[Experiment] = SPRINT
     """What to record to tell it from those."""
 
-    grid: ClassVar[Grid] = {}
+    grid: ClassVar[ShapeGrid] = {}
     """Values of the shape's numbers that are tried first, each with each."""
-    nearby: ClassVar[Grid] = {}
+    nearby: ClassVar[ShapeGrid] = {}
     """Factors by which the shape's numbers are moved in a finer round, one at a time."""
 
     taken_away: Mapping[str, float] = {}
@@ -197,7 +197,7 @@ def acts_last(effect: LibraryEffect) -> bool:
     return effect.location is not Location.ROBOT
 
 
-def legs_of(joints: Flags, view: ChannelView) -> Flags:
+def legs_with(joints: Flags, view: ChannelView) -> Flags:
     """Legs with any of the joints, shape (number of legs,); at least one entry."""
     return np.isin(np.arange(max(1, int(view.leg_of_joint.max(initial=-1)) + 1)), view.leg_of_joint[joints])
 

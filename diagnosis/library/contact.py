@@ -12,7 +12,7 @@ from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.contact_events import STOP_PER_TIME_CONSTANT, vertical_force_n
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.kinematics import InertialSignals, StanceSignals
-from diagnosis.library import STEPS, Coefficient, Grid, LibraryEffect, Location, constant_columns, legs_of
+from diagnosis.library import STEPS, Coefficient, LibraryEffect, Location, ShapeGrid, constant_columns, legs_with
 from diagnosis.library.experiments import OTHER_GROUND, STAND, TAPED_DISTANCE, TURN
 from spot_model.effects.bodies import FootRadius, GroundCompliance, GroundFriction
 from spot_model.effects.estimator import ContactDelay, ImuTilt, VelocityEstimate
@@ -38,7 +38,7 @@ class FootRadiusEntry(LibraryEffect):
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What feet of the right size would change."""
         k: StanceSignals = view.signals
-        legs = legs_of(joints, view)
+        legs = legs_with(joints, view)
         key = ("foot_radius", tuple(np.flatnonzero(legs)))
         radius = k.inputs.foot_radius_m + RADIUS_STEP_M * legs
         return k.correction(view.name, key, foot_radius_m=radius)[:, :, None] / RADIUS_STEP_M
@@ -61,7 +61,7 @@ class GroundFrictionEntry(LibraryEffect):
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The nominal coefficient."""
         s: BodyModel = view.signals
-        return constant_columns(view, np.kron([0.0, 1.0, 0.0], s.foot_friction * legs_of(joints, view)))
+        return constant_columns(view, np.kron([0.0, 1.0, 0.0], s.foot_friction * legs_with(joints, view)))
 
 
 class GroundComplianceEntry(LibraryEffect):
@@ -86,7 +86,7 @@ class GroundComplianceEntry(LibraryEffect):
 
         Feet that carry less roll more, so that front and hind feet do not lie lower alike.
         """
-        legs = legs_of(joints, view)
+        legs = legs_with(joints, view)
         if view.name == Channel.STANCE_KINEMATICS:
             front, hind = _sunk(view.signals, legs & FRONT), _sunk(view.signals, legs & ~FRONT)
             return np.stack([np.zeros_like(front), front, hind], axis=2)
@@ -129,8 +129,8 @@ class VelocityEstimateEntry(LibraryEffect):
         Coefficient("bias_y_m_s", "m/s", -1.0, 1.0),
         Coefficient("late", "1", 1.0, 1.0),
     )
-    grid: ClassVar[Grid] = {"lag_s": (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)}
-    nearby: ClassVar[Grid] = {"lag_s": STEPS}
+    grid: ClassVar[ShapeGrid] = {"lag_s": (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)}
+    nearby: ClassVar[ShapeGrid] = {"lag_s": STEPS}
     confused_with = ("foot_radius", "ground_friction", "imu_tilt")
     split_by = TAPED_DISTANCE
 
@@ -177,7 +177,7 @@ class ImuTiltEntry(LibraryEffect):
     channels = (Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS, Channel.INERTIAL_UNIT)
     location = Location.ROBOT
     coefficients = (Coefficient("roll_rad", "rad", -0.3, 0.3), Coefficient("pitch_rad", "rad", -0.3, 0.3))
-    grid: ClassVar[Grid] = {"packets_are_tilted": (1.0, 0.0)}
+    grid: ClassVar[ShapeGrid] = {"packets_are_tilted": (1.0, 0.0)}
     """Whether the unit's own packets are tilted with the attitude."""
     confused_with = ("ground_slope", "com_offset", "encoder_offset", "velocity_estimate")
     split_by = TURN
@@ -247,4 +247,4 @@ class ContactDelayEntry(LibraryEffect):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """One."""
-        return constant_columns(view, np.kron([1.0, 0.0, 0.0], legs_of(joints, view)))
+        return constant_columns(view, np.kron([1.0, 0.0, 0.0], legs_with(joints, view)))

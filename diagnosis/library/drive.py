@@ -14,8 +14,8 @@ from diagnosis.library import (
     STEPS,
     WIDE_STEPS,
     Coefficient,
-    Grid,
     LibraryEffect,
+    ShapeGrid,
     constant_columns,
     on_joints,
 )
@@ -31,7 +31,7 @@ from spot_model.effects.friction import (
     smooth_sign,
 )
 from spot_model.effects.power import ThermalDerating
-from trainer.signals.motor_torque import presliding, side_by_side
+from trainer.signals.motor_torque import presliding, runs_side_by_side
 
 BUILDS_UP_RAD: Final = "builds_up_rad"
 FASTEST_RAD_S: Final = 1.2
@@ -45,8 +45,8 @@ class CoulombEntry(LibraryEffect):
     family = "friction"
     effect = CoulombFriction
     coefficients = (Coefficient("level_nm", "N·m", 0.0, 5.0),)
-    grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0, 0.004, 0.015)}
-    nearby: ClassVar[Grid] = {BUILDS_UP_RAD: (0.6, 1.6)}
+    grid: ClassVar[ShapeGrid] = {BUILDS_UP_RAD: (0.0, 0.004, 0.015)}
+    nearby: ClassVar[ShapeGrid] = {BUILDS_UP_RAD: (0.6, 1.6)}
     confused_with = ("stribeck_friction", "load_friction", "viscous_friction")
     split_by = LOADED_WALK
 
@@ -83,8 +83,8 @@ class StribeckEntry(LibraryEffect):
     family = "friction"
     effect = StribeckFriction
     coefficients = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
-    grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0015, 0.005), "speed_rad_s": (0.2, 0.4, 0.8)}
-    nearby: ClassVar[Grid] = {"speed_rad_s": WIDE_STEPS}
+    grid: ClassVar[ShapeGrid] = {BUILDS_UP_RAD: (0.0015, 0.005), "speed_rad_s": (0.2, 0.4, 0.8)}
+    nearby: ClassVar[ShapeGrid] = {"speed_rad_s": WIDE_STEPS}
     confused_with = ("coulomb_friction", "backlash")
     split_by = SLOW_WALK
 
@@ -156,8 +156,8 @@ class BandwidthEntry(LibraryEffect):
     family = "a lag or delay"
     effect = TorqueBandwidth
     coefficients = (ALL_OF_IT,)
-    grid: ClassVar[Grid] = {"time_constant_s": (0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}
-    nearby: ClassVar[Grid] = {"time_constant_s": STEPS}
+    grid: ClassVar[ShapeGrid] = {"time_constant_s": (0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}
+    nearby: ClassVar[ShapeGrid] = {"time_constant_s": STEPS}
     confused_with = ("torque_delay", "armature", "viscous_friction")
     split_by = OTHER_KP
 
@@ -174,8 +174,8 @@ class DelayEntry(LibraryEffect):
     family = "a lag or delay"
     effect = TorqueDelay
     coefficients = (ALL_OF_IT,)
-    grid: ClassVar[Grid] = {"delay_s": (0.001, 0.002, 0.004, 0.008, 0.016)}
-    nearby: ClassVar[Grid] = {"delay_s": STEPS}
+    grid: ClassVar[ShapeGrid] = {"delay_s": (0.001, 0.002, 0.004, 0.008, 0.016)}
+    nearby: ClassVar[ShapeGrid] = {"delay_s": STEPS}
     confused_with = ("torque_bandwidth", "command_delay", "load_sensor_gain")
     split_by = OTHER_KP
 
@@ -272,7 +272,7 @@ def passed_on_nm(torque_nm: Array, gap_rad: Array, run: Ints, period_s: float) -
 
     One width after the other, each of shape (N, J). Meanwhile only whether it is passed on is kept: all of it, or none.
     """
-    (motor,), (row, recording) = side_by_side(run, torque_nm)
+    (motor,), (row, recording) = runs_side_by_side(run, torque_nm)
     whole = np.empty((len(gap_rad), *motor.shape[1:]))
     effect = Backlash(gap_rad=gap_rad[:, None, None]).arrays_like(whole)
     memory = effect.start(whole)

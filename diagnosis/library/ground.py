@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.kinematics import StanceSignals
-from diagnosis.library import Coefficient, Grid, LibraryEffect, Location
+from diagnosis.library import Coefficient, LibraryEffect, Location, ShapeGrid
 from diagnosis.library.experiments import OTHER_GROUND, TURN
 from spot_model.effects.ground import FootDrag, GroundSlope, foot_motion, level_turn_wxyz, low_feet
 from spot_model.robot import facts
@@ -117,7 +117,7 @@ class FootDragEntry(LibraryEffect):
     channels = (Channel.LOAD_TO_MOTION,)
     location = Location.ROBOT
     coefficients = (Coefficient("drag_n_s_per_m", "N·s/m", 0.0, 40.0),)
-    grid: ClassVar[Grid] = {"height_m": (0.04, 0.08, 0.16)}
+    grid: ClassVar[ShapeGrid] = {"height_m": (0.04, 0.08, 0.16)}
     # A foot meets the grass before the ground.
     confused_with = ("leg_mass", "viscous_friction", "contact_delay")
     split_by = OTHER_GROUND

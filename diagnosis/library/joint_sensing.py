@@ -16,7 +16,7 @@ from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.kinematics import StanceSignals
 from diagnosis.channels.sensors import USUAL, RateSignals
-from diagnosis.library import Coefficient, Grid, LibraryEffect, constant_columns, on_joints
+from diagnosis.library import Coefficient, LibraryEffect, ShapeGrid, constant_columns, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KP, STAND, TURN
 from spot_model.effects.joint_sensors import (
     EncoderOffset,
@@ -67,7 +67,7 @@ class JointComplianceEntry(LibraryEffect):
     effect = JointCompliance
     channels = (Channel.JOINT_RATES, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS)
     coefficients = (Coefficient("compliance_rad_per_nm", "rad/(N·m)", 0.0, 0.02),)
-    grid: ClassVar[Grid] = {VELOCITY_OF_MOTOR: (0.0, 1.0)}
+    grid: ClassVar[ShapeGrid] = {VELOCITY_OF_MOTOR: (0.0, 1.0)}
     confused_with = ("encoder_offset", "ground_compliance", "velocity_filter", "backlash")
     split_by = LOADED_WALK
 

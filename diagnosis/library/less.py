@@ -44,7 +44,7 @@ def sums(effect: type[Effect], p: Parameter) -> tuple[Turned, Turned]:
 def in_all(model: RobotModel, effect: type[Effect], p: Parameter) -> Array:
     """The sum over a model's effects of a kind, as :func:`sums` has it; shape (12,)."""
     into, _ = sums(effect, p)
-    return sum((into(by_joint(e, p)) for e in model.effects if isinstance(e, effect)), start=np.zeros(N_JOINTS))
+    return sum((into(value_by_joint(e, p)) for e in model.effects if isinstance(e, effect)), start=np.zeros(N_JOINTS))
 
 
 def with_less(model: RobotModel, effect: type[Effect], p: Parameter, less: Array) -> RobotModel:
@@ -55,9 +55,9 @@ def with_less(model: RobotModel, effect: type[Effect], p: Parameter, less: Array
         if not isinstance(e, effect) or not less[e.mask].any():
             effects.append(e)
             continue
-        before = into(by_joint(e, p))
+        before = into(value_by_joint(e, p))
         after = np.where(e.mask, np.clip(before + less, into(p.low), into(p.high)), 0.0)
-        values = np.where(less == 0.0, by_joint(e, p), np.clip(back(after), p.low, p.high))
+        values = np.where(less == 0.0, value_by_joint(e, p), np.clip(back(after), p.low, p.high))
         less = np.where(e.mask, less - (after - before), less)
         for value in np.unique(values[e.mask]):
             own: dict[str, Any] = {p.name: float(value)}
@@ -65,6 +65,6 @@ def with_less(model: RobotModel, effect: type[Effect], p: Parameter, less: Array
     return replace(model, effects=tuple(effects))
 
 
-def by_joint(e: Effect, p: Parameter) -> Array:
+def value_by_joint(e: Effect, p: Parameter) -> Array:
     """A parameter of an effect by joint, its null value where it does not act; shape (12,)."""
     return np.where(e.mask, np.broadcast_to(getattr(e, p.name), (1, N_JOINTS))[0], p.null)

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.sensors import PowerSignals
-from diagnosis.library import ALL_OF_IT, CLOSE_STEPS, Grid, LibraryEffect, Location, on_joints
+from diagnosis.library import ALL_OF_IT, CLOSE_STEPS, LibraryEffect, Location, ShapeGrid, on_joints
 from diagnosis.library.experiments import SLOW_WALK
 from spot_model.effects.base import Effect
 from spot_model.effects.power import BusSag, PowerLimit
@@ -22,7 +22,6 @@ from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, T
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 
-SAG_ROUNDS: Final = 8
 SAG_ALIKE_NM: Final = 1e-3
 """Rounds that differ by less are the last."""
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
@@ -54,7 +53,7 @@ class TorqueLimitEntry(_LimitEntry):
 
     title = "flat torque limit"
     effect = TorqueLimit
-    nearby: ClassVar[Grid] = {"limit_nm": CLOSE_STEPS}
+    nearby: ClassVar[ShapeGrid] = {"limit_nm": CLOSE_STEPS}
     confused_with = ("torque_gain", "thermal_derating", "position_torque_limit", "backlash")
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -110,7 +109,7 @@ class PositionLimitEntry(_LimitEntry):
 
     title = "torque limit by position"
     effect = PositionTorqueLimit
-    nearby: ClassVar[Grid] = {"motor_torque_nm": CLOSE_STEPS}
+    nearby: ClassVar[ShapeGrid] = {"motor_torque_nm": CLOSE_STEPS}
     confused_with = ("torque_limit", "torque_gain", "backlash")
     split_by = SLOW_WALK
 
@@ -176,7 +175,7 @@ class BusSagEntry(LibraryEffect):
     location = Location.ROBOT
     coefficients = (ALL_OF_IT,)
     confused_with = ("power_limit", "torque_speed_curve", "backlash")
-    nearby: ClassVar[Grid] = {
+    nearby: ClassVar[ShapeGrid] = {
         "resistance_ohm": (0.6, 0.8, 1.25, 1.6),
         "back_emf_v_s_per_rad": (0.85, 0.93, 1.08, 1.17),
         "stall_nm_per_v": (0.7, 0.85, 1.17, 1.4),
@@ -229,7 +228,7 @@ def added_by_sag_nm(s: ActuatorSignals, sag: BusSag) -> Array:
     keep = float(np.exp(-s.period_s / sag.smoothing_s))
     asked, velocity = s.torque_nm, s.velocity_rad_s
     torque, driving = asked, asked * velocity > 0.0
-    for _ in range(SAG_ROUNDS):
+    for _ in range(8):
         drawn = np.asarray(sag.power_w(torque, velocity))
         drawn = s.stack.by_run(lambda part: lfilter([0.0, 1.0 - keep], [1.0, -keep], part, axis=0), drawn)
         bound = np.asarray(sag.bound_nm(drawn, velocity))

@@ -13,9 +13,9 @@ from diagnosis.library import (
     ALL_OF_IT,
     WIDE_STEPS,
     Coefficient,
-    Grid,
     LibraryEffect,
     Location,
+    ShapeGrid,
     constant_columns,
     on_joints,
 )
@@ -73,8 +73,8 @@ class CommandJitterEntry(_LinkEntry):
     title = "jitter of commands"
     effect = CommandJitter
     coefficients = (ALL_OF_IT,)
-    grid: ClassVar[Grid] = {"mean_s": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)}
-    nearby: ClassVar[Grid] = {"mean_s": WIDE_STEPS}
+    grid: ClassVar[ShapeGrid] = {"mean_s": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)}
+    nearby: ClassVar[ShapeGrid] = {"mean_s": WIDE_STEPS}
     confused_with = ("command_delay", "command_drop")
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

@@ -123,7 +123,7 @@ def _load(value: object) -> LibraryEffect:
                 )
             made = EntryPoint(name="effect", value=value, group="spot_rl.library").load()
         if isinstance(made, type) and issubclass(made, Effect):
-            return entry_of(made)
+            return library_entry(made)
         if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
             raise BadInputError(f"--add-effect {value!r} is no Effect of spot_model.effects.base, and no LibraryEffect")
         for needed in ("effect", "coefficients"):
@@ -136,7 +136,7 @@ def _load(value: object) -> LibraryEffect:
         return effect
 
 
-def entry_of(effect: type[Effect]) -> LibraryEffect:
+def library_entry(effect: type[Effect]) -> LibraryEffect:
     """An entry whose coefficients and shape are the effect's parameters.
 
     A parameter that alone, the others at their null values, changes the torque in proportion to itself is a

@@ -13,7 +13,7 @@ from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
 from diagnosis.channels.body_model import GRAVITY_M_S2, full_rate_inputs
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
-from diagnosis.library import WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location
+from diagnosis.library import WIDE_STEPS, Coefficient, LibraryEffect, Location, ShapeGrid
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
 from diagnosis.library.less import AtBound
 from spot_model.effects.base import Effect
@@ -30,7 +30,6 @@ PLACE_M: Final = ((-0.5, -0.2, -0.3), (0.5, 0.2, 0.5))
 PLACE: Final = ("x_m", "y_m", "z_m")
 PAYLOAD_KG: Final = CLEARLY_ORDINARY * ERROR_SCALES["payload_mass"].scales["mass_kg"]
 """What weighs more is no error of the body's own mass."""
-LEAST_KG: Final = 1e-9
 DIGITS: Final = 12
 LEAST_M: Final = 10.0**-DIGITS
 """Rounding."""
@@ -64,7 +63,7 @@ class LegMassEntry(LibraryEffect):
     effect = LegMass
     channels = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
     coefficients = (Coefficient("scale", "1", -0.6, 4.0),)
-    nearby: ClassVar[Grid] = {"down_m": (0.8, 1.25)}
+    nearby: ClassVar[ShapeGrid] = {"down_m": (0.8, 1.25)}
     confused_with = ("payload_mass", "encoder_offset", "load_sensor_gain")
     split_by = Experiment("swing_legs", "Walk fast: swinging legs weigh their links.", WALK)
 
@@ -114,7 +113,7 @@ class PayloadEntry(_BodyEntry):
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Mass, and the place that its first moments give; where hardly anything is added, a place far outside."""
-        mass_kg = float(np.copysign(max(abs(coefficients[0]), LEAST_KG), coefficients[0]))
+        mass_kg = float(np.copysign(max(abs(coefficients[0]), 1e-9), coefficients[0]))
         return {"mass_kg": mass_kg, **dict(zip(PLACE, (coefficients[1:] / mass_kg).tolist(), strict=True))}
 
     def inverse(self, values: Mapping[str, float]) -> tuple[Array, Shape]:
@@ -249,12 +248,12 @@ class SwingingMassEntry(PayloadEntry):
     contains = ("payload_mass", "com_offset")
     confused_with = ("payload_mass", "com_offset", "leg_mass")
     split_by = STAND
-    grid: ClassVar[Grid] = {
+    grid: ClassVar[ShapeGrid] = {
         "frequency_hz": (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6),
         "damping": (0.05, 0.2),
         "bounces": (0.0, 1.0),
     }
-    nearby: ClassVar[Grid] = {"frequency_hz": (0.85, 0.93, 1.07, 1.16), "damping": WIDE_STEPS}
+    nearby: ClassVar[ShapeGrid] = {"frequency_hz": (0.85, 0.93, 1.07, 1.16), "damping": WIDE_STEPS}
 
     def show(self, views: Views) -> tuple[Channel, ...]:
         """Only by an inertial unit's acceleration: that of a differentiated velocity is ten times as noisy."""

@@ -24,7 +24,6 @@ WINDOW_BINS: Final = 81
 """What varies more slowly than over this many bins is taken off first."""
 SLOW_PER_RAD: Final = np.arange(9.0, 36.0)
 """So near to each other since hips and knees, 2.7 rad apart, share a phase: half a step aside a third of it is lost."""
-MAX_SLOW_SAMPLES: Final = 2000
 MIN_SAMPLES: Final = 50
 
 
@@ -37,7 +36,7 @@ def slow_orders(
     Arrays have shape (m, J); what trends go with, and is taken off first, is ``beside``, (m, J, k), and joints that may
     share a phase are ``sets``, (S, J).
     """
-    step = slice(None, None, max(1, len(position_rad) // MAX_SLOW_SAMPLES))
+    step = slice(None, None, max(1, len(position_rad) // 2000))
     joints = position_rad.shape[1]
     waves, energy = np.zeros((len(SLOW_PER_RAD), joints), dtype=np.complex128), np.full(joints, 1e-12)
     for joint, good in enumerate(usable[step].T):

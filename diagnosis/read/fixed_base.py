@@ -15,8 +15,9 @@ from scipy.optimize import nnls
 from diagnosis.read.robot_file import DriveNumbers, RobotFile
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from spot_model.robot.facts import Array
 from trainer.signals.motor_torque import direction
-from trainer.signals.recording import Array, Flags
+from trainer.signals.recording import Flags
 from trainer.signals.smoothing import rate, smooth
 
 STEP_S: Final = 1e-3
@@ -102,7 +103,7 @@ def loads_nm(robot: RobotFile, position_rad: Array, velocity_rad_s: Array, accel
     return load
 
 
-def fitted(torque_nm: Array, velocity_rad_s: Array, period_s: float) -> tuple[Drives, Array]:
+def fitted_drives(torque_nm: Array, velocity_rad_s: Array, period_s: float) -> tuple[Drives, Array]:
     """Drives by least squares from what the servos give beyond the links' loads, and what they leave; shape (n, J).
 
     No number of a drive is negative: none of them gives power.

@@ -13,10 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from diagnosis.read.fixed_base import Drives, error_rad, fitted, loads_nm
+from diagnosis.read.fixed_base import Drives, error_rad, fitted_drives, loads_nm
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
-from trainer.signals.recording import Array
+from spot_model.robot.facts import Array
 from trainer.signals.smoothing import rate, smooth, too_coarse
 
 MAX_ROWS_APART: Final = 12
@@ -28,7 +28,6 @@ LOAD_LAG_ROWS: Final = 0.5
 """By which a load is older than its state where nothing tells: what is least wrong for a torque loop within a state."""
 SPARSE: Final = 1.0 / 3.0
 """Set-points that change in a smaller share of the states are steps."""
-MIN_STEPS: Final = 40
 BEFORE_PEAK, AFTER_PEAK = 2, 4
 """Rows around the largest answer in which it is summed up: less than the time to the next tick's."""
 CLEAR: Final = 1.25
@@ -60,7 +59,7 @@ def rows_in_motion(runs: Sequence[Run], robot: RobotFile) -> float:
     return float(best) if costs[best] < BETTER * costs[0] and best < MAX_ROWS_APART - 1 else 0.0
 
 
-def servo_law(run: Run) -> tuple[Array, Array]:
+def with_servo_law(run: Run) -> tuple[Array, Array]:
     """The servo law at each state in two parts: what the newest command pulls with, and what the joint itself takes."""
     states, c = run.states, run.commands
     row = np.clip(np.searchsorted(c.robot_stamp_ns, states.robot_stamp_ns, side="right") - 1, 0, len(c) - 1)
@@ -112,7 +111,7 @@ def _answers(run: Run) -> tuple[Array, Array, Array] | None:
     step = np.diff(ask, axis=0)
     change = np.diff(states.load_nm, axis=0)
     changed = np.flatnonzero(np.abs(step).max(axis=1) > 0.0) if len(step) else np.zeros(0, dtype=np.intp)
-    if not MIN_STEPS <= len(changed) < SPARSE * len(states):
+    if not 40 <= len(changed) < SPARSE * len(states):
         return None
     step = step[changed] / np.maximum(np.std(step[changed], axis=0), 1e-9)
     change = np.nan_to_num(change / np.maximum(np.nanstd(change, axis=0), 1e-9))
@@ -133,7 +132,7 @@ def _by_moving(runs: Sequence[Run]) -> float:
     shifts = np.arange(-MAX_ROWS_APART, MAX_ROWS_APART + STEP_ROWS, STEP_ROWS)
     costs = np.zeros(len(shifts))
     for run in runs:
-        pulled, own, load = *servo_law(run), run.states.load_nm
+        pulled, own, load = *with_servo_law(run), run.states.load_nm
         size = np.maximum(np.nanstd(load, axis=0), 1e-9)
         inner = slice(MAX_ROWS_APART + 1, len(load) - MAX_ROWS_APART - 1)
         for i, shift in enumerate(shifts):
@@ -160,7 +159,7 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     """
     notes: list[str] = []
     out = [_without_gaps(run, notes) for run in runs]
-    out = [with_gains(run, robot) for run in out]
+    out = [with_own_gains(run, robot) for run in out]
     if robot.load == "from_motion":
         out = [_with_load(run, robot, notes) for run in out]
         if any(np.isfinite(run.states.load_nm).any() for run in out):
@@ -194,7 +193,7 @@ def _without_gaps(run: Run, notes: list[str]) -> Run:
     return replace(run, states=states.rows(~bad))
 
 
-def with_gains(run: Run, robot: RobotFile) -> Run:
+def with_own_gains(run: Run, robot: RobotFile) -> Run:
     """The log with the robot's gains where it has none."""
     given = {"kp_nm_per_rad": robot.each(robot.kp_nm_per_rad), "kd_nm_s_per_rad": robot.each(robot.kd_nm_s_per_rad)}
     filled: dict[str, Any] = {}
@@ -235,7 +234,7 @@ def _agreement(run: Run) -> float:
     A correlation, 0 where nothing was asked. Friction and rotor inertia are fitted, and cannot give: in the air, a
     geared leg's motor works against little else.
     """
-    pulled, own = servo_law(run)
+    pulled, own = with_servo_law(run)
     rest, size = drives_of(run)[1].var(axis=0), smooth(pulled - own).var(axis=0)
     found = 1.0 - rest[size > 0] / size[size > 0]
     return float(np.sqrt(max(0.0, np.median(found)))) if found.size else 0.0
@@ -243,9 +242,9 @@ def _agreement(run: Run) -> float:
 
 def drives_of(run: Run, rows: float = 0.0) -> tuple[Drives, Array]:
     """Drives that the log's motion and its commands, so many states late, speak for; and what they leave, (n, J)."""
-    pulled, own = servo_law(run)
+    pulled, own = with_servo_law(run)
     beyond = smooth(moved(pulled, rows) - own) - smooth(run.states.load_nm)
-    return fitted(beyond, run.states.velocity_rad_s, _period_s(run))
+    return fitted_drives(beyond, run.states.velocity_rad_s, _period_s(run))
 
 
 def _period_s(run: Run) -> float:

@@ -23,7 +23,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
-from trainer.signals.recording import Array
+from spot_model.robot.facts import Array
 
 PerJoint = float | tuple[float, ...]
 

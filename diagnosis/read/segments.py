@@ -14,9 +14,10 @@ from spot_log.read.run import CommandTable
 from spot_log.tools.measures import NEVER_NS
 from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import projected_gravity
 from trainer.signals.policy_ticks import fall_row
-from trainer.signals.recording import Array, Flags, Recording
+from trainer.signals.recording import Flags, Recording
 
 START_S: Final = 0.2
 """After the first command servos and body settle."""
@@ -31,14 +32,14 @@ SHORTEST_S: Final = 0.06
 STILL_RAD_S: Final = 0.25
 """Root-mean-square joint speed under which the robot stands."""
 
-Kind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
+SegmentKind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
 
 
 @dataclass(frozen=True)
 class Segment:
     """A stretch of one recording, rows ``first`` to ``last`` inclusive."""
 
-    kind: Kind
+    kind: SegmentKind
     first: int
     last: int
     reason: str
@@ -72,7 +73,7 @@ def cut(recording: Recording) -> Segmentation:
         end = recording.commands.end_robot_stamp_ns[np.maximum(row, 0)]
         expired = (row >= 0) & (end > 0) & (end < NEVER_NS) & (recording.stamp_ns > end)
     ignored = _not_following(recording, row)
-    cuts: tuple[tuple[Kind, Flags, str], ...] = (
+    cuts: tuple[tuple[SegmentKind, Flags, str], ...] = (
         ("lost", ~recording.present, "state messages are missing"),
         ("no_command", ~known, "no command has been received yet"),
         ("start", start & known, f"the first {START_S} s after the first command"),

@@ -14,8 +14,9 @@ from diagnosis.read.robot_file import RobotFile
 from spot_log.format.events import EventName
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from spot_model.robot.facts import Array
 from trainer.signals.policy_ticks import fall_row, fall_stamp_ns
-from trainer.signals.recording import MIN_STATES, Array, Flags
+from trainer.signals.recording import MIN_STATES, Flags
 
 BEYOND_STOP_RAD: Final = 0.3
 """Encoder offsets and stops that give way stay below this."""

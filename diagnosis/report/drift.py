@@ -16,12 +16,11 @@ from pydantic import Field
 from scipy.stats import norm
 
 from diagnosis.closed_loop.gap_map import benjamini_hochberg
-from diagnosis.decision_constants import NAMED
+from diagnosis.decision_constants import NAMED, SIGNIFICANT
 from diagnosis.document import CalibratedNumber, Difference, Status, Verdict
 from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report import words
-from diagnosis.report.figures import SIGNIFICANT
 from diagnosis.report.history import Dated
 from diagnosis.verdict.calibration import NEVER_MET, Z_90, in_model
 from spot_model.io.settings import Settings
@@ -33,7 +32,7 @@ MOST: Final = 4
 """Numbers that a sentence tells."""
 
 
-class Point(Settings):
+class DatedNumber(Settings):
     """A number at one date."""
 
     date: str
@@ -46,7 +45,7 @@ class Point(Settings):
     """Upper end."""
 
 
-class Track(Settings):
+class NumberHistory(Settings):
     """A number over the dates."""
 
     effect: str
@@ -63,10 +62,10 @@ class Track(Settings):
     """Whether a diagnosis names its effect here as a difference from an earlier date."""
     has_changed: bool = False
     """Whether the first and the last date differ in it significantly."""
-    points: tuple[Point, ...]
+    points: tuple[DatedNumber, ...]
     """By date, oldest first; dates that say nothing of it are left out."""
 
-    def at(self, date: str) -> Point | None:
+    def at(self, date: str) -> DatedNumber | None:
         """The number at a date."""
         return next((p for p in self.points if p.date == date), None)
 
@@ -101,16 +100,16 @@ class Drift(Settings):
     """What changed from the date before the last to the last, a sentence each; empty for a single date."""
     since_first: tuple[str, ...]
     """What changed from the first date to the last; empty for fewer than three dates."""
-    tracks: tuple[Track, ...]
+    tracks: tuple[NumberHistory, ...]
     """Numbers over the dates: those that were ever named first, then those that changed most."""
 
 
 class Moved(NamedTuple):
     """A number at two dates."""
 
-    track: Track
-    before: Point
-    after: Point
+    track: NumberHistory
+    before: DatedNumber
+    after: DatedNumber
     distance: float
     """In standard deviations; NaN where neither date has any."""
 
@@ -135,7 +134,7 @@ def drift_of(history: Sequence[Dated]) -> Drift:
     )
 
 
-def _outcome(history: Sequence[Dated], tracks: Sequence[Track]) -> Status | Literal["changed", "unchanged"]:
+def _outcome(history: Sequence[Dated], tracks: Sequence[NumberHistory]) -> Status | Literal["changed", "unchanged"]:
     v = history[-1].verdict
     if len(history) == 1 or v.status == "cannot_tell":
         return v.status
@@ -150,7 +149,7 @@ def _named(before: Dated, after: Dated) -> tuple[Difference, ...]:
     return after.verdict.differences if after.verdict.since == before.name else ()
 
 
-def _tracks(history: Sequence[Dated]) -> Iterator[Track]:
+def _tracks(history: Sequence[Dated]) -> Iterator[NumberHistory]:
     """Numbers that are measured with the calibration, then those of effects that are differences alone."""
     known: dict[tuple[str, str, str], list[tuple[CalibratedNumber, Dated]]] = {}
     for d in history:
@@ -159,20 +158,20 @@ def _tracks(history: Sequence[Dated]) -> Iterator[Track]:
             known.setdefault(key, []).append((n, d))
     for found in known.values():
         n = found[-1][0]
-        yield Track(
+        yield NumberHistory(
             **{name: getattr(n, name) for name in ("effect", "parameter", "title", "where", "unit")},
             is_named=any(_names(d.verdict, n) for _, d in found),
-            points=tuple(Point(date=d.name, value=n.value, low=n.low, high=n.high) for n, d in found),
+            points=tuple(DatedNumber(date=d.name, value=n.value, low=n.low, high=n.high) for n, d in found),
         )
     measured = {effect for effect, _, _ in known}
     places = {(e.name, e.joints): e for d in history for e in d.verdict.differences if e.name not in measured}
     for (effect, joints), e in places.items():
         dates = [d.name for d in history if d.verdict.since and any(_is_same(o, e) for o in d.verdict.differences)]
         for name, number in e.parameters.items():
-            yield Track(
+            yield NumberHistory(
                 effect=effect,
                 parameter=name,
-                title=f"{e.title or words.plain(effect)}: {parameter_words(name)}",
+                title=f"{e.title or words.plain_name(effect)}: {parameter_words(name)}",
                 where=words.joints_in_short(joints),
                 unit="" if number.unit == "1" else number.unit,
                 is_named=bool(dates),
@@ -190,7 +189,7 @@ def _is_same(one: Difference, other: Difference) -> bool:
     return (one.name, one.joints) == (other.name, other.joints)
 
 
-def _held(d: Dated, e: Difference, name: str) -> Point | None:
+def _held(d: Dated, e: Difference, name: str) -> DatedNumber | None:
     """A difference's number in the corrected model of a date, with an interval where that date measured it.
 
     None where the model does not have the number, as a limit that is never met.
@@ -199,17 +198,17 @@ def _held(d: Dated, e: Difference, name: str) -> Point | None:
     effect = LIBRARY[e.name].effect if e.name in LIBRARY else None
     known = None if effect is None else next((p for p in effect.parameters() if p.name == name), None)
     if effect is None or known is None or abs(known.null) >= NEVER_MET:
-        return None if n is None else Point(date=d.name, value=n.value, low=n.low, high=n.high)
+        return None if n is None else DatedNumber(date=d.name, value=n.value, low=n.low, high=n.high)
     value = in_model(d.model, SPOT, effect, known, np.isin(JOINT_NAMES, e.joints))
     if n is None:
-        return Point(date=d.name, value=value)
+        return DatedNumber(date=d.name, value=value)
     # What the date measured came on top of the model that it started from: a factor, or a summand.
     factor = value / n.value if known.null == 1.0 and n.value != 0.0 else 1.0
     low, high = (value + factor * (x - n.value) for x in (n.low, n.high))
-    return Point(date=d.name, value=value, low=low, high=high)
+    return DatedNumber(date=d.name, value=value, low=low, high=high)
 
 
-def significant(tracks: Sequence[Track], before: str, after: str) -> list[Moved]:
+def significant(tracks: Sequence[NumberHistory], before: str, after: str) -> list[Moved]:
     """Numbers that two dates are significantly apart in, farthest first."""
     found = [m for m in _moved(tracks, before, after) if m.track.where not in words.PLACES and np.isfinite(m.distance)]
     if not found:
@@ -219,7 +218,7 @@ def significant(tracks: Sequence[Track], before: str, after: str) -> list[Moved]
     return sorted(kept, key=lambda m: -abs(m.distance))
 
 
-def _moved(tracks: Sequence[Track], before: str, after: str) -> Iterator[Moved]:
+def _moved(tracks: Sequence[NumberHistory], before: str, after: str) -> Iterator[Moved]:
     """Numbers that both dates know."""
     for track in tracks:
         old, new = track.at(before), track.at(after)
@@ -228,24 +227,24 @@ def _moved(tracks: Sequence[Track], before: str, after: str) -> Iterator[Moved]:
             yield Moved(track, old, new, (new.value - old.value) / deviation if deviation > 0.0 else np.nan)
 
 
-def _deviation(p: Point) -> float:
+def _deviation(p: DatedNumber) -> float:
     """Standard deviation of a number, from the wider side: the other may end at a bound; infinite if not measured."""
     return np.inf if p.low is None or p.high is None else max(p.high - p.value, p.value - p.low) / Z_90
 
 
-def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator[str]:
+def _sentences(before: Dated, after: Dated, tracks: Sequence[NumberHistory]) -> Iterator[str]:
     """What changed between two dates."""
     v, named = after.verdict, _named(before, after)
     both = list(_moved(tracks, before.name, after.name))
     for e in named:
         places = (*e.joints, words.joints_in_short(e.joints), "body", "floor")
         own = [m for m in both if m.track.effect == e.name and m.track.where in places]
-        told = _told(own).replace(f"{e.title}: ", "") or "; ".join(words.size_phrase(*p) for p in e.parameters.items())
+        told = _moves(own).replace(f"{e.title}: ", "") or "; ".join(words.size_phrase(*p) for p in e.parameters.items())
         yield words.sentence(f"{words.found(e)}, P {e.probability:.2f}: {told}".removesuffix(": "))
     others = {e.name for e in named}
     rest = [m for m in significant(tracks, before.name, after.name) if m.track.effect not in others]
     if rest:
-        yield words.sentence(f"{'also ' if named else ''}changed, beyond what the intervals allow: {_told(rest)}")
+        yield words.sentence(f"{'also ' if named else ''}changed, beyond what the intervals allow: {_moves(rest)}")
     if not named and not rest and v.status != "cannot_tell":
         measured = [[(p := t.at(d.name)) is not None and p.low is not None for t in tracks] for d in (before, after)]
         compared = f"{sum(map(min, *measured))} of its {sum(measured[0])} numbers are measured on both dates"
@@ -257,7 +256,7 @@ def _sentences(before: Dated, after: Dated, tracks: Sequence[Track]) -> Iterator
         yield f"Something acts that no effect of the library explains (P {v.probability_unknown:.2f}){as_before}."
 
 
-def _told(moved: Sequence[Moved]) -> str:
+def _moves(moved: Sequence[Moved]) -> str:
     """Numbers with where they came from; empty without any."""
     told = [
         f"{m.track.title}{of_place(m.track)} {words.number(m.before.value, m.track.unit)} → "
@@ -267,6 +266,6 @@ def _told(moved: Sequence[Moved]) -> str:
     return "; ".join([*told, *([f"{len(moved) - MOST} more numbers"] if len(moved) > MOST else [])])
 
 
-def of_place(track: Track) -> str:
+def of_place(track: NumberHistory) -> str:
     """Where a number is, behind its title; nothing for the body's."""
     return "" if track.where == "body" else f" of {words.place(track.where)}"

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from diagnosis.decision_constants import SIGNIFICANT
 from diagnosis.document import Consequences, GapCell
 from diagnosis.report.words import number
 from spot_log.page.sections import Bar, Bars, Cell, Map
 
 COLOURS: Final = ("var(--nominal)", "var(--corrected)", "var(--floor)")
 """Before, after, and what repeats or noise explain."""
-SIGNIFICANT: Final = 0.05
 LEAST_TOP: Final = 4.0
 """The darkest colour is of so many times what repeats or noise explain, or more: a robot without a gap stays pale."""
 SIGNALS: Final = ("load error", "load", "torque error of swinging legs", "velocity", "position")
@@ -54,7 +54,7 @@ def _gap_map(signal: str, cells: Sequence[GapCell], joints: Sequence[str]) -> Ma
 def coloured(cell: GapCell, cells: Sequence[GapCell]) -> Cell:
     """A cell among those of its figure; a dot marks what is not due to chance."""
     is_sure = cell.p_value is not None and cell.p_value <= SIGNIFICANT
-    return Cell(share_of(cell, top_of(cells)), told(cell), "•" if is_sure else "")
+    return Cell(share_of(cell, top_of(cells)), cell_tip(cell), "•" if is_sure else "")
 
 
 def top_of(cells: Sequence[GapCell]) -> float:
@@ -97,7 +97,7 @@ def has_floor(cells: Sequence[GapCell]) -> bool:
     return any(c.ratio is not None for c in cells)
 
 
-def told(cell: GapCell) -> str:
+def cell_tip(cell: GapCell) -> str:
     """A cell in words."""
     lines = [f"{cell.signal} of {cell.joint}", cell.regime, f"gap {cell.gap:.3g} {cell.unit}"]
     if cell.ratio is not None:

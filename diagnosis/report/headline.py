@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from diagnosis.decision_constants import RUNS_APART
+from diagnosis.decision_constants import NAMED, RUNS_APART
 from diagnosis.document import Verdict
 from diagnosis.report import words
 from spot_model.text import counted
@@ -28,13 +28,13 @@ def _answer(v: Verdict) -> str:
         return f"these logs cannot tell{', since they hold no measured loads' if possible else ''}{possible}"
     if v.status == "no_gap":
         return _no_gap(v)
-    own = "".join(f"; calibration: {told}" for told in ["; ".join(words.kinds_told(v))] if told)
-    if v.status == "unknown_effect" or (v.status == "calibration" and v.probability_unknown > words.LIKELY):
+    own = "".join(f"; calibration: {told}" for told in ["; ".join(words.kind_phrases(v))] if told)
+    if v.status == "unknown_effect" or (v.status == "calibration" and v.probability_unknown > NAMED):
         return f"something {_acts(v)} that no effect of the library explains (P {v.probability_unknown:.2f}){own}"
     if is_unchanged(v):
         return f"no change is shown{_far(v, 'that model')}{own}"
     if not v.differences:
-        return f"{'no cause found' if words.is_without_cause(v) else 'calibration'}: {words.own_told(v)}{_closed(v)}"
+        return f"{'no cause found' if words.is_without_cause(v) else 'calibration'}: {words.own_phrase(v)}{_closed(v)}"
     names = "; ".join(words.found_in_full(d) for d in v.differences[:MOST_NAMED])
     names += (
         f"; {counted(len(v.differences) - MOST_NAMED, 'more difference')}" if len(v.differences) > MOST_NAMED else ""
@@ -45,9 +45,7 @@ def _answer(v: Verdict) -> str:
 def is_unchanged(v: Verdict) -> bool:
     """Whether a diagnosis of a history shows nothing that its model of the date before lacks."""
     shown = [*v.differences, *(n for n in v.calibration.numbers if n.stands_out)]
-    return (
-        bool(v.since) and v.status in ("no_gap", "calibration") and not shown and v.probability_unknown <= words.LIKELY
-    )
+    return bool(v.since) and v.status in ("no_gap", "calibration") and not shown and v.probability_unknown <= NAMED
 
 
 def is_near(v: Verdict) -> bool:
@@ -74,7 +72,7 @@ def _where(v: Verdict) -> str:
 
 
 def _acts(v: Verdict) -> str:
-    return f"{'acts' if v.probability_unknown > words.LIKELY else 'may act'}{_where(v)}"
+    return f"{'acts' if v.probability_unknown > NAMED else 'may act'}{_where(v)}"
 
 
 def _closed(v: Verdict) -> str:
@@ -90,11 +88,11 @@ def _rest(v: Verdict) -> str:
     """What is there beside the differences."""
     if v.status != "partly_explained":
         return ""
-    if v.probability_unknown > words.LIKELY:
+    if v.probability_unknown > NAMED:
         return f"; something else {_acts(v)} (P {v.probability_unknown:.2f})"
     left = max(v.remainder, key=lambda g: g.ratio or 0.0, default=None)
     is_far = left is not None and (left.ratio or 0.0) > RUNS_APART
-    return f"; what is left: {words.left_told(left)}" if left is not None and is_far else ""
+    return f"; what is left: {words.left_phrase(left)}" if left is not None and is_far else ""
 
 
 def next_step(v: Verdict) -> str:
@@ -119,12 +117,12 @@ def next_step(v: Verdict) -> str:
         split, group = splits[0]
         what = split.text.split(":")[0].rstrip(".")
         which = (
-            " and ".join(map(words.plain, group))
+            " and ".join(map(words.plain_name, group))
             if len(group) <= words.LARGEST_GROUP
             else f"these {len(group)} effects"
         )
         return f"{what[:1].lower()}{what[1:]} and record it, to tell {which} apart"
-    if v.probability_unknown > words.LIKELY or v.status == "unknown_effect":
+    if v.probability_unknown > NAMED or v.status == "unknown_effect":
         return f"look at the robot{_where(v)}"
     has_loads = v.channels.get("set_point_to_load", "used") == "used"
     if is_good(v) and has_loads:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, datetime, timezone
 from pathlib import Path
@@ -16,13 +17,12 @@ from typing import Final
 from pydantic import ValidationError
 
 from diagnosis.document import Verdict, load_verdict
-from diagnosis.read import read_all
-from diagnosis.read.signal_checks import robot_of
 from diagnosis.report.output import NAMES
-from spot_log import Run
-from spot_model.errors import BadInputError
+from spot_log import Run, open_run
+from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.settings import explain
+from trainer.signals.log_files import log_files
 
 DATED: Final = re.compile(r"(\d{4}-\d{2}-\d{2})(-[\w.-]+)?")
 """Names of the folders."""
@@ -56,16 +56,23 @@ class Filing:
 
     out: Path
     nominal: str
-    since: str
+    since: str = ""
     """Name of the diagnosis whose corrected model is the nominal one; empty where a model was given."""
+    others: tuple[Dated, ...] = ()
+    """The other diagnoses of the history."""
+
+    def check_robot(self, robot: str) -> None:
+        """Raise ``BadInputError`` if the history is of a robot other than the logs'; either may be without a name."""
+        other = next((d for d in reversed(self.others) if robot and d.verdict.robot not in ("", robot)), None)
+        if other is not None:
+            raise BadInputError(
+                f"these logs are of robot {robot}; {other.folder} is of {other.verdict.robot}; keep a history of its "
+                "own for each robot"
+            )
 
 
 def day_of(name: str) -> date:
-    """The date at the beginning of a folder's name.
-
-    Raises:
-        BadInputError: There is none.
-    """
+    """The date at the beginning of a folder's name. Raises BadInputError: there is none."""
     found = DATED.fullmatch(name)
     try:
         return date.fromisoformat(found[1] if found else "")
@@ -110,19 +117,11 @@ def file_next(history: Path, logs: Sequence[Path], nominal: str | None, out: Pat
         out: The dated folder that was asked for; by default the day of the last log, UTC.
 
     Raises:
-        BadInputError: That date is there already, the logs tell no date, they are of another robot, or there is neither
-            an earlier diagnosis nor a model.
+        BadInputError: That date is there already, the logs tell no date, or there is neither an earlier diagnosis nor a
+            model.
     """
     earlier = read_history(history)
-    runs, _ = read_all(logs)
-    robot = robot_of(runs)
-    others = [d for d in earlier if robot and d.verdict.robot not in ("", robot)]
-    if others:
-        raise BadInputError(
-            f"these logs are of robot {robot}; {others[-1].folder} is of {others[-1].verdict.robot}; keep a history of "
-            "its own for each robot"
-        )
-    place = history / _date_of(runs, history) if out is None else out
+    place = history / _date_of(logs, history) if out is None else out
     day_of(place.name)
     if place.absolute().parent != history.absolute():
         raise BadInputError(f"--out {place} is not in the history; give {history / place.name}, or leave it out")
@@ -131,15 +130,21 @@ def file_next(history: Path, logs: Sequence[Path], nominal: str | None, out: Pat
         raise BadInputError(f"{place} exists: the history has a diagnosis of that date; {told}")
     before = [d for d in earlier if d.name < place.name]
     if nominal is not None:
-        return Filing(place, nominal, "")
+        return Filing(place, nominal, "", earlier)
     if not before:
         told = "give your simulator's model with --nominal; later dates start from the corrected model of the last"
         raise BadInputError(f"{history} has no diagnosis before {place.name}; {told}")
-    return Filing(place, str(before[-1].folder / NAMES["model"]), before[-1].name)
+    return Filing(place, str(before[-1].folder / NAMES["model"]), before[-1].name, earlier)
 
 
-def _date_of(runs: Sequence[Run], history: Path) -> str:
-    """The day of the last log, UTC, as the names of log files have it."""
+def _date_of(logs: Sequence[Path], history: Path) -> str:
+    """The day of the last log, UTC, as the names of log files have it; only headers are read."""
+    runs: list[Run] = []
+    for file in log_files(logs):
+        with suppress(SpotRlError, OSError):
+            runs.append(open_run(file))
+    if not runs:
+        raise BadInputError(f"{logs[0]} holds no log that can be read; give files written by spot-rl (*.mcap)")
     last = max(runs, key=lambda run: run.header.started_host_stamp_ns)
     began = datetime.fromtimestamp(last.header.started_host_stamp_ns * 1e-9, timezone.utc)
     if began.year < FIRST_YEAR:

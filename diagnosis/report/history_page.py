@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from diagnosis.report import words
-from diagnosis.report.drift import Drift, Track, drift_of, of_place
+from diagnosis.report.drift import Drift, NumberHistory, drift_of, of_place
 from diagnosis.report.history import day_of, read_history
 from diagnosis.report.output import NAMES
 from diagnosis.report.page import BADGES
@@ -18,7 +18,6 @@ from spot_model.text import counted
 
 PAGE: Final = "history.html"
 DATA: Final = "history.json"
-MOST_CHARTS: Final = 12
 MOST_COLUMNS: Final = 4
 """Numbers that have a column in the table of dates."""
 OUTCOMES: Final = {
@@ -59,7 +58,7 @@ def history_page(drift: Drift) -> str:
     parts = [
         Head(*OUTCOMES.get(drift.outcome, BADGES[last.status]), lead, drift.since_last[1:], meta),
         Section("Since the first date", drift.dates[0].date, Items(drift.since_first)),
-        Section("What changed", about, Beside([_chart(t, at) for t in changed[:MOST_CHARTS]], 3)),
+        Section("What changed", about, Beside([_chart(t, at) for t in changed[:12]], 3)),
         Section("Dates", "", _dates(drift, changed or drift.tracks)),
     ]
     return rendered("Has it changed?", parts)
@@ -74,7 +73,7 @@ def _places(drift: Drift) -> dict[str, float]:
     }
 
 
-def _chart(track: Track, at: Mapping[str, float]) -> Chart:
+def _chart(track: NumberHistory, at: Mapping[str, float]) -> Chart:
     """A number over the days, with whiskers."""
     points, name = track.points, f"{track.title}{of_place(track)}"
     x, y = [at[p.date] for p in points], [p.value for p in points]
@@ -87,7 +86,7 @@ def _chart(track: Track, at: Mapping[str, float]) -> Chart:
     return Chart(lines, title=title, x_title=f"days since {min(at, key=lambda date: at[date])}", height=130)
 
 
-def _dates(drift: Drift, tracks: Sequence[Track]) -> Table:
+def _dates(drift: Drift, tracks: Sequence[NumberHistory]) -> Table:
     """A row each date: its verdict, and the numbers that changed most."""
     columns = tracks[:MOST_COLUMNS]
     head = ("date", "verdict", "compared with", *(f"{t.title}{of_place(t)}" for t in columns))

@@ -20,13 +20,12 @@ NAMES = {
     "report": "report.html",
     "model": "corrected_model.yaml",
     "robots": "possible_robots.yaml",
-    "posterior": "posterior.json",
     "robot": "corrected_robot.yaml",
     "mjcf": "corrected_robot.xml",
 }
 
 
-def check_free(out: Path) -> None:
+def check_no_diagnosis(out: Path) -> None:
     """Refuse a folder that holds a diagnosis already, before any work is done.
 
     Raises:
@@ -49,8 +48,6 @@ def write_all(
     """
     v = result.verdict
     texts = {NAMES["report"]: page(result), NAMES["verdict"]: v.to_json(), **files}
-    if result.posterior is not None:
-        texts[NAMES["posterior"]] = result.posterior.model_dump_json(by_alias=True, indent=1) + "\n"
     with whole_folder(out) as part:
         for name, text in texts.items():
             (part / name).write_text(text, encoding="utf-8")

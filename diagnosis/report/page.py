@@ -102,7 +102,7 @@ def _where(result: Diagnosis) -> Content:
 
 def _gaps(v: Verdict) -> Content:
     """What the corrected model makes of each gap."""
-    c = words.whole(v)
+    c = words.whole_change(v)
     if c is None or not c.gaps:
         return None
     repeats = "two simulated runs" if v.shrink is not None and v.shrink.floor_of == "model" else "two runs of the robot"
@@ -139,8 +139,8 @@ def _group(d: Difference) -> Content:
     parts: list[Content] = []
     if len(d.group) > 1:
         hand = f" Besides: {d.split.by_hand}." if d.split is not None and d.split.by_hand else ""
-        others = ", ".join(f"{words.plain(n)} (P {d.rivals.get(n, 0.0):.2f})" for n in d.group[1:])
-        about = f"In place of {d.title or words.plain(d.name)}, these logs allow "
+        others = ", ".join(f"{words.plain_name(n)} (P {d.rivals.get(n, 0.0):.2f})" for n in d.group[1:])
+        about = f"In place of {d.title or words.plain_name(d.name)}, these logs allow "
         parts.append((about, Mark(others), f". To tell them apart: {d.split_by}{hand}"))
         parts.append(Mark(d.split.command if d.split is not None else "", "pre"))
     total = sum(g for g in d.channels.values() if g > 0.0)
@@ -155,17 +155,17 @@ def _unknown(v: Verdict) -> Content:
     about = f"Probability of an effect that the library lacks: {v.probability_unknown:.2f}. "
     about += "Sizes are root mean squares."
     add = ("Write it as an effect, and diagnose again with ", Mark("--add-effect module:Class", "code"), ".")
-    return Section("What no effect explains", about, [words.sentence(words.unknown_told(v.unknown)), add])
+    return Section("What no effect explains", about, [words.sentence(words.unknown_phrase(v.unknown)), add])
 
 
 def _walk(v: Verdict) -> Section:
     """What the corrected model changes in the walk."""
-    c, rows = words.whole(v), []
+    c, rows = words.whole_change(v), []
     for q in c.changes if c is not None else ():
         unit, scale = {"rad": ("°", float(np.degrees(1.0)))}.get(q.unit, (q.unit, 1.0))
         unit, scale = ("%", 100.0) if q.quantity == "fall_share" else (unit, scale)
         values = ("—" if x is None else words.number(scale * x) for x in (q.before, q.after, q.robot))
-        rows.append((f"{q.title}, {unit}", *(Mark(x, "number") for x in values), words.change_told(q)))
+        rows.append((f"{q.title}, {unit}", *(Mark(x, "number") for x in values), words.change_phrase(q)))
     head = ("quantity", "nominal model", "corrected model", "robot", "change from nominal to corrected")
     about = "The policy on both models and on the robot, with the same commands; compare/compare.html shows one log."
     return Section("How the walk changes", about, Table(head, rows))
@@ -178,7 +178,9 @@ def _calibration(v: Verdict) -> Section:
     about = f"{counted(len(numbers), 'number')} of the robot's own beside the nominal ones; "
     about += f"{n_out} {'stands' if n_out == 1 else 'stand'} out."
     more = Fold(f"{len(numbers) - first} more", _numbers(numbers[first:]))
-    kinds = [f"{words.plain(effect)}: {does}" for effect, c in v.calibration.effects.items() if (does := words.does(c))]
+    kinds = [
+        f"{words.plain_name(effect)}: {does}" for effect, c in v.calibration.effects.items() if (does := words.does(c))
+    ]
     what = Section("What each kind of number does", "", Items(kinds))
     return Section("Calibration", about, [_numbers(numbers[:first]), more, what])
 
@@ -193,7 +195,7 @@ def _numbers(numbers: list[CalibratedNumber]) -> Table:
 
 
 def _limits(v: Verdict) -> list[Section]:
-    chips = tuple(Mark(words.plain(n), "chip") for n in v.invisible)
+    chips = tuple(Mark(words.plain_name(n), "chip") for n in v.invisible)
     off = [(CHANNEL_TITLES.get(n, n), why.removeprefix("off: ")) for n, why in v.channels.items() if why != "used"]
     return [
         Section("Record next", "", Items(v.log_advice, is_numbered=True)),

@@ -37,7 +37,6 @@ PLACES: Final = {"hx": "sideways hips (hx)", "hy": "forward hips (hy)", "kn": "k
 NOTICED: Final = {"m/s": 0.1, "rad": 0.1}
 """Changes that a person notices, by unit; of others :data:`NOTICED_SHARE`."""
 NOTICED_SHARE: Final = 0.05
-LIKELY: Final = 0.5
 LARGEST_GROUP: Final = 3
 """Effects that are named as alternatives; of more it is said what they have in common."""
 MUCH: Final = 1.0 / 3.0
@@ -49,7 +48,7 @@ MOST_KINDS: Final = 2
 """Kinds of the robot's own numbers that the first sentence names."""
 
 
-def plain(name: str) -> str:
+def plain_name(name: str) -> str:
     """What an effect is called among people; the name as words where it is none of the library's."""
     return LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
 
@@ -115,7 +114,7 @@ def gap_phrase(g: GapChange) -> str:
     return f"the change of the {g.gap} gap may be chance"
 
 
-def change_told(c: QuantityChange) -> str:
+def change_phrase(c: QuantityChange) -> str:
     """What becomes of a quantity; empty where it is not known on both sides."""
     if c.before is None or c.after is None:
         return ""
@@ -138,7 +137,7 @@ def does(c: Consequences | None) -> str:
     gap = closes_most(c.gaps if c is not None else ())
     shown = [q for q in (c.changes if c is not None else ()) if is_shown(q.low, q.high) and _noticed(q) >= 1.0]
     return "; ".join(
-        [*([gap_phrase(gap)] if gap is not None else []), *map(change_told, sorted(shown, key=_noticed)[-1:])]
+        [*([gap_phrase(gap)] if gap is not None else []), *map(change_phrase, sorted(shown, key=_noticed)[-1:])]
     )
 
 
@@ -151,7 +150,7 @@ def _noticed(c: QuantityChange) -> float:
     return abs(c.after - c.before) / NOTICED.get(c.unit, max(NOTICED_SHARE * abs(c.before), 1e-12))
 
 
-def left_told(g: GapLeft) -> str:
+def left_phrase(g: GapLeft) -> str:
     """What is left of a gap, and how many times what a right model leaves that is."""
     times = "" if g.ratio is None else f", {g.ratio:.1f} times what {FLOOR}"
     return f"{g.gap} {number(g.left)} {g.unit}{times}"
@@ -180,7 +179,7 @@ def found_in_full(d: Difference) -> str:
     farthest = [size_phrase(*own) for own in sorted(d.parameters.items(), key=distance)[-1:]]
     sizes = [number(p.value, p.unit, p.low, p.high)] if known and p else farthest
     if len(d.group) > 1:
-        sizes = [f"{size} if it is {plain(d.name)}" for size in sizes]
+        sizes = [f"{size} if it is {plain_name(d.name)}" for size in sizes]
     return ", ".join([": ".join([found(d), *sizes]), f"P {d.probability:.2f}"])
 
 
@@ -191,12 +190,12 @@ def called(d: Difference) -> str:
     """
     less = "less " if is_less(d) else ""
     if len(d.group) <= LARGEST_GROUP:
-        return less + (" or ".join(map(plain, d.group)) if len(d.group) > 1 else d.title or plain(d.name))
+        return less + (" or ".join(map(plain_name, d.group)) if len(d.group) > 1 else d.title or plain_name(d.name))
     families = [LIBRARY[n].family if n in LIBRARY else "" for n in d.group]
     shared = LIBRARY[d.name].family if d.name in LIBRARY else ""
     if shared and families.count(shared) > len(families) / 2:
         return f"something like {less}{shared}"
-    return f"one of {len(d.group)} effects, {less}{d.title or plain(d.name)} among them"
+    return f"one of {len(d.group)} effects, {less}{d.title or plain_name(d.name)} among them"
 
 
 def is_less(d: Difference) -> bool:
@@ -221,7 +220,7 @@ def place(where: str) -> str:
     return PLACES.get(where, where)
 
 
-def _numbers_told(numbers: Sequence[CalibratedNumber]) -> str:
+def _numbers_phrase(numbers: Sequence[CalibratedNumber]) -> str:
     """The torque gains among some numbers, since they are what a person asks for, else the first number."""
     gains = [n for n in numbers if (n.effect, n.parameter) == ("torque_gain", "gain")]
     if gains:
@@ -241,13 +240,13 @@ def closing_kinds(v: Verdict) -> dict[str, GapChange]:
     return dict(sorted(found.items(), key=lambda item: -(item[1].share or 0.0))[:MOST_KINDS])
 
 
-def kinds_told(v: Verdict) -> list[str]:
+def kind_phrases(v: Verdict) -> list[str]:
     """What each of these kinds is on this robot, and what it closes: its numbers that stand out, else the farthest."""
     out = []
     for effect, g in closing_kinds(v).items():
         own = [n for n in v.calibration.numbers if n.effect == effect]
         shown = [n for n in own if n.stands_out] or own[:1]
-        told = _numbers_told(shown) if shown else plain(effect)
+        told = _numbers_phrase(shown) if shown else plain_name(effect)
         out.append(f"{told}, which closes {percent(g.share or 0.0)} of the {g.gap} gap")
     return out
 
@@ -257,17 +256,17 @@ def is_without_cause(v: Verdict) -> bool:
     return not v.differences and not closing_kinds(v) and not any(n.stands_out for n in v.calibration.numbers)
 
 
-def own_told(v: Verdict) -> str:
+def own_phrase(v: Verdict) -> str:
     """The robot's calibration: what closes much of a gap, and what else stands out."""
     kinds = closing_kinds(v)
     told = {*kinds, *(d.name for d in v.differences)}
     others = [n for n in v.calibration.numbers if n.stands_out and n.effect not in told]
     none = f"no number of the robot's own {'stands out' if v.calibration.numbers else 'is known'}"
-    rest = [_numbers_told(others)] if others else [] if kinds else [none]
-    return "; ".join([*kinds_told(v), *rest])
+    rest = [_numbers_phrase(others)] if others else [] if kinds else [none]
+    return "; ".join([*kind_phrases(v), *rest])
 
 
-def unknown_told(u: UnknownEffect) -> str:
+def unknown_phrase(u: UnknownEffect) -> str:
     """What is left that no effect explains: where, how much, and beside what is usual."""
     where = f" at {joints_in_short(u.joints)}" if u.joints else ""
     where += f", largest in {u.regime}" if u.regime else ""
@@ -277,14 +276,14 @@ def unknown_told(u: UnknownEffect) -> str:
     return f"{CHANNEL_TITLES.get(u.channel, u.channel)}{where}: {left} is left; {most}"
 
 
-def whole(v: Verdict) -> Consequences | None:
+def whole_change(v: Verdict) -> Consequences | None:
     """What the corrected model changes."""
     return v.consequences or v.calibration.consequences
 
 
 def all_gaps(v: Verdict) -> tuple[GapChange, ...]:
     """What it does to each gap; empty where that was not measured."""
-    all_ = whole(v)
+    all_ = whole_change(v)
     return () if all_ is None else all_.gaps
 
 

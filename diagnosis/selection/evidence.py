@@ -22,13 +22,11 @@ MIN_SAMPLES: Final = 30
 COUNTED: Final = (Channel.TIME_STAMPS,)
 FAR: Final = 20.0
 """In channels of stamps, what is farther off than this many usual sizes is a hand-over, not a delay."""
-MAX_LAG: Final = 60
 OUTLIER: Final = 3.0
 """A response counts as no more than so many of its row's scales, by its median size: late flags, impacts, slips."""
 PEAKS: Final = (Channel.SET_POINT_TO_LOAD, Channel.POLICY_REPLAY, Channel.BATTERY_POWER)
 PEAK: Final = 6.0
 """Where peaks are what an effect cuts off, they count up to so many scales."""
-CACHE_BYTES: Final = 200_000_000
 FOLD_BLOCK_S: Final = 2.0
 EXACT: Final = {Channel.POLICY_REPLAY: 0.02}
 """Channels whose formulas are no physics: a program's arithmetic is right or wrong."""
@@ -174,7 +172,7 @@ class Evidence:
         made = self._made(effect, shape)
         self._cache[key] = made
         self._bytes += sum(x.nbytes for x in made.x)
-        while self._bytes > CACHE_BYTES and len(self._cache) > 1:
+        while self._bytes > 200_000_000 and len(self._cache) > 1:
             _, old = self._cache.popitem(last=False)
             self._bytes -= sum(x.nbytes for x in old.x)
         return made
@@ -315,7 +313,7 @@ def _independent(y: Array, run: Ints) -> float:
     if spread <= 0.0:
         return float(len(y))
     total = 1.0
-    for lag in range(1, min(MAX_LAG, len(y) // 4)):
+    for lag in range(1, min(60, len(y) // 4)):
         same = run[lag:] == run[:-lag]
         if not same.any():
             break

@@ -11,10 +11,9 @@ from typing import Final
 
 import numpy as np
 
+from diagnosis.decision_constants import LEAST_NATS
 from spot_model.io.settings import Settings
 
-LEAST_NATS: Final = 3.0
-"""What brings less than odds of 20 to 1 is no finding, however little faultless robots show of it."""
 UNLEARNED: Final = {"ground_slope": "imu_tilt", "foot_drag": "viscous_friction"}
 """Effects that no faultless robot was asked about yet, with the learned one whose formula each shares: the attitude of
 standing feet, and a drag on swinging legs."""

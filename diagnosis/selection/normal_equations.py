@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -19,8 +19,6 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from diagnosis.channels import Array, Ints
 
 Factor = tuple[Array, bool]
-SWEEPS: Final = 60
-RIDGE: Final = 1e-9
 
 
 def one_thread() -> AbstractContextManager[object]:
@@ -128,13 +126,7 @@ class ColumnProducts:
 
 
 def solved(
-    sums: OrdinarySums,
-    part: OrdinaryPart,
-    tried: ColumnProducts,
-    weights: Array,
-    low: Array,
-    high: Array,
-    held: Array,
+    sums: OrdinarySums, part: OrdinaryPart, tried: ColumnProducts, weights: Array, low: Array, high: Array, held: Array
 ) -> tuple[Array, Array, Array]:
     """One weighted problem; ``held`` is the precision of the coefficients' priors, shape (k,).
 
@@ -171,14 +163,14 @@ def solve_bounded(gram: Array, right: Array, low: Array, high: Array) -> Array:
         return np.zeros_like(right)
     diagonal = np.einsum("...ii->...i", gram)
     scale = np.sqrt(np.maximum(diagonal, 1e-30))
-    unit = gram / (scale[..., :, None] * scale[..., None, :]) + RIDGE * np.eye(k)
+    unit = gram / (scale[..., :, None] * scale[..., None, :]) + 1e-9 * np.eye(k)
     target = right / scale
     b_low, b_high = low * scale, high * scale
     b = np.linalg.solve(unit, target[..., None])[..., 0]
     if np.all((b >= b_low) & (b <= b_high)):
         return np.asarray(b / scale)
     b = np.clip(b, b_low, b_high)
-    for _ in range(SWEEPS):
+    for _ in range(60):
         before = b.copy()
         for i in range(k):
             slope = target[..., i] - np.einsum("...j,...j->...", unit[..., i, :], b)

@@ -63,7 +63,7 @@ def with_errors(model: RobotModel, board: Evidence, pulls: Array, effects: Conta
     return model
 
 
-def model_of(nominal: RobotModel, board: Evidence, scored: Scored, fold: int | None = None) -> RobotModel:
+def corrected_model(nominal: RobotModel, board: Evidence, scored: Scored, fold: int | None = None) -> RobotModel:
     """The nominal model with this robot's ordinary errors and the effects, as fitted without a fold or to everything.
 
     A number beyond its parameter's bound is put at the bound; :func:`held_of` tells which.
@@ -180,7 +180,7 @@ def _where(robot: JointGroups, entry: LibraryEffect, joints: Flags) -> str:
     return name if entry.location is Location.JOINT else name.rsplit("_", 1)[0]
 
 
-def merged(model: RobotModel) -> RobotModel:
+def effects_merged(model: RobotModel) -> RobotModel:
     """The same model with one effect, with a number for each joint, in place of several of :data:`ALIKE`'s.
 
     So a model that is corrected time and again does not grow. Between two effects on the torque there may be others of
@@ -223,7 +223,7 @@ def _one_of_two(first: Effect, second: Effect) -> Effect:
     for p in first.parameters():
         if p.name in ALIKE[first.name]:
             into, back = less.sums(type(first), p)
-            total = into(less.by_joint(first, p)) + into(less.by_joint(second, p))
+            total = into(less.value_by_joint(first, p)) + into(less.value_by_joint(second, p))
             columns[p.name] = _plain(np.clip(back(total), p.low, p.high)[None], mask)
     return replace(first, joints=describe_joints(mask), **columns)
 
@@ -234,7 +234,7 @@ def _plain(values: Array, acts: Flags) -> Any:
     return float(own[0]) if np.all(own == own[0]) else values
 
 
-def by_joint(model: RobotModel, joint_names: tuple[str, ...]) -> RobotModel:
+def model_by_joint(model: RobotModel, joint_names: tuple[str, ...]) -> RobotModel:
     """The same model with plain numbers alone, one effect for joints of the same numbers: what goes into a file."""
     return replace(model, effects=tuple(own for effect in model.effects for own in _apart(effect, joint_names)))
 

@@ -23,11 +23,11 @@ from scipy.linalg import cho_solve
 from scipy.special import gammaln
 
 from diagnosis.channels import Array, Ints, Shape
+from diagnosis.decision_constants import ERROR_SCALES, LARGEST_IN_SPREADS, ErrorScale
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Evidence, key_of
 from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solve_bounded, solved
-from diagnosis.selection.priors import realistic_range
 
 BELOW_NOISE: Final = 0.1
 """What a mean square counts below the least that counts: next to nothing, but the better of two fits stays better."""
@@ -91,6 +91,15 @@ def bounds(effects: Sequence[LibraryEffect]) -> tuple[Array, Array]:
     return np.array([c.low for c in cs], dtype=np.float64), np.array([c.high for c in cs], dtype=np.float64)
 
 
+def realistic_range(effect: LibraryEffect) -> Array:
+    """Largest realistic size of each coefficient, within its bounds; infinite without freedom. Shape (C,)."""
+    given = ERROR_SCALES.get(effect.name, ErrorScale({}))
+    times = LARGEST_IN_SPREADS * max(1.0, given.alike)
+    asked = [effect.largest.get(c.name, times * given.scales.get(c.name, np.inf)) for c in effect.coefficients]
+    within = np.minimum([max(abs(c.low), abs(c.high)) for c in effect.coefficients], asked)
+    return np.where([c.is_free for c in effect.coefficients], within, np.inf)
+
+
 def ranges(effects: Sequence[LibraryEffect]) -> Array:
     """Realistic range of all coefficients, end to end; infinite for those without freedom."""
     return np.concatenate([np.zeros(0), *(realistic_range(e) for e in effects)])
@@ -136,7 +145,7 @@ class Scorer:
         self.own = term_columns(board, terms)
         self._own_cross: dict[tuple[object, ...], list[Array]] = {}
         self._tried = products_of_terms(board, self.own)
-        self.now = fitted(board, self.terms, self._tried)
+        self.now = fitted_terms(board, self.terms, self._tried)
         self.weights = self.now.weights
         self._by_weights: tuple[bytes, tuple[Any, ...]] = (b"", ())
 
@@ -246,7 +255,7 @@ def _occam(information: Array, wide: Array) -> Array:
     return np.asarray(0.5 * np.linalg.slogdet(inside)[1])
 
 
-def fitted(board: Evidence, terms: tuple[Placed, ...], tried: ColumnProducts) -> Scored:
+def fitted_terms(board: Evidence, terms: tuple[Placed, ...], tried: ColumnProducts) -> Scored:
     """Terms and ordinary errors, fitted under weights that stand still, and their value."""
     sums, effects = sums_of(board), [t.effect for t in terms]
     (low, high), wide = bounds(effects), ranges(effects)

@@ -17,14 +17,10 @@ from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, prices
 
-MAX_TERMS: Final = 6
-NEAR_SHARE: Final = 0.1
 WORTH_SHARE: Final = 0.25
 """An effect whose first try adds less than this share of what the best so far adds is not refined."""
 HOPELESS: Final = 5.0
 """Where the best coarse shape lacks so many nats of its price, no finer one is tried."""
-ROUNDS: Final = 5
-WEIGHT_ROUNDS: Final = 2
 SHAPES_AGAIN: Final = 8
 """Number of coarse shapes that are tried again with sharper weights."""
 
@@ -47,12 +43,12 @@ class Selection:
     """All effects alone, best first, whether or not they pass."""
 
 
-def search(board: Evidence, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
+def search_effects(board: Evidence, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
     """Choose effects of a library; progress goes to ``say``."""
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     first = ranked(board, (), usable)
     best, candidates = null_of(board), first
-    while candidates and candidates[0].value > max(best.value, 0.0) and len(best.terms) < MAX_TERMS:
+    while candidates and candidates[0].value > max(best.value, 0.0) and len(best.terms) < 6:
         best = candidates[0]
         say(f"found: {best.terms[-1].effect.title}")
         if len(best.terms) > 1:
@@ -121,7 +117,7 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Sc
     places = places[~(places * ~free).any(axis=1)]
     best: Scored | None = None
     weights = scorer.weights
-    for _ in range(WEIGHT_ROUNDS if shapes and len(places) else 0):
+    for _ in range(2 if shapes and len(places) else 0):
         # Weights follow what is left, so what explains much is judged sharply only in a second round.
         shape, place, shapes = _best_by_weights(scorer, effect, shapes, places, weights)
         if best is not None:
@@ -164,7 +160,7 @@ def _best_by_weights(
         attempt(shape, places)
     again = sorted(shapes, key=lambda s: -tried[tuple(sorted(s.items()))])[:SHAPES_AGAIN]
     is_near = best[0] > float(prices(scorer.board, effect, best[1][None])[0]) - HOPELESS
-    for _ in range(ROUNDS if is_near else 0):
+    for _ in range(5 if is_near else 0):
         if not any([attempt(shape, best[1][None]) for shape in effect.refined(best[2])]):  # noqa: C419 - each is tried
             break
     return best[2], best[1], again
@@ -193,7 +189,7 @@ def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, we
 def _near(first: Sequence[Scored], board: Evidence) -> set[str]:
     """Effects that alone explain at least a tenth of what the best explains, or the best in some channel."""
     top = max(first[0].value, 1.0) if first else 1.0
-    names = {r.terms[-1].effect.name for r in first if r.value > NEAR_SHARE * top}
+    names = {r.terms[-1].effect.name for r in first if r.value > 0.1 * top}
     for numbers in board.by_channel.values() if first else ():
         names.add(max(first, key=lambda r: float(r.by_block[numbers].sum())).terms[-1].effect.name)
     return names

@@ -8,17 +8,15 @@ import numpy as np
 
 from diagnosis.channels import Channel, ChannelOff, Shape, Views
 from diagnosis.channels.stack import Stack
+from diagnosis.decision_constants import LEAST_NATS
 from diagnosis.document import Difference, Split, UnknownEffect
 from diagnosis.library import LibraryEffect
 from diagnosis.library.experiments import Experiment
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.priors import realistic_range
-from diagnosis.selection.scoring import Scorer
+from diagnosis.selection.scoring import Scorer, realistic_range
 from spot_model.robot.facts import JOINT_NAMES
 
-LEAST_NATS = 3.0
-"""Odds of 20 to 1: what brings less is no finding."""
 MIN_REPEATS = 3
 FAST_M_S = 2.5
 

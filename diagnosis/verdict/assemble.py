@@ -10,13 +10,13 @@ import numpy as np
 from diagnosis.channels import Channel
 from diagnosis.closed_loop.consequences import worse_gaps
 from diagnosis.closed_loop.trials import Trials
-from diagnosis.decision_constants import NAMED, RUNS_APART
+from diagnosis.decision_constants import NAMED, RUNS_APART, SIGNIFICANT
 from diagnosis.document import Calibration, Difference, GapCell, GapChange, Number, Status, Stretch, Verdict
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Placed, Scored, Scorer
 from diagnosis.verdict.advice import advice, cannot_show, split
 from diagnosis.verdict.belief import Belief, is_none
-from diagnosis.verdict.calibration import by_type, calibrated_numbers, held_sentences, numbers, unit_numbers
+from diagnosis.verdict.calibration import by_type, calibrated_numbers, held_sentences, parameter_numbers, unit_numbers
 from diagnosis.verdict.explanation import Explanation
 from diagnosis.verdict.left_over import probability
 from diagnosis.verdict.measured import Measurements
@@ -32,7 +32,7 @@ MOST = 0.5
 FORCES = frozenset({Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION})
 
 
-def status_of(belief: Belief, measured: Measurements, unknown: float, is_simulated: bool) -> Status:
+def verdict_status(belief: Belief, measured: Measurements, unknown: float, is_simulated: bool) -> Status:
     """The verdict in a word."""
     found, gaps = belief.found, measured.whole.gaps
     if not found.views.keys() & FORCES and not is_simulated:
@@ -74,7 +74,7 @@ def assemble(
     found, board = belief.found, belief.found.board
     distances = trials.distances() if trials is not None else {}
     unknown_effect = probability(left_over)
-    status = status_of(belief, measured, unknown_effect, bool(distances))
+    status = verdict_status(belief, measured, unknown_effect, bool(distances))
     differences = tuple(_differences(belief, measured))
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
@@ -88,7 +88,7 @@ def assemble(
     return Verdict(
         status=status,
         warnings=tuple(worse_gaps(measured.whole)),
-        where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
+        where=tuple(c for c in cells if c.p_value is None or c.p_value <= SIGNIFICANT)[:N_WHERE],
         differences=differences,
         calibration=Calibration(
             numbers=calibrated_numbers(board, belief.best, model),
@@ -131,7 +131,7 @@ def _differences(belief: Belief, measured: Measurements) -> list[Difference]:
                 joints=board.robot.named(board.robot.joints_of(term.effect, place)),
                 split_by=term.effect.split_by.text if len(group) > 1 else "",
                 split=split(term.effect.split_by) if len(group) > 1 else None,
-                parameters=numbers(scorer, scored),
+                parameters=parameter_numbers(scorer, scored),
                 by_type=by_type(scorer, scored) if len(mine) == 1 else _by_place(board, best, mine),
                 rivals={n: there * w for n, w in group.items()},
                 gain_nats=float(gain),
@@ -154,7 +154,7 @@ def _by_place(board: Evidence, best: Scored, mine: Sequence[Placed]) -> dict[str
     for term in mine:
         scorer = Scorer(board, [t for t in best.terms if t is not term])
         where = " ".join(board.robot.words_for(term.effect, term.place))
-        out[where] = numbers(scorer, scorer.scored(term.effect, term.shape, term.place))
+        out[where] = parameter_numbers(scorer, scorer.scored(term.effect, term.shape, term.place))
     return out
 
 

@@ -57,7 +57,7 @@ class Belief:
     @property
     def stated(self) -> str:
         """Name of the set of the differences."""
-        return name_of(self.best)
+        return name_of_model(self.best)
 
 
 def decide(found: Explanation, library: Mapping[str, LibraryEffect]) -> Belief:
@@ -169,20 +169,20 @@ def weighted_sets(
     Each effect is there or not by itself, itself or one of its rivals.
     """
     best = found.selection.best
-    odds = {name_of(best): (best, float(np.prod([there[n] * groups[n][n] for n in found.effects])))}
+    odds = {name_of_model(best): (best, float(np.prod([there[n] * groups[n][n] for n in found.effects])))}
     for name in found.effects:
         rest = float(np.prod([there[n] * groups[n][n] for n in found.effects if n != name]))
         others = [t for t in best.terms if t.effect.name != name]
         less = Scorer(found.board, others).now if others else null_of(found.board)
-        odds.setdefault(name_of(less), (less, rest * max(1.0 - there[name], LEAST)))
+        odds.setdefault(name_of_model(less), (less, rest * max(1.0 - there[name], LEAST)))
         for rival in found.selection.rivals[name]:
             share = groups[name].get(rival.terms[-1].effect.name, 0.0)
-            odds.setdefault(name_of(rival), (rival, rest * there[name] * share))
+            odds.setdefault(name_of_model(rival), (rival, rest * there[name] * share))
     total = sum(w for _, w in odds.values())
     return {name: (scored, w / total) for name, (scored, w) in odds.items() if w > 0.0}
 
 
-def name_of(scored: Scored) -> str:
+def name_of_model(scored: Scored) -> str:
     """Name of a set of effects."""
     return " + ".join(sorted({t.effect.name for t in scored.terms})) or CALIBRATED
 

@@ -17,12 +17,11 @@ import numpy as np
 from scipy.special import expit
 
 from diagnosis.channels import Array, Flags
-from diagnosis.decision_constants import ERROR_SCALES, NAMED, PARAMETER_SPREAD
+from diagnosis.decision_constants import ERROR_SCALES, LARGEST_IN_SPREADS, NAMED, ODD, PARAMETER_SPREAD, TAUGHT
 from diagnosis.document import CalibratedNumber, Number
 from diagnosis.library import JointGroups, LibraryEffect, Location, lacks_loads
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
-from diagnosis.selection.priors import LARGEST_IN_SPREADS
 from diagnosis.selection.robot_models import held_of
 from diagnosis.selection.scoring import Scored, Scorer, posterior_covariance
 from spot_model.effects.base import Effect, Parameter
@@ -34,12 +33,6 @@ from spot_model.text import parameter_words
 ZEROS: Final = frozenset({"offset_rad", "bias_nm"})
 """Set joint by joint: their mean over a type is nobody's number."""
 NOT_OF_THE_ROBOT: Final = frozenset({"ground_friction", "ground_compliance", "ground_slope"})
-TAUGHT: Final = 0.5
-"""Share of the published variance that a number's variance stays under, if the logs say at least as much of it as the
-publications do."""
-ODD: Final = 0.01
-"""Share of numbers that are out of the ordinary, before anything is seen: with some eighty of them, one on most robots
-that are brought to a diagnosis."""
 Z_90: Final = 1.645
 PROFILE_NATS: Final = 1.35
 """A shape whose value is within this of the best is within its 90 % interval."""
@@ -219,14 +212,7 @@ def _centre_of_mass(fit: _Fit, kind: ErrorKind, nominal: RobotModel) -> Iterator
 
 
 def _made(
-    effect: str,
-    known: Parameter,
-    title: str,
-    where: str,
-    before: float,
-    change: float,
-    deviation: float,
-    spread: float,
+    effect: str, known: Parameter, title: str, where: str, before: float, change: float, deviation: float, spread: float
 ) -> CalibratedNumber:
     """The number from its change against the nominal one, ``before``."""
     value, low, high = _interval(change, deviation, known, before)
@@ -327,7 +313,7 @@ def _unit(known: Parameter) -> str:
     return "" if known.unit == "1" else known.unit
 
 
-def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
+def parameter_numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
     """Parameters of the last term beside the scorer's, each with a 90 % interval.
 
     Of a linear number it comes from the posterior; of a shape from the shapes nearby whose value is almost as large; of

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from diagnosis.channels import Array, Channel, ChannelView
 from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
-from diagnosis.closed_loop.gap_map import LogSet, gap_map
-from diagnosis.closed_loop.simulation import Rollouts, SensorNoise, rollouts_under, simulate
+from diagnosis.closed_loop.gap_map import GapSide, gap_map
+from diagnosis.closed_loop.simulation import RolloutEngine, rollouts_under
 from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
 from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
@@ -21,27 +20,21 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import UNLIKE_MOTION
-from diagnosis.selection.robot_models import by_joint, merged, model_of
+from diagnosis.selection.robot_models import corrected_model, effects_merged, model_by_joint
 from diagnosis.selection.scoring import crossed
+from diagnosis.selection.search import Say
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.belief import Belief, decide
-from diagnosis.verdict.explanation import Say, explain
+from diagnosis.verdict.explanation import weigh
 from diagnosis.verdict.left_over import left_over
-from diagnosis.verdict.measured import (
-    compared_models,
-    measured_by_prediction,
-    measured_by_simulation,
-    open_loop_cells,
-)
+from diagnosis.verdict.measured import compared_models, measured_by_prediction, measured_by_simulation, open_loop_cells
 from diagnosis.verdict.possible_robots import possible_robots
-from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from diagnosis.verdict.unknown import gaps_left
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.text import counted
-from trainer.signals.policy_ticks import scripts_of
 from trainer.signals.recording import record
 from trainer.simulate.engine import Tell
 
@@ -65,13 +58,11 @@ class Diagnosis:
     runs: tuple[Run, ...]
     board: Evidence
     belief: Belief
-    posterior: Posterior | None = None
-    """What is still possible, to simulate; None for a robot other than Spot."""
     possible: tuple[RobotModel, ...] = ()
     """Robots drawn from what is still possible; none of a robot other than Spot."""
 
 
-def diagnose(
+def diagnose_runs(
     runs: Sequence[Run],
     nominal: RobotModel,
     policy: Policy | None,
@@ -80,10 +71,9 @@ def diagnose(
     tell: Tell = lambda _: None,
     *,
     library: Mapping[str, LibraryEffect] = LIBRARY,
-    with_synthesis: bool = False,
     nominal_name: str = "",
     limits_rad: tuple[Array, Array] | None = None,
-    engine: Rollouts | None = None,
+    engine: RolloutEngine | None = None,
     is_from_motion: bool = False,
 ) -> Diagnosis:
     """Diagnose logs.
@@ -96,7 +86,6 @@ def diagnose(
         say: Gets each step in words.
         tell: Gets the share of the present step that is done, 0 to 1.
         library: Effects that are tried.
-        with_synthesis: As a check, also diagnose the nominal simulator with the effects added.
         nominal_name: For the verdict.
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.
@@ -106,13 +95,15 @@ def diagnose(
     if is_from_motion:
         library = {name: entry for name, entry in library.items() if name not in UNLIKE_MOTION}
     say(f"building channels of {counted(len(runs), 'log')}")
-    found = explain(runs, nominal, policy, library, say, limits_rad, is_from_motion)
+    found = weigh(runs, nominal, policy, library, say, limits_rad, is_from_motion)
     # What is there, and how this robot is calibrated.
     belief, board = decide(found, library), found.board
     best = crossed(board, belief.best)
     board.forget()
     is_spot = board.robot.joint_names == facts.JOINT_NAMES
-    corrected = by_joint(merged(model_of(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
+    corrected = (
+        model_by_joint(effects_merged(corrected_model(nominal, board, best)), facts.JOINT_NAMES) if is_spot else nominal
+    )
     # What it does.
     bench = Bench.of(runs, policy, engine or rollouts_under(policy)) if policy is not None and is_spot else None
     measured, shrink, trials, around = measured_by_prediction(board, best), None, None, Surroundings()
@@ -130,8 +121,8 @@ def diagnose(
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
         loads = actuator_view(logs, nominal.effects)
-        real = LogSet(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
-        made = LogSet(logs, loads if isinstance(loads, ChannelView) else None)
+        real = GapSide(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
+        made = GapSide(logs, loads if isinstance(loads, ChannelView) else None)
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
         shrink = measure_shrink(trials, belief.stated, rng)
         measured = measured_by_simulation(trials, best, belief.stated, rng) or measured
@@ -150,15 +141,8 @@ def diagnose(
         nominal=nominal_name,
         notes=tuple(dict.fromkeys(notes)),
     )
-    if with_synthesis and verdict.differences and policy is not None and is_spot:
-        say("synthesis check")
-        check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
-        verdict = verdict.model_copy(update={"synthesis": check})
-    posterior = (
-        posterior_of(belief, nominal, around, verdict.probability_unknown, verdict.distances) if is_spot else None
-    )
     robots = possible_robots(belief, nominal, around, rng) if is_spot else ()
-    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, belief, posterior, robots)
+    return Diagnosis(verdict, corrected, cells, simulated, tuple(runs), board, belief, robots)
 
 
 def _about(bench: Bench, is_crossed: bool) -> list[str]:
@@ -175,29 +159,3 @@ def _about(bench: Bench, is_crossed: bool) -> list[str]:
     if all(len(own) < 2 for own in bench.real().values()):
         notes.append("no command sequence has two whole runs: what repeats explain is taken from simulated runs")
     return notes
-
-
-def synthesis_check(
-    runs: Sequence[Run],
-    nominal: RobotModel,
-    corrected: RobotModel,
-    policy: Policy,
-    verdict: Verdict,
-    rng: np.random.Generator,
-    library: Mapping[str, LibraryEffect],
-) -> dict[str, Any]:
-    """Diagnose the corrected model's own logs.
-
-    Returns:
-        ``passed``: every effect found comes back, itself or by a member of its group, with at least half of its
-        joints; ``found``: what came back.
-    """
-    logs = simulate(corrected, policy, scripts_of(runs), rng, SensorNoise())
-    back = explain(logs, nominal, policy, library, lambda _: None)
-    robot = back.board.robot
-    found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in back.selection.best.terms}
-    passed = all(
-        any(m in found and 2 * len(set(found[m]) & set(e.joints)) >= len(e.joints) for m in e.group)
-        for e in verdict.differences
-    )
-    return {"passed": bool(passed and verdict.differences), "found": {k: list(v) for k, v in found.items()}}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from diagnosis.channels import Array, Channel, ChannelOff, Views
@@ -16,14 +16,12 @@ from diagnosis.selection.evidence import Evidence, lay_out
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.ordinary_errors import of_unknown_drive
 from diagnosis.selection.scoring import Placed, Scorer, null_of
-from diagnosis.selection.search import Selection, effects_of, search, selection_of
+from diagnosis.selection.search import Say, Selection, effects_of, search_effects, selection_of
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from trainer.signals.recording import record
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Explanation:
         return replace(self, selection=selection_of(self.board, best, self.selection.first, library))
 
 
-def explain(
+def weigh(
     runs: Sequence[Run],
     nominal: RobotModel,
     policy: Policy | None,
@@ -71,7 +69,7 @@ def explain(
     with one_thread():
         logs, views, off, board = evidence_of(runs, nominal, policy, library, limits_rad, is_from_motion)
         say(f"trying {len(library)} effects on {len(board.blocks)} signals of {len(views)} channels")
-        return Explanation(logs, views, off, board, search(board, library, say))
+        return Explanation(logs, views, off, board, search_effects(board, library, say))
 
 
 def evidence_of(

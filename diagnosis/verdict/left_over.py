@@ -11,13 +11,11 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels import Array, Channel
+from diagnosis.decision_constants import OUTSIDE
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.faultless import FAULTLESS, even_odds
 from diagnosis.selection.scoring import Scored
 
-OUTSIDE: Final = 0.15
-"""Share of robots brought to a diagnosis whose fault the library lacks, before anything is seen: its 40 effects are
-those that publications describe."""
 SMALLEST: Final = 0.1
 """No signal counts as better explained than to a tenth of what may be left: a program is replayed to the bit."""
 

@@ -126,10 +126,7 @@ MEAN_OF_NORMAL: Final = float(np.sqrt(2.0 / np.pi))
 """Mean size of a normal variable over its standard deviation."""
 STANDS_FOR: Final[Sequence[Sequence[tuple[GapName, Channel, str, str]]]] = (
     (("torque", Channel.SET_POINT_TO_LOAD, "", "N·m"),),
-    (
-        ("swing-leg torque", Channel.LOAD_TO_MOTION, "", "N·m"),
-        ("joint velocity", Channel.JOINT_RATES, "", "rad/s"),
-    ),
+    (("swing-leg torque", Channel.LOAD_TO_MOTION, "", "N·m"), ("joint velocity", Channel.JOINT_RATES, "", "rad/s")),
     (
         ("body force", Channel.BASE_WRENCH, "force", "N"),
         ("body acceleration", Channel.INERTIAL_UNIT, "acceleration", "m/s²"),
@@ -236,14 +233,7 @@ def _change(
         width = _half_width(shares(others))
         low, high = (value - width, min(value + width, 1.0)) if n_pieces > 1 else (None, None)
     return GapChange(
-        gap=gap,
-        unit=unit,
-        before=float(both[0]),
-        after=float(both[1]),
-        floor=floor,
-        share=value,
-        low=low,
-        high=high,
+        gap=gap, unit=unit, before=float(both[0]), after=float(both[1]), floor=floor, share=value, low=low, high=high
     )
 
 

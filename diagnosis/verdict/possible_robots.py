@@ -14,7 +14,7 @@ import numpy as np
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.robot_models import by_joint, model_of
+from diagnosis.selection.robot_models import corrected_model, model_by_joint
 from diagnosis.selection.scoring import Scored, bounds, by_term, posterior_covariance
 from diagnosis.verdict.belief import Belief
 from spot_model.io.model_file import RobotModel
@@ -39,7 +39,7 @@ def possible_robots(
     board, sets = belief.found.board, list(belief.sets.values())
     chosen = rng.choice(len(sets), size=n, p=[weight for _, weight in sets])
     drawn = [own for i, (scored, _) in enumerate(sets) for own in _drawn(board, scored, int(np.sum(chosen == i)), rng)]
-    return tuple(around.around(by_joint(model_of(nominal, board, own), JOINT_NAMES)) for own in drawn)
+    return tuple(around.around(model_by_joint(corrected_model(nominal, board, own), JOINT_NAMES)) for own in drawn)
 
 
 def _drawn(board: Evidence, scored: Scored, n: int, rng: np.random.Generator) -> list[Scored]:

@@ -26,8 +26,7 @@ from fake_robot.conformance.power import SAT_DOWN, held, joint_request, send, un
 from fake_robot.conformance.recording import NAMES, RecordedPart, record_rest
 from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
 from fake_robot.conformance.session import EXPIRED, HOLDING, SLOT_MESSAGES, WHILE_STANDING, MotionRecord, drive
-from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD
-from spot_model.robot.state import Array
+from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD, Array
 
 _JOINT_COMMAND = "robot_command.proto, basic_command.proto: JointCommand"
 _ELEVEN, _WAIT = "eleven values", "joint_control.activation_wait_s"

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from fake_robot.conformance.server import OpenError
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz
-from spot_model.robot.state import Array
 
 _STRAY = 0.35
 """Share of a path by which rates may miss it: estimators are a tenth off, a wrong sign, unit or frame is more."""

@@ -23,8 +23,7 @@ from fake_robot.conformance.server import (
     status_of,
 )
 from spot_model.robot.arm import ARM_KD_NM_S_PER_RAD, ARM_KP_NM_PER_RAD
-from spot_model.robot.facts import N_JOINTS
-from spot_model.robot.state import Array
+from spot_model.robot.facts import N_JOINTS, Array
 
 POLL_S = 0.1
 SAT_DOWN = "it sat down and is off again"

@@ -16,9 +16,8 @@ from bosdyn.api import lease_pb2, robot_state_pb2, robot_state_service_pb2_grpc
 from bosdyn.client.frame_helpers import ValidateFrameTreeError, get_a_tform_b
 
 from fake_robot.conformance.server import OpenError, Server, header, stamp_ns
-from spot_model.robot.facts import JOINT_NAMES, TOTAL_MASS_KG
+from spot_model.robot.facts import JOINT_NAMES, TOTAL_MASS_KG, Array
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
-from spot_model.robot.state import Array
 
 NAMES = tuple(name.replace("_", ".") for name in JOINT_NAMES)
 FRAMES = ("odom", "vision")

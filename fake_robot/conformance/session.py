@@ -32,8 +32,7 @@ from fake_robot.conformance.power import (
 )
 from fake_robot.conformance.recording import RecordedPart, Recorder
 from fake_robot.conformance.server import FEATURE, Made, OpenError, Server, enum_name, status_of
-from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD, per_joint
-from spot_model.robot.state import Array
+from spot_model.robot.facts import N_JOINTS, STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD, Array, per_joint
 
 SETTLING, STANDING, WALKING, STOPPED, GOING, OFF = "settling", "standing", "walking", "stopped", "going", "off"
 LEANING, UPRIGHT, MOVING = "leaning", "upright again", "moving"

@@ -23,14 +23,15 @@ from typing import Any, Final
 import numpy as np
 from many_robots import make_all, two_steps
 
+from diagnosis.decision_constants import LEAST_NATS
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
 from diagnosis.selection import faultless
-from diagnosis.selection.faultless import FAULTLESS, LEAST_NATS, Faultless, Tail
+from diagnosis.selection.faultless import FAULTLESS, Faultless, Tail
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.verdict.diagnose import diagnose
-from diagnosis.verdict.explanation import explain
+from diagnosis.verdict.diagnose import diagnose_runs
+from diagnosis.verdict.explanation import weigh
 from diagnosis.verdict.left_over import left_over
 from spot_log.read.run import Run
 from spot_model.policy.built_in import FOLDER
@@ -68,7 +69,7 @@ def robot(seed: int, number: int, is_closed: bool, out: Path, until_s: float) ->
         return f"{number}: its simulation broke down"
     policy = load_policy(FOLDER / f"{case.policy}.onnx")
     with one_thread():
-        found = explain(runs, reality.nominal, policy, LIBRARY, lambda _: None)
+        found = weigh(runs, reality.nominal, policy, LIBRARY, lambda _: None)
     kept: dict[str, Any] = {
         "error_scale": reality.truth.error_scale,
         "policy": case.policy,
@@ -78,7 +79,7 @@ def robot(seed: int, number: int, is_closed: bool, out: Path, until_s: float) ->
     }
     if is_closed:
         rng = np.random.default_rng(case.diagnosis_seed)
-        verdict = diagnose(runs, reality.nominal, policy, rng, lambda _: None).verdict
+        verdict = diagnose_runs(runs, reality.nominal, policy, rng, lambda _: None).verdict
         kept["gaps"] = {g.gap: float(np.log(g.left / g.floor)) for g in verdict.remainder if g.floor > 0.0}
     file.write_text(json.dumps(kept))
     return f"{number}: {time.process_time() - began_s:.0f} core-seconds"

@@ -12,7 +12,7 @@ import sys
 import numpy as np
 import torch
 
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from spot_model.io.model_file import load_model
 from spot_model.plant.closed_loop import StartState
 from spot_model.policy.built_in import policy_file
@@ -80,7 +80,7 @@ def walks(device: str, n: int = 6, seconds: float = 8.0) -> dict[str, float]:
     command = np.tile([0.6, 0.0, 0.0], (round(seconds * policy.contract.rate_hz), 1))
     scripts = [Script("walk", i, start, command) for i in range(n)]
     runs = {
-        where: simulate(model, policy, scripts, np.random.default_rng(seed), SensorNoise(), device=where)
+        where: simulate_scripts(model, policy, scripts, np.random.default_rng(seed), UsualNoise(), device=where)
         for seed, where in enumerate(("cpu", device))
     }
     features = {where: [features_of_run(run, policy) for run in some] for where, some in runs.items()}

@@ -26,7 +26,7 @@ from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.verdict.belief import decide
-from diagnosis.verdict.explanation import explain
+from diagnosis.verdict.explanation import weigh
 from spot_model.io.velocity_sequence import sequence_of
 from spot_model.policy.built_in import FOLDER
 from spot_model.policy.policy import load_policy
@@ -89,7 +89,7 @@ def robot(seed: int, kind: str, walk: str, loads: bool, out: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         runs, _ = prepared(record_runs(reality, plan, Path(folder)), SPOT)
     with one_thread():
-        belief = decide(explain(runs, reality.nominal, load_policy(plan.policy), LIBRARY, lambda _: None), LIBRARY)
+        belief = decide(weigh(runs, reality.nominal, load_policy(plan.policy), LIBRARY, lambda _: None), LIBRARY)
     terms = zip(belief.best.terms, belief.best.coefficients, strict=True)
     found: dict[str, Any] = {
         "truth": dict(reality.truth.faults[0].parameters),

@@ -28,7 +28,7 @@ from spot_model.plant.plant import Plant
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
-from trainer.config.train_config import config_from_data
+from trainer.config.train_config import train_config_from_data
 from trainer.task.task import make_task
 
 PERIODS, SUBSTEPS = 12, 4
@@ -61,7 +61,9 @@ OPTIONS: dict[str, dict[str, float]] = {
 def walked(policy: Path, n_robots: int) -> Plant:
     """The robots of a training task, after sixty periods."""
     torch.set_num_threads(1)
-    config = config_from_data({"name": "options", "iterations": 1}, source="options", overrides=(f"n_envs={n_robots}",))
+    config = train_config_from_data(
+        {"name": "options", "iterations": 1}, source="options", overrides=(f"n_envs={n_robots}",)
+    )
     task, loaded = make_task(config, "cpu", seed=1, n_threads=1), load_policy(policy)
     result = task.start()
     for _ in range(60):

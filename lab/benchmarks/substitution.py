@@ -37,7 +37,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
 from diagnosis.selection.normal_equations import one_thread
-from diagnosis.selection.robot_models import model_of
+from diagnosis.selection.robot_models import corrected_model
 from diagnosis.selection.scoring import crossed, null_of
 from diagnosis.verdict.explanation import evidence_of
 from spot_log.read.run import Run
@@ -102,7 +102,7 @@ def measured(case: Case, reality: ComposedReality, runs: Sequence[Run], policy: 
     rng = np.random.default_rng(case.diagnosis_seed)
     trials = run_trials(bench, reality.nominal, board, {CORRECTED: scored}, CORRECTED, rng)
     names, around = bench.sequences, trials.surroundings.by_sequence
-    fitted = {s: around[s].around(model_of(reality.nominal, board, scored, k)) for k, s in enumerate(names)}
+    fitted = {s: around[s].around(corrected_model(reality.nominal, board, scored, k)) for k, s in enumerate(names)}
     parts = true_parts(reality.robot(), reality.settings)
     few = [s for n in names for s in [s for s in bench.scripts if s.sequence == n][:FEW]]
 

@@ -29,7 +29,7 @@ from trainer.simulate.engine import Place
 from trainer.simulate.recorded_loop import Course, RecordedLoop
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
-from trainer.sysid.search import Problem, build_problem, candidates_engine, evaluate
+from trainer.sysid.search import SysidProblem, build_problem, candidates_engine, evaluate_candidates
 
 Array = NDArray[np.float64]
 BASELINE_S: Final = 10.0
@@ -71,11 +71,11 @@ def measure(policy_path: Path, *, workers: int, generations: int, population: in
     candidates = problem.space.values_of_unit(np.clip(centre + spread, 0.0, 1.0))
     with candidates_engine(problem, Place(workers)) as engine:
         began_s = time.perf_counter()
-        evaluate(engine, candidates[0])
+        evaluate_candidates(engine, candidates[0])
         first_s = time.perf_counter() - began_s
         began_s = time.perf_counter()
         for generation in candidates[1:]:
-            evaluate(engine, generation)
+            evaluate_candidates(engine, generation)
         wall_s = time.perf_counter() - began_s
     began_cpu_s = time.process_time()
     problem.evaluate(candidates[0])
@@ -139,7 +139,7 @@ def plain_loop_simulated_s_per_s(policy: Policy, velocity_command: Array) -> flo
     return BASELINE_S / (time.perf_counter() - began_s)
 
 
-def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig, device: str) -> Problem:
+def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig, device: str) -> SysidProblem:
     """Four sequences with two runs each, made by the model itself: what is compared does not change the time."""
     space, contract, rng = SysidConfig().space(), policy.contract, np.random.default_rng(0)
     effects = [effect for effect in space.model.effects if not isinstance(effect, CommandEffect)]

@@ -17,7 +17,7 @@ import typer
 
 from spot_model.console.command_registry import AsJson, Overrides, TorchDevice
 from spot_model.robot import facts
-from trainer.config.train_config import TrainConfig, config_from_data, load_config
+from trainer.config.train_config import TrainConfig, load_train_config, train_config_from_data
 
 if TYPE_CHECKING:
     from trainer.ppo.runner import PpoRunner
@@ -41,9 +41,9 @@ def train(
     overrides = tuple(set_ or ())
     default = {"name": "bench", "iterations": 1}
     checked = (
-        config_from_data(default, source="bench", overrides=overrides)
+        train_config_from_data(default, source="bench", overrides=overrides)
         if config is None
-        else load_config(config, overrides)
+        else load_train_config(config, overrides)
     )
     device = local_device(device)
     check_device(device)

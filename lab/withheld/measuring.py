@@ -24,7 +24,7 @@ from spot_model.robot.mjcf import MjcfOptions
 from trainer.signals.distances import SequenceReference, features_of_observations, wasserstein_sorted
 from trainer.signals.policy_ticks import start_of
 from trainer.simulate.recorded_loop import Course, RecordedLoop
-from trainer.sysid.logs import sequence_of
+from trainer.sysid.logs import sequence_of_log
 from withheld.outcome import GAPS, Change, Consequences, Gap
 from withheld.plan import Reality, RecordingPlan
 
@@ -201,7 +201,7 @@ def simulate(model: RobotModel, policy: Policy, runs: Sequence[Run], rng: np.ran
     loop = RecordedLoop(
         plant,
         policy,
-        [Course(sequence_of(run), run.header.repeat, np.asarray(run.ticks.velocity_command)) for run in followed],
+        [Course(sequence_of_log(run), run.header.repeat, np.asarray(run.ticks.velocity_command)) for run in followed],
         start_setpoint_rad=np.asarray(policy.setpoint_rad(last_action)),
         last_action=last_action,
         channel=channel,

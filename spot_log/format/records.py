@@ -10,8 +10,8 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
-from spot_model.robot.state import Array, JointCommand, RobotState, SlowState
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, Array
+from spot_model.robot.state import JointCommand, RobotState, SlowState
 
 SCHEMA_NAME: Final = "spot-rl/log/1"
 """Name and version of the log's records, in every header."""

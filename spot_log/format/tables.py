@@ -18,7 +18,8 @@ from numpy.typing import DTypeLike, NDArray
 from typing_extensions import Self
 
 from spot_model.robot.arm import ARM_JOINT_NAMES
-from spot_model.robot.state import Array, RobotState
+from spot_model.robot.facts import Array
+from spot_model.robot.state import RobotState
 
 AXES: Final = ("x", "y", "z")
 WXYZ: Final = ("w", "x", "y", "z")

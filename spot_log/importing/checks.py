@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from spot_log.importing.mapping import SIGNALS, signals_of
 from spot_log.importing.recording import UNITS, ForeignRecording
-from spot_model.robot.facts import BREADTH_FIRST, JOINT_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD
+from spot_model.robot.facts import BREADTH_FIRST, JOINT_NAMES, POSITION_HIGH_RAD, POSITION_LOW_RAD, Array
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, tilt_rad
-from spot_model.robot.state import Array
 
 STOP_MARGIN_RAD: Final = 0.1
 """Zero errors and give of the stops together."""

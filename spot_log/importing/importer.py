@@ -24,8 +24,8 @@ from spot_log.importing.recording import ForeignRecording
 from spot_log.write.run_writer import RunWriter, check_can_start
 from spot_model.errors import BadInputError
 from spot_model.io.whole import whole_file
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import rotate_wxyz
-from spot_model.robot.state import Array
 from spot_protos import log_pb2
 
 SET_POINTS = ("setpoint_position", "setpoint_velocity", "feedforward")

@@ -17,7 +17,7 @@ from spot_log.importing.bag import is_bag, read_rows
 from spot_log.importing.mapping import JOINTS, SIGNALS, Mapping, SignalMapping, TimeMapping
 from spot_log.importing.reading import reading
 from spot_model.errors import BadInputError
-from spot_model.robot.state import Array
+from spot_model.robot.facts import Array
 
 Arrays = dict[str, NDArray[Any]]
 

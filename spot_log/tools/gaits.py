@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from spot_log.read.run import Run
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.gait import Gait, measure_gait
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import rotate_wxyz
-from spot_model.robot.state import Array
 
 NS = 1e-9
 SAME_COMMAND = 1e-3

@@ -14,8 +14,8 @@ from spot_log.read.run import Run
 from spot_log.tools import measures
 from spot_log.tools.gaits import GaitSpan, gaits
 from spot_log.tools.measures import Fall, Spread, Steps
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import tilt_rad
-from spot_model.robot.state import Array
 
 
 @dataclass(frozen=True)

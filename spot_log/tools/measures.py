@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.read.run import Ints, Run
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import rotate_inverse_wxyz, tilt_rad
-from spot_model.robot.state import Array
 
 NS: Final = 1e-9
 GAP_PERIODS: Final = 1.5

@@ -205,8 +205,7 @@ def _print_version(is_asked: bool) -> None:
 def _group_options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
     version: Annotated[
-        bool,
-        typer.Option("--version", help="Print the version and leave.", callback=_print_version, is_eager=True),
+        bool, typer.Option("--version", help="Print the version and leave.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
     """Train, run, log and explain reinforcement-learning policies for Boston Dynamics Spot.

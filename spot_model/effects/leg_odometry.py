@@ -20,7 +20,7 @@ from spot_model.robot.arrays import namespace_of
 from spot_model.robot.leg_kinematics import hip_placement
 from spot_model.robot.rotation import AnyArray, rotate_inverse_wxyz
 
-Vector = tuple[Any, Any, Any]
+VectorInBody = tuple[Any, Any, Any]
 """Three components, each an array of its own: many small arrays cost by the call."""
 
 STANDS_AFTER_S: Final = 0.025
@@ -118,7 +118,7 @@ def foot_velocity_m_s(
     return xp.stack(_turned(w, attitude, in_body), axis=-1)
 
 
-def _columns(vector: AnyArray) -> Vector:
+def _columns(vector: AnyArray) -> VectorInBody:
     return vector[:, 0:1], vector[:, 1:2], vector[:, 2:3]
 
 
@@ -128,12 +128,12 @@ def _in_plane(xp: Any, angle: AnyArray, x_m: float, z_m: float) -> tuple[AnyArra
     return x_m * cos + z_m * sin, z_m * cos - x_m * sin
 
 
-def _turned(w: AnyArray, u: Vector, v: Vector) -> Vector:
+def _turned(w: AnyArray, u: VectorInBody, v: VectorInBody) -> VectorInBody:
     """Components turned by a quaternion (w, u)."""
     uv = _cross(u, v)
     uuv = _cross(u, uv)
     return (v[0] + 2.0 * (w * uv[0] + uuv[0]), v[1] + 2.0 * (w * uv[1] + uuv[1]), v[2] + 2.0 * (w * uv[2] + uuv[2]))
 
 
-def _cross(a: Vector, b: Vector) -> Vector:
+def _cross(a: VectorInBody, b: VectorInBody) -> VectorInBody:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

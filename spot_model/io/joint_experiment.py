@@ -100,18 +100,10 @@ def joint_experiment_from_data(data: Any, *, source: str = "joint experiment") -
 
 
 def load_joint_experiment(path: Path) -> JointExperiment:
-    """Read a joint experiment.
-
-    Raises:
-        BadInputError: The file cannot be read or is not valid.
-    """
+    """Read a joint experiment. Raises BadInputError: the file cannot be read or is not valid."""
     return joint_experiment_from_data(read_yaml(path, "joint experiment"), source=f"joint experiment {path}")
 
 
 def save_joint_experiment(experiment: JointExperiment, path: Path) -> None:
-    """Write a joint experiment as YAML; refuses to overwrite.
-
-    Raises:
-        OutputExistsError: The file exists.
-    """
+    """Write a joint experiment as YAML; refuses to overwrite. Raises OutputExistsError: the file exists."""
     write_new(path, yaml.safe_dump(experiment.model_dump(by_alias=True, mode="json"), sort_keys=False))

@@ -59,11 +59,7 @@ class RobotModel:
         return "spot_with_arm" if any(isinstance(effect, StowedArm) for effect in self.effects) else "spot"
 
     def with_effects(self, *effects: Effect) -> RobotModel:
-        """The same model with more effects at the end.
-
-        Raises:
-            BadInputError: One is no effect.
-        """
+        """The same model with more effects at the end. Raises BadInputError: one is no effect."""
         for effect in effects:
             given: object = effect
             if not isinstance(given, Effect):
@@ -133,11 +129,7 @@ def load_model(name_or_path: str) -> RobotModel:
 
 
 def save_model(model: RobotModel, path: Path) -> None:
-    """Write a model as YAML; refuses to overwrite.
-
-    Raises:
-        OutputExistsError: The file exists.
-    """
+    """Write a model as YAML; refuses to overwrite. Raises OutputExistsError: the file exists."""
     write_new(path, yaml.safe_dump(model.to_data(), sort_keys=False, allow_unicode=True))
 
 

@@ -49,11 +49,7 @@ def load_models(name_or_path: str) -> tuple[RobotModel, ...]:
 
 
 def save_models(models: Sequence[RobotModel], path: Path) -> None:
-    """Write several models as YAML; refuses to overwrite.
-
-    Raises:
-        OutputExistsError: The file exists.
-    """
+    """Write several models as YAML; refuses to overwrite. Raises OutputExistsError: the file exists."""
     data = {"schema": SCHEMA, "models": [model.to_data() for model in models]}
     # The same text as the safe dumper's in Python, ten times as fast.
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)

@@ -11,15 +11,13 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings, explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
-
-Array = NDArray[np.float64]
+from spot_model.robot.facts import Array
 
 SCHEMA: Final = "spot-rl/velocity-sequence/1"
 
@@ -186,9 +184,5 @@ def _is_file(path: Path) -> bool:
 
 
 def save_sequence(sequence: VelocitySequence, path: Path) -> None:
-    """Write a sequence as YAML; refuses to overwrite.
-
-    Raises:
-        OutputExistsError: The file exists.
-    """
+    """Write a sequence as YAML; refuses to overwrite. Raises OutputExistsError: the file exists."""
     write_new(path, yaml.safe_dump(sequence.model_dump(by_alias=True, mode="json"), sort_keys=False))

@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from spot_model.errors import SpotRlError
-
-Tensor = torch.Tensor
 
 
 class TorchDraws:
@@ -34,7 +33,7 @@ class TorchDraws:
         return torch.empty(size, device=self._device).exponential_(generator=self.generator)
 
 
-class RecordingError(SpotRlError):
+class CaptureError(SpotRlError):
     """Work cannot be recorded, because it looks at values that are on the GPU."""
 
 
@@ -60,11 +59,7 @@ class Captured:
         self._result: Any = None
 
     def __call__(self) -> Any:
-        """Do the work; returns what it returns.
-
-        Raises:
-            RecordingError: The work waits for the device.
-        """
+        """Do the work; returns what it returns. Raises RecordingError: the work waits for the device."""
         if not self._is_recorded or not self._is_warm:
             self._is_warm = True
             return self._work()
@@ -86,7 +81,7 @@ class Captured:
             with torch.cuda.graph(graph, stream=torch.cuda.current_stream(), capture_error_mode="thread_local"):
                 self._result = self._work()
         except RuntimeError as error:
-            raise RecordingError(
+            raise CaptureError(
                 f"work cannot be recorded as a CUDA graph: {error}. An effect or a reward of your own must not look at "
                 "values (.item(), if, a mask as index); write it with torch.where; training goes without graphs with "
                 "ppo.cuda_graphs=false"

@@ -30,7 +30,7 @@ Observed = AnyArray
 
 
 @dataclass(frozen=True)
-class Tick:
+class LoopTick:
     """One policy tick, handed out after the robots have moved."""
 
     index: int
@@ -79,7 +79,7 @@ class ClosedLoop:
 
     def run(
         self, command_at: CommandAt, schedule: Iterable[Sequence[int]], last_action: NDArray[np.float32] | None = None
-    ) -> Iterator[Tick]:
+    ) -> Iterator[LoopTick]:
         """Run the schedule; each tick comes after its last physics step.
 
         Args:
@@ -116,7 +116,7 @@ class ClosedLoop:
                 for _ in range(n_steps):
                     path.advance(1)
                     self.after_step()
-            yield Tick(index, command, observation, action)
+            yield LoopTick(index, command, observation, action)
 
 
 def schedule_by_rate(n_ticks: int, rate_hz: float, timestep_s: float) -> list[tuple[int]]:

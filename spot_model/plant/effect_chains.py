@@ -35,10 +35,10 @@ from spot_model.robot.arrays import copy_of, namespace_of
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import AnyArray, cross, multiply_wxyz
 
-Kind = TypeVar("Kind", TorqueEffect, SensorEffect, EstimateEffect)
+EffectKind = TypeVar("EffectKind", TorqueEffect, SensorEffect, EstimateEffect)
 
 
-class EffectChain(Generic[Kind]):
+class EffectChain(Generic[EffectKind]):
     """Effects of one kind with their memories.
 
     Args:
@@ -47,10 +47,10 @@ class EffectChain(Generic[Kind]):
         first: What the memories start from: a torque, a reading or an estimate.
     """
 
-    def __init__(self, effects: Sequence[Kind], like: AnyArray, first: Any) -> None:
+    def __init__(self, effects: Sequence[EffectKind], like: AnyArray, first: Any) -> None:
         self._keep = keeper(like)
-        self.given: tuple[Kind, ...] = tuple(effects)
-        self._effects: tuple[Kind, ...] = tuple(effect.arrays_like(like) for effect in effects)
+        self.given: tuple[EffectKind, ...] = tuple(effects)
+        self._effects: tuple[EffectKind, ...] = tuple(effect.arrays_like(like) for effect in effects)
         self._memory: list[Memory] = [own_tensors(effect.start(first)) for effect in self._effects]
 
     def leaves(self) -> list[Any]:
@@ -66,16 +66,12 @@ class EffectChain(Generic[Kind]):
         return [leaves(memory) for memory in self._memory]
 
     def restore(self, snapshot: list[list[Any]]) -> None:
-        """Continue from a snapshot.
-
-        Raises:
-            ValueError: It was made with other effects.
-        """
+        """Continue from a snapshot. Raises ValueError: it was made with other effects."""
         if len(snapshot) != len(self._effects):
             raise ValueError(f"the snapshot has memories of {len(snapshot)} effects, the plant {len(self._effects)}")
         self._memory = [with_leaves(memory, values) for memory, values in zip(self._memory, snapshot, strict=True)]
 
-    def remember(self, before: EffectChain[Kind]) -> None:
+    def remember(self, before: EffectChain[EffectKind]) -> None:
         """Take over the memories of the effects that another chain has, too."""
         known = list(zip(before.given, before._memory, strict=True))
         for i, effect in enumerate(self.given):

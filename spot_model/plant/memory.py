@@ -41,7 +41,7 @@ def restarted(rows: AnyArray, fresh: Memory, old: Memory) -> Memory:
     return map_leaves(choose, fresh, old)
 
 
-def held(old: Memory, new: Memory) -> Memory:
+def kept_memory(old: Memory, new: Memory) -> Memory:
     """The next memory: ``new`` of NumPy; of torch ``old``, whose tensors take the new values.
 
     Tensors stay where they are, so that a recorded step of a GPU finds them when it is played again.
@@ -59,7 +59,7 @@ def held(old: Memory, new: Memory) -> Memory:
 
 def keeper(array: Any) -> Callable[[Memory, Memory], Memory]:
     """:func:`held`, or for arrays of NumPy a function that gives the new memory without a look at it."""
-    return _newest if type(array) is np.ndarray else held
+    return _newest if type(array) is np.ndarray else kept_memory
 
 
 def _newest(_: Memory, new: Memory) -> Memory:

@@ -25,7 +25,7 @@ from spot_model.effects.base import (
 )
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
 from spot_model.plant.effect_chains import EstimateChain, OutsideChain, SensorChain, TorqueChain, check_effects, of_kind
-from spot_model.plant.memory import held, leaves, own_tensors, tensors_of, with_leaves
+from spot_model.plant.memory import kept_memory, leaves, own_tensors, tensors_of, with_leaves
 from spot_model.plant.physics import PlantDivergedError, PlantOptions, make_physics
 from spot_model.plant.plant_state import PlantState
 from spot_model.policy.policy import Policy
@@ -360,7 +360,7 @@ class Plant(PlantState):
         elif not self._senses:
             self._reading, self._estimate, self._senses = own_tensors(reading), own_tensors(estimate), True
         else:
-            self._reading, self._estimate = held((self._reading, self._estimate), (reading, estimate))
+            self._reading, self._estimate = kept_memory((self._reading, self._estimate), (reading, estimate))
 
     def _pass_step(self) -> None:
         if self._is_on_host:

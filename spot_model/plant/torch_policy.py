@@ -8,12 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from spot_model.policy.observation import N_OBSERVATION, Sensed
 from spot_model.policy.policy import Policy, observations
 from spot_model.robot.state import Gains
-
-Tensor = torch.Tensor
 
 
 class TorchPolicy:

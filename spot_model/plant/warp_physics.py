@@ -12,12 +12,11 @@ import torch
 import warp as wp
 from mujoco.batch import MODEL_FIELDS, Batch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from spot_model.errors import BadInputError
 from spot_model.plant.model_fields import PlantFields
 from spot_model.robot import facts
-
-Tensor = torch.Tensor
 
 SOLVER_ITERATIONS: Final = 10
 LINE_SEARCH_ITERATIONS: Final = 20

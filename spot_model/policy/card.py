@@ -50,11 +50,7 @@ def card_path(policy: Path) -> Path:
 
 
 def load_card(policy: Path) -> PolicyCard | None:
-    """The card beside a policy; None if there is none.
-
-    Raises:
-        BadInputError: It is not valid.
-    """
+    """The card beside a policy; None if there is none. Raises BadInputError: it is not valid."""
     path = card_path(policy)
     if not path.is_file():
         return None
@@ -65,11 +61,7 @@ def load_card(policy: Path) -> PolicyCard | None:
 
 
 def write_card(policy: Path, card: PolicyCard) -> Path:
-    """Write a card beside its policy.
-
-    Raises:
-        OutputExistsError: There is one.
-    """
+    """Write a card beside its policy. Raises OutputExistsError: there is one."""
     path = card_path(policy)
     data = card.model_dump(mode="json", by_alias=True, exclude_defaults=True)
     text = yaml.safe_dump({"schema": SCHEMA, **data}, sort_keys=False, allow_unicode=True, width=110)

@@ -247,11 +247,7 @@ def _up(wxyz: Array) -> Array:
 
 
 def joint_script(experiment: JointExperiment) -> JointScript:
-    """The script of an experiment.
-
-    Raises:
-        BadInputError: Its motion leaves the joints' stops or is too fast.
-    """
+    """The script of an experiment. Raises BadInputError: its motion leaves the joints' stops or is too fast."""
     n = facts.N_JOINTS
     kp, kd = (experiment.kp_nm_per_rad,) * n, (experiment.kd_nm_s_per_rad,) * n
     contract = PolicyContract(

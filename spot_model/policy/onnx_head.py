@@ -143,16 +143,7 @@ _GRAMMAR: Final[dict[str, dict[int, _Rule]]] = {
         13: _many("value"),
         16: _many("entry"),
     },
-    "node": {
-        1: _TEXTS,
-        2: _TEXTS,
-        3: _TEXT,
-        4: _TEXT,
-        5: _many("attribute"),
-        6: _TEXT,
-        7: _TEXT,
-        9: _many("entry"),
-    },
+    "node": {1: _TEXTS, 2: _TEXTS, 3: _TEXT, 4: _TEXT, 5: _many("attribute"), 6: _TEXT, 7: _TEXT, 9: _many("entry")},
     "attribute": {
         1: _TEXT,
         2: _Rule((FIXED32,)),

@@ -11,11 +11,7 @@ import onnxruntime
 from spot_model.policy.contract import INPUT_NAME, OUTPUT_NAME, PolicyError
 from spot_model.robot import facts
 
-PROVIDERS = {
-    "cpu": "CPUExecutionProvider",
-    "cuda": "CUDAExecutionProvider",
-    "tensorrt": "TensorrtExecutionProvider",
-}
+PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider", "tensorrt": "TensorrtExecutionProvider"}
 """Where ONNX Runtime may compute, by the configuration's names."""
 
 

@@ -34,10 +34,10 @@ from spot_model.policy.observation import (
 )
 from spot_model.policy.onnx_session import check_shapes, open_session, words_for
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import LEVEL_WXYZ, AnyArray
 from spot_model.robot.state import Gains, RobotState
 
-Array = NDArray[np.float64]
 _NO_ACTION: Final[NDArray[np.float32]] = np.zeros(facts.N_JOINTS, dtype=np.float32)
 _NO_ACTION.flags.writeable = False
 

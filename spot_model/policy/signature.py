@@ -82,11 +82,7 @@ def is_signed(sha256: str, signature: bytes, keys: Sequence[Ed25519PublicKey]) -
 
 
 def public_keys(data: bytes, source: Path) -> tuple[Ed25519PublicKey, ...]:
-    """The keys of a PEM file.
-
-    Raises:
-        PolicyError: It holds none, or something else beside them.
-    """
+    """The keys of a PEM file. Raises PolicyError: it holds none, or something else beside them."""
     from cryptography.exceptions import UnsupportedAlgorithm
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     from cryptography.hazmat.primitives.serialization import load_pem_public_key

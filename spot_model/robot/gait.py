@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 
-Array = NDArray[np.float64]
 Contact = NDArray[np.bool_]
 
 PAIRS: Final[dict[str, tuple[int, int]]] = {

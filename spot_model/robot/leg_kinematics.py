@@ -68,9 +68,7 @@ def _turn(cos: AnyArray, sin: AnyArray, x_m: float, z_m: float) -> tuple[AnyArra
     return x_m * cos + z_m * sin, z_m * cos - x_m * sin
 
 
-STEPS: Final = 30
 LONGEST_STEP_RAD: Final = 0.2
-TOLERANCE_M: Final = 1e-6
 
 
 def joints_of_feet(feet_in_body_m: Array, near_rad: Array) -> Array:
@@ -88,10 +86,10 @@ def joints_of_feet(feet_in_body_m: Array, near_rad: Array) -> Array:
     """
     wanted = np.asarray(feet_in_body_m, dtype=np.float64)
     q = np.array(np.broadcast_to(near_rad, (*wanted.shape[:-2], facts.N_JOINTS)), dtype=np.float64)
-    for _ in range(STEPS):
+    for _ in range(30):
         at, jacobian = foot_position_and_jacobian(q)
         left = wanted - np.asarray(at)
-        if np.max(np.abs(left), initial=0.0) < TOLERANCE_M:
+        if np.max(np.abs(left), initial=0.0) < 1e-6:
             return q
         step = np.linalg.solve(np.asarray(jacobian), left[..., None])[..., 0]
         q = q + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD).reshape(q.shape)

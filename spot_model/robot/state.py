@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-
-Array = NDArray[np.float64]
+from spot_model.robot.facts import Array
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,7 @@ class Gains:
     def policy() -> Gains:
         """The paper's gains: 60 and 1.5 on every joint."""
         return Gains(
-            np.full(facts.N_JOINTS, facts.POLICY_KP_NM_PER_RAD),
-            np.full(facts.N_JOINTS, facts.POLICY_KD_NM_S_PER_RAD),
+            np.full(facts.N_JOINTS, facts.POLICY_KP_NM_PER_RAD), np.full(facts.N_JOINTS, facts.POLICY_KD_NM_S_PER_RAD)
         )
 
     @staticmethod

@@ -17,8 +17,8 @@ from spot_log.format.records import CommandRecord, EventRecord, TickRecord
 from spot_log.write.sink import LogSink
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array, JointCommand, RobotState
+from spot_model.robot.facts import NS_PER_S, Array
+from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop_stats import LoopStats
 from spot_runtime.control.memory import NOTHING_ASKED, Act, Memory, Plan, Step, Tick, first_memory

@@ -12,7 +12,8 @@ from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
 from spot_model.policy.policy import Policy, TickMemory, TickResult
 from spot_model.robot import facts
-from spot_model.robot.state import Array, Gains, JointCommand, RobotState
+from spot_model.robot.facts import Array
+from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.config import HandoverConfig, RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.commands import SetpointMemory

@@ -16,8 +16,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from spot_model.robot import facts
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array, Gains, RobotState
+from spot_model.robot.facts import NS_PER_S, Array
+from spot_model.robot.state import Gains, RobotState
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import TAKE_HOLD_S, Mode
 

@@ -15,8 +15,8 @@ import numpy as np
 from spot_log.format.events import EventName
 from spot_model.policy.policy import TickResult
 from spot_model.robot import facts
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array, JointCommand, RobotState
+from spot_model.robot.facts import NS_PER_S, Array
+from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.safety import watchdogs

@@ -12,9 +12,9 @@ import pytest
 from compare.cause import check_verdict
 from compare.compare import Comparison
 from compare.differences import differences
-from compare.ghost import place
-from compare.page import comparison_page, sentence, stretch
-from compare.tracks import STEP_S, CompareError, aligned, shift
+from compare.ghost import placed_beside
+from compare.page import comparison_page, difference_sentence, stretch
+from compare.tracks import STEP_S, CompareError, aligned_tracks, shift
 from diagnosis.document import Verdict
 
 
@@ -23,7 +23,7 @@ def test_a_run_that_does_the_same_later_is_brought_to_one_clock(make_track) -> N
     assert shift(reference, late) == round(0.5 / STEP_S)
     assert shift(late, reference) == -round(0.5 / STEP_S)
     for tracks in ([reference, late], [late, reference]):
-        a, b = aligned(tracks)
+        a, b = aligned_tracks(tracks)
         assert len(a) == len(b)
         np.testing.assert_array_equal(a.velocity_command, b.velocity_command)
         np.testing.assert_allclose(a.position_rad, b.position_rad, atol=1e-9)
@@ -39,7 +39,7 @@ def test_runs_that_were_told_other_things_are_refused(make_track) -> None:
     other = make_track("other")
     other.velocity_command[:] = [-1.0, 0.5, 0.0]
     with pytest.raises(CompareError, match=r"log and other follow different velocity commands.*simulated"):
-        aligned([make_track(), other])
+        aligned_tracks([make_track(), other])
 
 
 @pytest.mark.parametrize(("axis", "words"), [(0, "m/s forward"), (1, "m/s to the left"), (2, "rad/s turning")])
@@ -50,7 +50,7 @@ def test_one_axis_for_a_moment_is_another_command(make_track, axis: int, words: 
     other.velocity_command[rows, axis] += 0.3
     for tracks in ([make_track(), other], [other, make_track()]):
         with pytest.raises(CompareError, match=rf"{words}; 0.15 apart is allowed"):
-            aligned(tracks)
+            aligned_tracks(tracks)
 
 
 def test_commands_of_one_sequence_that_come_a_tick_early_or_late_are_the_same(make_track) -> None:
@@ -61,11 +61,11 @@ def test_commands_of_one_sequence_that_come_a_tick_early_or_late_are_the_same(ma
 
 
 def test_what_is_cut_is_told(make_track) -> None:
-    tracks = aligned([make_track(n=400), make_track("short", n=300)])
+    tracks = aligned_tracks([make_track(n=400), make_track("short", n=300)])
     assert stretch(tracks) == "Compared: 3.0 of 4.0 s of log; all 3.0 s of short."
-    assert stretch(aligned([make_track(), make_track("again")])) == "Compared: all 4.0 s of each run."
+    assert stretch(aligned_tracks([make_track(), make_track("again")])) == "Compared: all 4.0 s of each run."
     fell = dataclasses.replace(make_track("model", n=300), fell=True)
-    found = Comparison(tuple(aligned([make_track(), fell])), ())
+    found = Comparison(tuple(aligned_tracks([make_track(), fell])), ())
     assert found.sentences[-1] == "Compared: 3.0 of 4.0 s of log; all 3.0 s of model, which falls."
     assert found.to_json()["compared"] == found.sentences[-1]
 
@@ -73,8 +73,8 @@ def test_what_is_cut_is_told(make_track) -> None:
 def test_each_run_is_close_or_not_for_itself(make_track) -> None:
     log, close, far = make_track(), make_track("corrected", offset_rad=0.005), make_track("nominal", offset_rad=0.05)
     both = [differences(log, run) for run in (close, far)]
-    assert "7.1 % of its standard deviation (close, below 10 %)" in sentence(log, both[0])
-    assert "70.7 % of its standard deviation (close would be below 10 %)" in sentence(log, both[1])
+    assert "7.1 % of its standard deviation (close, below 10 %)" in difference_sentence(log, both[0])
+    assert "70.7 % of its standard deviation (close would be below 10 %)" in difference_sentence(log, both[1])
     page = comparison_page([log, close, far], both, [], "", [])
     assert "Some close" in page
     assert "log moves like corrected, and differently from nominal" in page
@@ -88,7 +88,7 @@ def test_runs_without_a_common_signal_are_not_said_to_do_the_same(make_track) ->
     for name in ("position_rad", "velocity_rad_s", "load_nm"):
         getattr(other, name)[:] = np.nan
     found = differences(make_track(), other)
-    assert sentence(make_track(), found).endswith("log and other have no joint signal in common.")
+    assert difference_sentence(make_track(), found).endswith("log and other have no joint signal in common.")
     assert ">Apart<" in comparison_page([make_track(), other], [found], [], "", [])
 
 
@@ -103,7 +103,7 @@ def test_a_diagnosis_of_other_logs_marks_nothing() -> None:
 
 def test_runs_that_share_too_little_are_refused(make_track) -> None:
     with pytest.raises(CompareError, match=r"at least 1 s"):
-        aligned([make_track(n=60), make_track(n=60)])
+        aligned_tracks([make_track(n=60), make_track(n=60)])
 
 
 def test_a_run_beside_itself_differs_in_nothing(make_track) -> None:
@@ -112,7 +112,7 @@ def test_a_run_beside_itself_differs_in_nothing(make_track) -> None:
         assert not signal.rms.any()
         assert not signal.distance.any()
     assert found.end_distance_m == 0.0
-    assert "All joints move alike" in sentence(make_track(), found)
+    assert "All joints move alike" in difference_sentence(make_track(), found)
 
 
 def test_an_offset_is_its_own_distance_and_rms(make_track) -> None:
@@ -139,7 +139,7 @@ def test_bodies_are_compared_from_where_they_start_and_look(make_track) -> None:
 
 def test_a_ghost_starts_beside_the_robot_and_goes_its_way(make_track) -> None:
     reference, ghost = make_track(heading_rad=np.pi / 2), make_track(heading_rad=-1.0)
-    position, attitude = place(ghost, reference, 0.7)
+    position, attitude = placed_beside(ghost, reference, 0.7)
     # The robot looks along +y, so its left is −x.
     np.testing.assert_allclose(position[0], reference.position_of_body_in_odom_m[0] + [-0.7, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(position[-1] - position[0], [0.0, 3.99, 0.0], atol=1e-9)

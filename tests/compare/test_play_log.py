@@ -25,7 +25,7 @@ from tests.browser import CHROMIUM, Page
 from tests.diagnosis import report_case
 from tests.diagnosis.planted import POLICY
 from trainer.play.replay import ReplayPage, Simulations, Walked
-from trainer.play.scene import Server
+from trainer.play.scene import WebServer
 from trainer.play.switches import BUILT_IN, Found
 
 Effects = tuple[Effect, ...]
@@ -175,7 +175,7 @@ def test_a_browser_shows_a_log_and_switches_a_finding_on(tmp_path: Path) -> None
         asked.append(effects)
         return a_walk(f"the model with {words}")
 
-    server, is_over = Server("127.0.0.1", 0), threading.Event()
+    server, is_over = WebServer("127.0.0.1", 0), threading.Event()
     walks = [a_walk("as recorded"), a_walk("the model alone")]
     shown = ReplayPage(server, walks, (), [Found("dry friction", lambda effects: (*effects, added))], simulate)
 
@@ -198,4 +198,4 @@ def test_a_browser_shows_a_log_and_switches_a_finding_on(tmp_path: Path) -> None
         thread.join()
         server.stop()
     assert asked == [(added,)]
-    assert shown.frame_rate_hz > 0.0
+    assert shown.scene.frame_rate_hz > 0.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.channels import Channel
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.document import (
     CalibratedNumber,
     Calibration,
@@ -40,7 +40,7 @@ REGIMES = ("all", "motoring", "motoring, high speed", "braking", "low speed", "h
 
 def runs(model: RobotModel, seed: int) -> list[Run]:
     """Simulated runs of the scripts."""
-    return simulate(model, load_policy(POLICY), scripts(), np.random.default_rng(seed), SensorNoise())
+    return simulate_scripts(model, load_policy(POLICY), scripts(), np.random.default_rng(seed), UsualNoise())
 
 
 def cells(rng: np.random.Generator, joints: tuple[str, ...]) -> tuple[GapCell, ...]:

@@ -11,7 +11,7 @@ from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.scoring import Placed, Scorer, likeness
 from diagnosis.verdict import belief
 from diagnosis.verdict.belief import CALIBRATED, decide, probabilities
-from diagnosis.verdict.explanation import Explanation, explain
+from diagnosis.verdict.explanation import Explanation, weigh
 from spot_model.effects.friction import CoulombFriction
 
 from .cases import NOMINAL
@@ -25,7 +25,7 @@ MORE = {n: LIBRARY[n] for n in (*FEW, "torque_gain", "viscous_friction", "payloa
 def rubbing() -> Explanation:
     friction = CoulombFriction(joints=("knees",), level_nm=3.0)
     runs = planted_runs(Truth((friction,)), 3, sequence=walk_sequence(3.0))
-    return explain(runs, NOMINAL, None, FEW, lambda _: None)
+    return weigh(runs, NOMINAL, None, FEW, lambda _: None)
 
 
 def test_residuals_decide_what_is_there(rubbing: Explanation) -> None:
@@ -61,7 +61,7 @@ def test_an_effect_answers_for_its_share_where_something_unknown_may_be_in_its_p
 
 def test_what_is_probably_not_there_is_left_out() -> None:
     runs = planted_runs(Truth(()), 3, sequence=walk_sequence(3.0))
-    decided = decide(explain(runs, NOMINAL, None, MORE, lambda _: None), MORE)
+    decided = decide(weigh(runs, NOMINAL, None, MORE, lambda _: None), MORE)
     assert decided.stated == CALIBRATED
     assert decided.found.selection.best.terms == ()
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from diagnosis.channels import Channel
-from diagnosis.decision_constants import NAMED
+from diagnosis.decision_constants import NAMED, ODD
 from diagnosis.document import CalibratedNumber, GapChange
 from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
-from diagnosis.selection.robot_models import by_joint, model_of, with_kind
+from diagnosis.selection.robot_models import corrected_model, model_by_joint, with_kind
 from diagnosis.selection.scoring import Placed, Scorer, crossed, null_of, posterior_covariance, without_effect
-from diagnosis.verdict.calibration import ODD, by_type, calibrated_numbers
+from diagnosis.verdict.calibration import by_type, calibrated_numbers
 from diagnosis.verdict.explanation import evidence_of
 from diagnosis.verdict.measured import gap_changes
 from spot_log.read.run import Run
@@ -130,10 +130,10 @@ def test_a_number_is_counted_from_the_nominal_model() -> None:
     assert friction.low < 0.3 < friction.high
     assert gain.value == pytest.approx(0.81, abs=0.02)
     # The file has less friction than the nominal model, and not more: its own effect is lowered.
-    file = model_of(nominal, board, null_of(board))
+    file = corrected_model(nominal, board, null_of(board))
     level = _total(file, CoulombFriction, "level_nm")[2::3]
     assert np.mean(level) == pytest.approx(friction.value, abs=0.05)
-    read = model_from_data(by_joint(file, JOINT_NAMES).to_data())
+    read = model_from_data(model_by_joint(file, JOINT_NAMES).to_data())
     assert _total(read, CoulombFriction, "level_nm")[2::3] == pytest.approx(level)
 
 
@@ -153,7 +153,7 @@ def test_a_difference_at_all_joints_has_its_numbers_by_type_and_so_has_the_model
     for t, value in (("hx", 0.0403), ("hy", 0.0403), ("kn", 0.0731)):
         assert own[t].value == pytest.approx(value, rel=0.1)
         assert own[t].low < value < own[t].high
-    model = model_of(NOMINAL, board, scored)
+    model = corrected_model(NOMINAL, board, scored)
     assert _total(model, Armature, "inertia_kg_m2") == pytest.approx(np.tile([0.0403, 0.0403, 0.0731], 4), rel=0.15)
     numbers = {n.where: n for n in calibrated_numbers(board, scored, NOMINAL) if n.effect == "armature"}
     assert numbers["kn"].value == pytest.approx(own["kn"].value, rel=1e-6)
@@ -167,7 +167,7 @@ def test_a_model_without_a_difference_has_nothing_left_of_what_its_types_share()
     assert less.terms == ()
     assert less.coefficients == ()
     assert less.spread.shape == (2, 0)
-    gain = _total(model_of(NOMINAL, board, less), TorqueGain, "gain")
+    gain = _total(corrected_model(NOMINAL, board, less), TorqueGain, "gain")
     own = gain[gain > 0.0]
     assert np.abs(own - 1.0).max(initial=0.0) < 0.03
     # Other errors stay as they are beside it.

@@ -9,8 +9,8 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.dynamics import DynamicsSignals, aligned, residuals
-from diagnosis.channels.kinematics import StanceSignals, feet
+from diagnosis.channels.dynamics import DynamicsSignals, realigned, residuals
+from diagnosis.channels.kinematics import StanceSignals, standing_feet
 from diagnosis.channels.stack import stack
 from diagnosis.library.drive import ViscousEntry
 from diagnosis.library.rigid_body import LegMassEntry
@@ -152,7 +152,7 @@ def test_channels_d_and_b_find_when_the_loads_acted(null):
     # The simulator's torque acts from the start of a step of 1.5 ms, and accelerates over it.
     signals, lag_s = null[Channel.LOAD_TO_MOTION].signals, null[Channel.SET_POINT_TO_LOAD].signals.lag_s
     swinging = null[Channel.LOAD_TO_MOTION].usable[:, ::3]
-    load_age_s, position_age_s, _ = aligned(signals, swinging, null[Channel.BASE_WRENCH].usable[:, 0], lag_s)
+    load_age_s, position_age_s, _ = realigned(signals, swinging, null[Channel.BASE_WRENCH].usable[:, 0], lag_s)
     assert load_age_s == pytest.approx(0.75e-3, abs=0.1e-3)
     assert position_age_s == pytest.approx(1.5e-3, abs=0.1e-3)
 
@@ -340,7 +340,7 @@ def test_what_smoothed_signals_change_is_what_the_signals_change(
     _, k = signals
     step = 0.01 * (np.arange(getattr(k.raw, name).shape[-1]) == 2)
     raw, new = (replace(x, **{name: getattr(x, name) + step}) for x in (k.raw, k.inputs))
-    afresh = k.nominal - smooth(feet(raw, k.standing), k.rows)
+    afresh = k.nominal - smooth(standing_feet(raw, k.standing), k.rows)
     got = k.correction(Channel.STANCE_KINEMATICS, name, **{name: getattr(new, name)})
     stands = np.repeat(k.stack.inner(k.standing)[k.rows], 3, axis=1)
     afresh, got = afresh[:, :12][stands], got[:, :12][stands]

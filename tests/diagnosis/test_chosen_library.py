@@ -19,7 +19,7 @@ from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY, chosen_library
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import null_of
-from diagnosis.selection.search import search
+from diagnosis.selection.search import search_effects
 from diagnosis.verdict.left_over import left_over, probability
 from diagnosis.verdict.unknown import describe_unknown
 from spot_model.effects.base import Motion, TorqueEffect
@@ -94,7 +94,7 @@ def logs() -> Evidence:
 
 
 def _found(board: Evidence, library: dict[str, LibraryEffect]) -> dict[str, tuple[tuple[str, ...], dict[str, float]]]:
-    best = search(board, library, lambda _: None).best
+    best = search_effects(board, library, lambda _: None).best
     terms = zip(best.terms, best.coefficients, strict=True)
     return {
         t.effect.name: (board.robot.named(board.robot.joints_of(t.effect, t.place)), dict(t.effect.values(c, t.shape)))

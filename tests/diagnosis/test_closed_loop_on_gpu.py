@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import gpu_parity
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 
@@ -14,13 +14,13 @@ from .planted import POLICY, scripts
 
 pytest.importorskip("mujoco_warp")
 
-SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+SILENT = UsualNoise(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def test_a_run_is_the_same_on_both() -> None:
     model, policy = load_model("paper_identified"), load_policy(POLICY)
     runs = {
-        device: simulate(model, policy, scripts(10), np.random.default_rng(0), SILENT, device=device)
+        device: simulate_scripts(model, policy, scripts(10), np.random.default_rng(0), SILENT, device=device)
         for device in ("cpu", "warp-cpu")
     }
     for cores, warp in zip(runs["cpu"], runs["warp-cpu"], strict=True):

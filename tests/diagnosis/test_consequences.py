@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.consequences import GAPS, PRACTICAL, consequences, gap_ratios, remainder, worse_gaps
+from diagnosis.closed_loop.consequences import GAPS, consequences, gap_ratios, remainder, worse_gaps
 from diagnosis.closed_loop.run_numbers import WalkTime, restricted_mean_s, run_numbers, time_to_fall
-from diagnosis.closed_loop.simulation import SensorNoise, rollouts_under, simulate
+from diagnosis.closed_loop.simulation import UsualNoise, rollouts_under, simulate_scripts
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, compared_by_sequence
+from diagnosis.decision_constants import PRACTICAL
 from diagnosis.document import Consequences, GapChange, QuantityChange
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
@@ -37,7 +38,7 @@ def _runs(model: RobotModel, seed: int, n: int = 4, n_ticks: int = 160) -> list[
     rng = np.random.default_rng(seed)
     starts = [replace(s.start, velocity_rad_s=0.3 * rng.standard_normal(12)) for s in told]
     told = [replace(script, start=start) for script, start in zip(told, starts, strict=True)]
-    return simulate(model, load_policy(POLICY), told, rng, SensorNoise())
+    return simulate_scripts(model, load_policy(POLICY), told, rng, UsualNoise())
 
 
 def _standing(runs: Sequence[Run]) -> list[Run]:

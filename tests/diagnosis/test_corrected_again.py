@@ -15,8 +15,8 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
 from diagnosis.report import words
 from diagnosis.selection.evidence import lay_out
-from diagnosis.selection.robot_models import by_joint, merged
-from diagnosis.selection.search import search
+from diagnosis.selection.robot_models import effects_merged, model_by_joint
+from diagnosis.selection.search import search_effects
 from spot_model.effects.base import Effect
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.effects.friction import CoulombFriction
@@ -40,7 +40,7 @@ def found_with(truth: tuple[Effect, ...], nominal: RobotModel) -> list[tuple[str
     robot = JointGroups(logs.joint_names, logs.legs)
     board = lay_out({view.name: view}, robot, range(2), ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
     library = with_repairs({name: LIBRARY[name] for name in ("coulomb_friction", "torque_gain")}, nominal)
-    best = search(board, library, lambda _: None).best
+    best = search_effects(board, library, lambda _: None).best
     return [
         (
             t.effect.name,
@@ -112,9 +112,9 @@ def test_two_effects_of_a_kind_become_one_with_the_same_numbers() -> None:
             EncoderOffset(joints=("fl",), offset_rad=0.002),
         )
     )
-    one = merged(model)
+    one = effects_merged(model)
     assert [e.name for e in one.effects] == ["torque_gain", "encoder_offset"]
-    plain = by_joint(one, JOINT_NAMES)
+    plain = model_by_joint(one, JOINT_NAMES)
     assert model_from_data(plain.to_data()).digest() == plain.digest()
     gains = {j: e.gain for e in plain.effects if isinstance(e, TorqueGain) for j in e.joints}
     assert gains == pytest.approx({"fl_kn": 0.9, "fr_kn": 0.72, "hl_kn": 0.9, "hr_kn": 0.9})
@@ -125,7 +125,7 @@ def test_two_effects_of_a_kind_become_one_with_the_same_numbers() -> None:
 def test_a_limit_between_two_gains_keeps_them_apart() -> None:
     gain = TorqueGain(joints=("kn",), gain=0.9)
     model = RobotModel((gain, TorqueLimit(joints=("kn",), limit_nm=50.0), gain))
-    assert merged(model) == model
+    assert effects_merged(model) == model
 
 
 def test_a_delay_may_be_shorter_than_the_nominal_one() -> None:

@@ -12,7 +12,7 @@ import pytest
 from diagnosis.channels import Channel
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.document import Consequences, GapChange
-from diagnosis.verdict.assemble import status_of
+from diagnosis.verdict.assemble import verdict_status
 from diagnosis.verdict.belief import (
     CALIBRATED,
     LEAST,
@@ -102,10 +102,10 @@ def test_a_status_follows_from_what_is_left_of_the_gaps(
     views = {Channel.SET_POINT_TO_LOAD: None}
     belief: Any = SimpleNamespace(found=SimpleNamespace(views=views, effects=tuple(there)), there=there)
     measured = _measured(before, share)
-    assert status_of(belief, measured, unknown, is_simulated=True) == status
-    assert status_of(belief, measured, unknown, is_simulated=False) == status
+    assert verdict_status(belief, measured, unknown, is_simulated=True) == status
+    assert verdict_status(belief, measured, unknown, is_simulated=False) == status
     belief.found.views = {}
-    assert status_of(belief, measured, unknown, is_simulated=False) == "cannot_tell"
+    assert verdict_status(belief, measured, unknown, is_simulated=False) == "cannot_tell"
 
 
 def test_what_a_formula_like_it_may_leave_is_no_evidence_for_an_effect() -> None:

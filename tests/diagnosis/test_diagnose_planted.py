@@ -7,7 +7,7 @@ from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.scoring import Scorer
-from diagnosis.selection.search import search
+from diagnosis.selection.search import search_effects
 from spot_model.effects.drivetrain import TorqueGain
 from spot_model.effects.friction import CoulombFriction
 
@@ -31,7 +31,7 @@ def two_effects() -> Evidence:
 
 
 def test_two_effects_are_found_with_their_joints(two_effects: Evidence) -> None:
-    found = search(two_effects, SMALL, lambda _: None)
+    found = search_effects(two_effects, SMALL, lambda _: None)
     robot = two_effects.robot
     joints = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in found.best.terms}
     assert joints == {"coulomb_friction": ("fl_kn",), "torque_gain": ("fl_hy", "fr_hy", "hl_hy", "hr_hy")}
@@ -45,13 +45,13 @@ def test_two_effects_are_found_with_their_joints(two_effects: Evidence) -> None:
 
 
 def test_without_an_effect_nothing_is_found() -> None:
-    found = search(drive_evidence()[1], SMALL, lambda _: None)
+    found = search_effects(drive_evidence()[1], SMALL, lambda _: None)
     assert found.best.terms == ()
 
 
 def test_what_a_nominal_model_is_usually_off_by_is_no_finding() -> None:
     gain = ERROR_SCALES["torque_gain"].scales["gain"]
-    found = search(drive_evidence(TorqueGain(joints=("fl_kn",), gain=1.0 - gain))[1], SMALL, lambda _: None)
+    found = search_effects(drive_evidence(TorqueGain(joints=("fl_kn",), gain=1.0 - gain))[1], SMALL, lambda _: None)
     assert found.best.terms == ()
 
 

@@ -14,7 +14,7 @@ from diagnosis.channels.actuator import ActuatorSignals, actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.library import acts_last, effect_columns
 from diagnosis.library.limits import added_by_sag_nm
-from diagnosis.library.registry import LIBRARY, entry_of
+from diagnosis.library.registry import LIBRARY, library_entry
 from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter
 from spot_model.effects.friction import smooth_sign
 from spot_model.effects.power import BusSag
@@ -125,7 +125,7 @@ def test_a_persons_effect_in_a_nominal_model_predicts_what_it_takes(runs, view):
 
 
 def test_an_edit_of_damping_is_a_candidate_by_itself(view):
-    entry = entry_of(Grease)
+    entry = library_entry(Grease)
     assert [c.name for c in entry.coefficients] == ["drag_nm_s_per_rad"]
     assert (entry.name, entry.channels) == ("grease", (Channel.SET_POINT_TO_LOAD,))
     np.testing.assert_allclose(entry.columns(view, {}, ALL), LIBRARY["viscous_friction"].columns(view, {}, ALL))
@@ -146,7 +146,7 @@ class Rub(TorqueEffect):
 
 
 def test_what_has_no_size_of_its_own_is_searched():
-    entry = entry_of(Rub)
+    entry = library_entry(Rub)
     assert [c.name for c in entry.coefficients] == ["level_nm"]
     shapes = entry.shapes({}, ALL)
     assert {tuple(s) for s in shapes} == {("at_rad", "width_rad")}

@@ -11,13 +11,13 @@ import pytest
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.simulation import (
     Rollout,
-    Rollouts,
-    SensorNoise,
-    merged,
+    RolloutEngine,
+    UsualNoise,
+    merged_models,
     rollouts_under,
     run_all,
-    simulate,
     simulate_all,
+    simulate_scripts,
 )
 from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
@@ -62,7 +62,7 @@ def _same(one: Sequence[Run], other: Sequence[Run]) -> bool:
     return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in pairs)
 
 
-def _many_runs(engine: Rollouts) -> list[Run]:
+def _many_runs(engine: RolloutEngine) -> list[Run]:
     """Runs of models with random effects, beside each other; some end before the others."""
     models = [
         RobotModel((CommandJitter(mean_s=0.002 * (i % 2)), NoisyCells(load_nm=0.5 * (i % 3)), *MODEL.effects[: i % 2]))
@@ -127,7 +127,7 @@ def test_surroundings_act_and_their_own_values_change_no_bit(policy: Policy, oth
     assert not _same(plain, engine.map(_rollouts(Surroundings(**other).around(MODEL))[:1])[0])
 
 
-SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+SILENT = UsualNoise(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -142,29 +142,29 @@ SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
 def test_one_batch_is_as_two(one: Effect, other: Effect) -> None:
     policy = load_policy(POLICY)
     models = [RobotModel((Armature(inertia_kg_m2=0.03), e)) for e in (one, other)]
-    both = merged(models)
+    both = merged_models(models)
     assert both is not None
-    together = simulate(both, policy, scripts(25), np.random.default_rng(0), SILENT)
+    together = simulate_scripts(both, policy, scripts(25), np.random.default_rng(0), SILENT)
     for model, run, script in zip(models, together, scripts(25), strict=True):
-        (alone,) = simulate(model, policy, [script], np.random.default_rng(0), SILENT)
+        (alone,) = simulate_scripts(model, policy, [script], np.random.default_rng(0), SILENT)
         assert np.allclose(alone.states.position_rad, run.states.position_rad, atol=1e-6)
     assert not np.allclose(alone.states.position_rad, together[0].states.position_rad, atol=1e-6)
 
 
 def test_models_of_other_effects_or_joints_stand_side_by_side() -> None:
     knees, hips = (RobotModel((CoulombFriction(joints=(j,), level_nm=1.0),)) for j in ("knees", "hips"))
-    both = merged([knees, hips, RobotModel()])
+    both = merged_models([knees, hips, RobotModel()])
     assert both is not None
     levels = {e.joints: np.ravel(e.values["level_nm"]).tolist() for e in both.effects}
     assert levels == {("knees",): [1.0, 0.0, 0.0], ("hips",): [0.0, 1.0, 0.0]}
-    assert merged([knees, knees]) is knees
+    assert merged_models([knees, knees]) is knees
     per_run = RobotModel((CoulombFriction(level_nm=np.ones((3, 1))),))
-    assert merged([per_run, knees]) is None
+    assert merged_models([per_run, knees]) is None
 
 
 def test_a_number_for_each_joint_stands_beside_one_for_all() -> None:
     by_joint = RobotModel((TorqueGain(gain=np.linspace(0.9, 1.1, 12)[None]),))
-    both = merged([by_joint, RobotModel((TorqueGain(gain=0.8),)), RobotModel()])
+    both = merged_models([by_joint, RobotModel((TorqueGain(gain=0.8),)), RobotModel()])
     assert both is not None
     gain = both.effects[0].values["gain"]
     np.testing.assert_allclose(gain, [np.linspace(0.9, 1.1, 12), np.full(12, 0.8), np.ones(12)])
@@ -173,7 +173,7 @@ def test_a_number_for_each_joint_stands_beside_one_for_all() -> None:
 def test_effects_keep_their_order() -> None:
     a, b, c = TorqueGain(gain=0.9), StribeckFriction(level_nm=1.0), TorqueOffset(offset_nm=1.0)
     models = [RobotModel(own) for own in ((a, c), (b, c), (c, a))]
-    both = merged(models)
+    both = merged_models(models)
     assert both is not None
     assert len(both.effects) == 4
     for row, model in enumerate(models):
@@ -190,7 +190,7 @@ def test_a_batch_has_few_effects_however_its_models_differ() -> None:
     """Joints do not keep effects apart, nor does the place among effects of other hooks."""
     late, gain = CommandDelay(delay_s=0.01), TorqueGain(joints=("hips",), gain=0.9)
     friction = [StribeckFriction(joints=(j,), level_nm=1.0) for j in ("fl_kn", "fr_kn")]
-    both = merged([RobotModel((late, gain, *friction)), RobotModel((gain, friction[0], late)), RobotModel()])
+    both = merged_models([RobotModel((late, gain, *friction)), RobotModel((gain, friction[0], late)), RobotModel()])
     assert both is not None
     assert [e.name for e in both.effects] == ["torque_gain", "stribeck_friction", "command_delay"]
     level = np.zeros((3, 12))
@@ -200,7 +200,7 @@ def test_a_batch_has_few_effects_however_its_models_differ() -> None:
 
 def test_effects_that_add_up_joints_stay_apart() -> None:
     knees, hips = (BusSag(joints=(j,), resistance_ohm=0.1, copper_w_per_nm2=0.1) for j in ("knees", "hips"))
-    both = merged([RobotModel((knees,)), RobotModel((hips,)), RobotModel((knees, hips))])
+    both = merged_models([RobotModel((knees,)), RobotModel((hips,)), RobotModel((knees, hips))])
     assert both is not None
     assert [e.joints for e in both.effects] == [("knees",), ("hips",)]
 
@@ -209,7 +209,7 @@ def test_effects_that_add_up_joints_stay_apart() -> None:
 def test_beside_any_effect_a_run_without_it_moves_as_ever(case: Case) -> None:
     entry = LIBRARY[case.effect]
     model = RobotModel((entry.make(case.values, case.joints),))
-    both = merged([RobotModel(), model])
+    both = merged_models([RobotModel(), model])
     assert both is not None
     plants = [Plant(m.effects, n, PlantOptions()) for m, n in ((both, 2), (RobotModel(), 1))]
     for plant in plants:

@@ -13,7 +13,7 @@ import pytest
 from diagnosis.channels import Array, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import JointGroups, LibraryEffect, Location
 from diagnosis.library.held import OF_CHANNEL_ONLY, groups_of
@@ -21,7 +21,7 @@ from diagnosis.library.less import AtBound
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.rigid_body import body_of
 from diagnosis.selection.ordinary_errors import ErrorKind, error_sets
-from diagnosis.selection.robot_models import by_joint, held_at_bounds, merged, with_kind
+from diagnosis.selection.robot_models import effects_merged, held_at_bounds, model_by_joint, with_kind
 from spot_model.effects.base import Effect, ModelEffect
 from spot_model.effects.bodies import ComOffset, PayloadMass
 from spot_model.effects.commands import CommandDelay
@@ -156,7 +156,7 @@ def test_all_numbers_together_come_back_from_the_model_and_from_its_file(
     nominal: str, times: float, tmp_path: Path
 ) -> None:
     after, _ = all_drawn(NOMINALS[nominal], np.random.default_rng(int(times)), times)
-    plain = by_joint(merged(after), JOINT_NAMES)
+    plain = model_by_joint(effects_merged(after), JOINT_NAMES)
     save_model(plain, tmp_path / "model.yaml")
     loaded = load_model(str(tmp_path / "model.yaml"))
     assert loaded.digest() == plain.digest()
@@ -166,12 +166,12 @@ def test_all_numbers_together_come_back_from_the_model_and_from_its_file(
 
 def test_a_model_that_is_corrected_again_does_not_grow() -> None:
     rng = np.random.default_rng(3)
-    once = by_joint(merged(all_drawn(RobotModel(), rng, 1.0)[0]), JOINT_NAMES)
+    once = model_by_joint(effects_merged(all_drawn(RobotModel(), rng, 1.0)[0]), JOINT_NAMES)
     twice = once
     for name in ERROR_SCALES:
         drawn = 0.5 * spreads(name) * rng.standard_normal((n_units(name), len(spreads(name))))
         twice = with_kind(twice, SPOT, kind_of(name), drawn)
-    names = [e.name for e in merged(twice).effects]
+    names = [e.name for e in effects_merged(twice).effects]
     # Effects on the model's fields stand by joint or leg, of which there are twelve.
     for name in set(names):
         assert names.count(name) <= (12 if name in BY_PLACE else 1), name
@@ -251,10 +251,10 @@ def simulated_body(model: RobotModel) -> tuple[float, Array, Array]:
 def test_a_model_with_all_kinds_is_simulated() -> None:
     model, _ = all_drawn(HELD, np.random.default_rng(5), 1.0)
     policy = load_policy(POLICY)
-    plain = by_joint(merged(model), JOINT_NAMES)
+    plain = model_by_joint(effects_merged(model), JOINT_NAMES)
     rows = []
     for own in (model, plain, HELD):
-        run = simulate(own, policy, scripts(25)[:1], np.random.default_rng(0), SensorNoise())[0]
+        run = simulate_scripts(own, policy, scripts(25)[:1], np.random.default_rng(0), UsualNoise())[0]
         assert np.isfinite(run.states.position_rad).all()
         rows.append(run.states.load_nm[:40])
     # What merges is the same up to the order of small effects.

@@ -8,12 +8,12 @@ import pytest
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
-from diagnosis.decision_constants import ERROR_SCALES, FORMULA_ERROR, GROUP_ODDS
+from diagnosis.decision_constants import ERROR_SCALES, FORMULA_ERROR, GROUP_ODDS, LEAST_NATS
 from diagnosis.library import JointGroups
 from diagnosis.library.ground import HEIGHTS
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import lay_out
-from diagnosis.selection.faultless import FAULTLESS, LEAST_NATS
+from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.scoring import Scorer
 from spot_model.effects.estimator import ImuTilt
 from spot_model.effects.ground import GroundSlope

@@ -17,8 +17,7 @@ from diagnosis.report.drift import Drift, drift_of
 from diagnosis.report.history import file_next, read_history
 from diagnosis.report.history_page import history_page, write_history
 from diagnosis.session import DiagnosisRequest
-from spot_log import Run
-from spot_log.format.records import EventRecord, Severity
+from spot_log import open_run
 from spot_model.effects.base import Effect
 from spot_model.effects.drivetrain import Backlash, TorqueGain
 from spot_model.errors import BadInputError
@@ -67,20 +66,19 @@ def history(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def logs(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Path]]:
+def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Path]]:
     """Logs of a robot on a day of November 2026."""
     (walk,) = planted_runs(Truth(), 1, sequence=walk_sequence(1.0))
 
-    def made(day: int, robot: str = "spot-A", year: int = 2026) -> list[Path]:
+    def made(day: int, year: int = 2026) -> list[Path]:
         began_ns = int(filing.datetime(year, 11, day, 15, tzinfo=filing.timezone.utc).timestamp()) * 10**9
-        met = EventRecord(began_ns, 0, Severity.INFO, "connected", f"{robot} Rex; clock +0.0 s from ours")
-        first, last = (
-            replace(walk, header=replace(walk.header, started_host_stamp_ns=began_ns - k * DAY_NS), events=(met,))
-            for k in (1, 0)
-        )
-        found: tuple[Run, ...] = (first, last)
-        monkeypatch.setattr(filing, "read_all", lambda _: (found, ()))
-        return [Path("logs")]
+        found = {}
+        for k in (1, 0):
+            header = replace(walk.header, started_host_stamp_ns=began_ns - k * DAY_NS)
+            found[tmp_path / f"{k}.mcap"] = replace(walk, header=header)
+            (tmp_path / f"{k}.mcap").touch()
+        monkeypatch.setattr(filing, "open_run", lambda path: found[path] if path in found else open_run(path))
+        return list(found)
 
     return made
 
@@ -104,8 +102,13 @@ def test_what_cannot_be_filed_is_refused_with_the_next_step(history, logs, tmp_p
         file_next(history, logs(4), None, None)
     with pytest.raises(BadInputError, match=r"no diagnosis before 2026-11-04; give .* --nominal"):
         file_next(tmp_path / "new", logs(4), None, None)
+    place = file_next(history, logs(12), None, None)
+    for robot in ("", "spot-A"):
+        place.check_robot(robot)
     with pytest.raises(BadInputError, match=r"logs are of robot spot-B; \S*2026-11-05 is of spot-A; .* each robot"):
-        file_next(history, logs(12, "spot-B"), None, None)
+        place.check_robot("spot-B")
+    with pytest.raises(BadInputError, match="holds no log that can be read"):
+        file_next(history, [tmp_path / "none.mcap"], None, None)
     with pytest.raises(BadInputError, match=r"tells no date \(it began at 1970-11-12\); name it, as --out"):
         file_next(history, logs(12, year=1970), None, None)
     assert file_next(history, logs(12, year=1970), None, history / "2026-11-12").since == "2026-11-05"
@@ -217,10 +220,8 @@ def test_a_page_of_one_date_says_its_headline(history) -> None:
     assert "changed since" not in text
 
 
-def test_the_command_files_it_and_tells_what_changed(history, logs, tmp_path, monkeypatch) -> None:
-    log = tmp_path / "a.mcap"
-    log.touch()
-    logs(12)
+def test_the_command_files_it_and_tells_what_changed(history, logs, monkeypatch) -> None:
+    _, log = logs(12)
     asked: list[DiagnosisRequest] = []
 
     def at_once(inputs: DiagnosisRequest, out: Path, *_: object, **__: object) -> tuple[object, dict[str, Path]]:

@@ -14,18 +14,18 @@ import yaml
 
 from diagnosis.improve import steps
 from diagnosis.improve.improvement import worth_training
-from diagnosis.improve.judgement import figures, is_taken
+from diagnosis.improve.judgement import compared_figures, is_taken
 from diagnosis.improve.limits import Limit, curve_of, is_nearer, limits_of, search_config, with_limits
 from diagnosis.improve.retraining import RETRAIN, refine_config, take_training, train_words
 from diagnosis.improve.session import ImproveRequest, improve_policy
-from diagnosis.improve.steps import Step, StepError, take
+from diagnosis.improve.steps import CommandStep, StepError, take
 from spot_model.errors import BadInputError, GpuMemoryError
 from spot_model.io.model_file import load_model, save_model
 from spot_model.io.models_file import load_models, save_models
 from spot_model.policy.policy import load_policy
-from trainer.config.train_config import load_config
+from trainer.config.train_config import load_train_config
 from trainer.refine.config import load_refine_config
-from trainer.sysid.config import config_from_data
+from trainer.sysid.config import sysid_config_from_data
 from trainer.sysid.result import ResultData
 
 from .report_case import verdict
@@ -58,33 +58,33 @@ def evaluation(**changed: Any) -> dict[str, Any]:
 
 
 def kinds(old: dict[str, Any], new: dict[str, Any]) -> dict[str, str]:
-    return {f.name: f.kind for f in figures(old, new)}
+    return {f.name: f.kind for f in compared_figures(old, new)}
 
 
 def test_the_same_policy_is_neither_better_nor_worse() -> None:
-    found = figures(evaluation(), evaluation())
+    found = compared_figures(evaluation(), evaluation())
     assert {f.kind for f in found} == {"same"}
     assert not is_taken(found)
 
 
 def test_a_faster_policy_is_taken_and_one_that_falls_more_is_not() -> None:
     faster = evaluation(top_speed={"sustained_m_s": 4.4, "curve": [[4.0, 4.4, True]]})
-    found = figures(evaluation(), faster)
+    found = compared_figures(evaluation(), faster)
     assert [f.name for f in found if f.kind == "better"] == ["highest speed held"]
     assert is_taken(found)
     falls = {**faster, "possible_robots": {"falls": 20, "episodes": 200}}
     assert kinds(evaluation(), falls)["falls, all robots that the logs allow"] == "worse"
-    assert not is_taken(figures(evaluation(), falls))
+    assert not is_taken(compared_figures(evaluation(), falls))
     # As many falls as chance may bring.
     chance = {**faster, "possible_robots": {"falls": 6, "episodes": 200}}
-    assert is_taken(figures(evaluation(), chance))
+    assert is_taken(compared_figures(evaluation(), chance))
 
 
 def test_a_policy_that_hops_or_falls_at_every_speed_is_not_taken() -> None:
     hops = copy.deepcopy(evaluation(top_speed={"sustained_m_s": 5.0, "curve": [[4.0, 5.0, True]]}))
     hops["tracking"]["points"][1]["gait"] = "pronk"
     assert kinds(evaluation(), hops)["gait"] == "worse"
-    assert not is_taken(figures(evaluation(), hops))
+    assert not is_taken(compared_figures(evaluation(), hops))
     falls = evaluation(top_speed={"sustained_m_s": None, "curve": [[4.0, 0.0, False]]})
     assert kinds(evaluation(), falls)["highest speed held"] == "worse"
 
@@ -93,7 +93,7 @@ def test_a_policy_that_no_longer_stands_is_not_taken() -> None:
     walks = copy.deepcopy(evaluation(top_speed={"sustained_m_s": 5.0, "curve": [[4.0, 5.0, True]]}))
     walks["tracking"]["standing_speed_m_s"] = 0.59
     assert kinds(evaluation(), walks)["speed at zero command"] == "worse"
-    assert not is_taken(figures(evaluation(), walks))
+    assert not is_taken(compared_figures(evaluation(), walks))
 
 
 def test_speed_is_not_bought_with_commands_that_were_followed() -> None:
@@ -101,7 +101,7 @@ def test_speed_is_not_bought_with_commands_that_were_followed() -> None:
     for point in slow["tracking"]["points"]:
         point["error"] = [0.15, 0.01, 0.01]
     assert kinds(evaluation(), slow)["error of forward speed where the old policy follows"] == "worse"
-    assert not is_taken(figures(evaluation(), slow))
+    assert not is_taken(compared_figures(evaluation(), slow))
 
 
 def test_errors_are_compared_at_commands_that_both_know() -> None:
@@ -153,7 +153,7 @@ def test_a_limit_differs_only_if_its_interval_leaves_the_nominal_one_out() -> No
 def test_the_search_for_limits_starts_from_the_corrected_model(tmp_path: Path) -> None:
     save_model(load_model("paper_initial"), tmp_path / "corrected.yaml")
     data = search_config(load_model("paper_initial"), str(tmp_path / "corrected.yaml"), "cpu", 3)
-    config = config_from_data(data, source="test")
+    config = sysid_config_from_data(data, source="test")
     assert [p.parameter for p in config.parameters] == list(curve_of(load_model("paper_initial")).values)
     assert config.space().initial[2] == 20.0
     assert search_config(load_model("ideal"), "ideal", "cpu", 0) is None
@@ -233,7 +233,7 @@ def ignore(_: str) -> None:
 
 
 def test_a_step_is_taken_once_and_must_leave_its_result(commands: Commands, tmp_path: Path) -> None:
-    step = Step("copy", ("copy", "a"), tmp_path / "result")
+    step = CommandStep("copy", ("copy", "a"), tmp_path / "result")
     with pytest.raises(StepError, match="copy"):
         take(step, ignore)
     commands.leaves["copy"] = lambda _: step.result.touch()
@@ -247,7 +247,7 @@ def test_a_step_is_taken_once_and_must_leave_its_result(commands: Commands, tmp_
 
 
 def test_a_step_without_memory_on_the_gpu_goes_to_the_cores(commands: Commands, tmp_path: Path) -> None:
-    step = Step("look", ("look", "--device", "cuda"), tmp_path / "result", on_cores=("look",))
+    step = CommandStep("look", ("look", "--device", "cuda"), tmp_path / "result", on_cores=("look",))
     commands.leaves["look"] = lambda _: step.result.touch()
     commands.codes = [GpuMemoryError.exit_code]
     take(step, ignore)
@@ -256,7 +256,7 @@ def test_a_step_without_memory_on_the_gpu_goes_to_the_cores(commands: Commands, 
 
 def test_a_training_without_memory_takes_half_of_the_robots(commands: Commands, tmp_path: Path) -> None:
     run = tmp_path / "training"
-    step = Step("training", ("train",), run / "checkpoint_000002.pt")
+    step = CommandStep("training", ("train",), run / "checkpoint_000002.pt")
 
     def trained(_: Sequence[str]) -> None:
         run.mkdir(exist_ok=True)
@@ -280,7 +280,7 @@ def test_a_training_goes_on_from_its_checkpoint(commands: Commands, tmp_path: Pa
     run = tmp_path / "training"
     run.mkdir()
     (run / "config.yaml").touch()
-    step = Step("training", ("train", "--config", "x"), run / "checkpoint_000002.pt")
+    step = CommandStep("training", ("train", "--config", "x"), run / "checkpoint_000002.pt")
     commands.leaves["train"] = lambda _: (run.mkdir(exist_ok=True), step.result.touch())
     # Interrupted before the first checkpoint: nothing to go on from.
     take_training(step, run, 4096, "cuda", ignore)
@@ -294,7 +294,7 @@ def test_what_is_trained_and_refined_is_valid_and_within_the_policys_range(tmp_p
     contract = load_policy(POLICY).contract
     words = train_words(tmp_path / "robots.yaml", POLICY, contract, RETRAIN, ("n_envs=64",), tmp_path / "run", "cuda")
     sets = tuple(words[i + 1] for i, word in enumerate(words) if word == "--set")
-    config = load_config(RETRAIN, sets)
+    config = load_train_config(RETRAIN, sets)
     assert config.task.commands.v_x_m_s == (contract.velocity_command_low[0], contract.velocity_command_high[0])
     assert (config.n_envs, config.start_from) == (64, str(POLICY))
     path = tmp_path / "refine.yaml"
@@ -336,7 +336,7 @@ class Loop(Commands):
 
         def trained(words: Sequence[str]) -> None:
             (self.out / "training").mkdir(exist_ok=True)
-            (self.out / "training" / f"checkpoint_{load_config(RETRAIN).iterations:06d}.pt").touch()
+            (self.out / "training" / f"checkpoint_{load_train_config(RETRAIN).iterations:06d}.pt").touch()
 
         def exported(_: Sequence[str]) -> None:
             (self.out / "retrained.onnx").write_bytes(POLICY.read_bytes())

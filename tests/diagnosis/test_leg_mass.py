@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from diagnosis.library.registry import LIBRARY
-from diagnosis.verdict.explanation import explain
+from diagnosis.verdict.explanation import weigh
 from spot_model.effects.commands import CommandDelay
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
@@ -25,7 +25,7 @@ def test_a_boot_is_named_with_its_mass_and_nothing_in_its_place() -> None:
     policy = load_policy(POLICY)
     robot = Stranger(policy, 1028, Faults(boot_kg={"hl": kg}, payload_kg=5.0), ERRORS)
     runs = robot.walk(SEQUENCES, 1, 5.0)
-    found = explain(runs, RobotModel((CommandDelay(delay_s=0.004),)), policy, LIBRARY, lambda _: None)
+    found = weigh(runs, RobotModel((CommandDelay(delay_s=0.004),)), policy, LIBRARY, lambda _: None)
     best = found.selection.best
     named = {
         t.effect.name: (found.board.robot.named(found.board.robot.joints_of(t.effect, t.place)), t, c)

@@ -11,10 +11,9 @@ from scipy.stats import multivariate_normal
 
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solved
-from diagnosis.selection.priors import realistic_range
-from diagnosis.selection.scoring import Scored, Scorer, _occam
-from diagnosis.selection.search import search
-from diagnosis.verdict.diagnose import diagnose
+from diagnosis.selection.scoring import Scored, Scorer, _occam, realistic_range
+from diagnosis.selection.search import search_effects
+from diagnosis.verdict.diagnose import diagnose_runs
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.effects.base import Effect
@@ -72,7 +71,7 @@ def test_a_number_is_found_at_its_joint_though_others_could_take_it_up() -> None
     names = ("encoder_offset", "torque_offset", "load_sensor_gain", "torque_gain", "payload_mass", "foot_radius")
     truth = Truth((EncoderOffset(joints=("fl_kn",), offset_rad=0.049),))
     board = evidence_over(planted_runs(truth, 2, sequence=walk_sequence(3.0)))
-    best = search(board, {name: LIBRARY[name] for name in names}, lambda _: None).best
+    best = search_effects(board, {name: LIBRARY[name] for name in names}, lambda _: None).best
     ((term,), (own,)) = best.terms, best.coefficients
     assert (term.effect.name, board.robot.named(term.place > 0.0)) == ("encoder_offset", ("fl_kn",))
     assert own[0] == pytest.approx(0.049, rel=0.1)
@@ -81,7 +80,7 @@ def test_a_number_is_found_at_its_joint_though_others_could_take_it_up() -> None
 def _diagnosed(effects: tuple[Effect, ...], *names: str) -> Any:
     runs = planted_runs(Truth(effects), 2, sequence=walk_sequence(3.0))
     library = {name: LIBRARY[name] for name in names}
-    return diagnose(runs, NOMINAL, None, np.random.default_rng(0), lambda _: None, library=library)
+    return diagnose_runs(runs, NOMINAL, None, np.random.default_rng(0), lambda _: None, library=library)
 
 
 def test_joints_with_different_limits_are_terms_of_one_difference() -> None:
@@ -139,6 +138,6 @@ def _arm() -> Run:
 
 
 def test_kinds_of_one_joint_get_a_verdict() -> None:
-    verdict = diagnose([_arm()], RobotModel(), None, np.random.default_rng(0), lambda _: None).verdict
+    verdict = diagnose_runs([_arm()], RobotModel(), None, np.random.default_rng(0), lambda _: None).verdict
     assert verdict.where[0].joint == "knee"
     assert [(d.name, d.joints) for d in verdict.differences] == [("coulomb_friction", ("knee",))]

@@ -15,7 +15,7 @@ from diagnosis.document import Calibration, GapCell, GapChange, Number
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report import figures, words
 from diagnosis.report.headline import headline, is_good, next_step
-from diagnosis.report.output import check_free, write_all
+from diagnosis.report.output import check_no_diagnosis, write_all
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.draw import heat, nice_ticks
@@ -394,4 +394,4 @@ def test_a_diagnosis_is_written_whole_or_not_at_all(
     ]
     assert all(p.is_file() for p in paths.values())
     with pytest.raises(BadInputError, match=r"verdict.json exists; nothing is overwritten"):
-        check_free(out)
+        check_no_diagnosis(out)

@@ -11,13 +11,13 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.closed_loop.gap_map import benjamini_hochberg
-from diagnosis.decision_constants import PARAMETER_SPREAD
+from diagnosis.decision_constants import ODD, OUTSIDE, PARAMETER_SPREAD
 from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.faultless import FAULTLESS, Tail, even_odds
 from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solve_bounded, solved
-from diagnosis.verdict.calibration import ODD, Z_90, is_odd, with_formula_error
-from diagnosis.verdict.left_over import OUTSIDE, left_over, nats_left, probability
+from diagnosis.verdict.calibration import Z_90, is_odd, with_formula_error
+from diagnosis.verdict.left_over import left_over, nats_left, probability
 from spot_model.robot.facts import JOINT_NAMES
 
 ROBOT = JointGroups(JOINT_NAMES, np.repeat(np.arange(4), 3))

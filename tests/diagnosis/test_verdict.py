@@ -21,9 +21,6 @@ from diagnosis.document import (
 )
 from diagnosis.report.words import joints_in_short
 from diagnosis.terminal import twelve_lines
-from diagnosis.verdict.posterior_file import Possibility, Posterior, Term
-from spot_model.effects.drivetrain import TorqueGain
-from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES
 
 CELL = GapCell(signal="load", joint="fl_kn", regime="motoring", gap=2.0, floor=0.5, ratio=4.0, p_value=0.01)
@@ -146,16 +143,3 @@ def test_a_key_of_the_contract_that_is_missing_is_an_error() -> None:
 def test_another_schema_is_refused() -> None:
     with pytest.raises(ValueError, match="spot-rl/verdict/2"):
         Verdict.model_validate(json.loads(EXAMPLE) | {"schema": "spot-rl/verdict/1"})
-
-
-BASE = RobotModel((TorqueGain(joints=("fl_hx",), gain=1.03),)).to_data()
-
-
-def _friction(weight: float, sd: float) -> Possibility:
-    term = Term(effect="coulomb_friction", joints=("knees",), shape={}, mean=(1.0,), covariance=((sd**2,),))
-    return Possibility(weight=weight, distance_floors=1.2, model=BASE, terms=(term,))
-
-
-def test_a_file_comes_back_as_it_was() -> None:
-    posterior = Posterior(possibilities=(_friction(1.0, 0.1),))
-    assert Posterior.model_validate_json(posterior.model_dump_json(by_alias=True)) == posterior

@@ -38,7 +38,7 @@ def test_a_nominal_model_that_lacks_the_arm_is_told_of(
     run = SimpleNamespace(arm=[0] * has_arm)
     monkeypatch.setattr(session, "read_logs", lambda *_: ((run,), ()))
     monkeypatch.setattr(session, "find_policy_file", lambda *_: None)
-    monkeypatch.setattr(session, "diagnose", end)
+    monkeypatch.setattr(session, "diagnose_runs", end)
     said: Any = Said()
     with pytest.raises(EndError):
         run_session(DiagnosisRequest(logs=("a.mcap",), nominal=nominal), tmp_path, said)

@@ -19,10 +19,10 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.faultless import FAULTLESS
 from diagnosis.selection.scoring import crossed
 from diagnosis.verdict import belief
-from diagnosis.verdict.assemble import status_of
+from diagnosis.verdict.assemble import verdict_status
 from diagnosis.verdict.belief import Belief, decide, most_of_motion
 from diagnosis.verdict.calibration import calibrated_numbers
-from diagnosis.verdict.explanation import Explanation, explain
+from diagnosis.verdict.explanation import Explanation, weigh
 from diagnosis.verdict.measured import Measurements, measured_by_prediction
 from spot_log.read.run import Run
 from spot_model.effects.drivetrain import TorqueGain
@@ -55,7 +55,7 @@ def views() -> Views:
 
 
 def _explained(truth: Truth) -> Explanation:
-    return explain(_without_loads(truth), NOMINAL, None, FEW, lambda _: None)
+    return weigh(_without_loads(truth), NOMINAL, None, FEW, lambda _: None)
 
 
 def _joints(found: Explanation) -> dict[str, tuple[str, ...]]:
@@ -77,7 +77,7 @@ def test_what_the_drive_gives_less_is_found_in_the_motion(fault: TorqueGain | Vi
 
 def _decided(runs: list[Run]) -> tuple[Belief, Measurements]:
     few = {"coulomb_friction": LIBRARY["coulomb_friction"]}
-    found = explain(runs, NOMINAL, None, few, lambda _: None)
+    found = weigh(runs, NOMINAL, None, few, lambda _: None)
     decided = decide(found, few)
     return decided, measured_by_prediction(found.board, crossed(found.board, decided.best))
 
@@ -91,13 +91,13 @@ def test_the_same_walk_says_less_without_its_loads() -> None:
     assert {g.gap: g.unit for g in measured.whole.gaps} == {
         "torque": "N·m", "swing-leg torque": "N·m", "body force": "N",
     }  # fmt: skip
-    assert status_of(decided, measured, 0.0, is_simulated=False) in ("explained", "partly_explained")
+    assert verdict_status(decided, measured, 0.0, is_simulated=False) in ("explained", "partly_explained")
     decided, measured = _decided([_blind(run) for run in runs])
     assert decided.found.effects == ("coulomb_friction",)
     assert decided.there == {"coulomb_friction": NAMED}
     assert {g.gap: g.unit for g in measured.whole.gaps} == {"swing-leg torque": "N·m", "body force": "N"}
     assert all(g.high is None or g.high <= 1.0 for g in measured.whole.gaps)
-    assert status_of(decided, measured, 0.0, is_simulated=False) == "cannot_tell"
+    assert verdict_status(decided, measured, 0.0, is_simulated=False) == "cannot_tell"
     numbers = calibrated_numbers(decided.found.board, decided.best, NOMINAL)
     assert not any(n.stands_out for n in numbers if lacks_loads(LIBRARY[n.effect], decided.found.board.views))
     assert decided.sets[decided.stated][1] <= NAMED

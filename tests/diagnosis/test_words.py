@@ -106,7 +106,7 @@ class Draw:
         split = Split(name="slow", text="Walk slowly: it grows.", command="spot-rl collect")
         return Difference(
             name=name,
-            title=words.plain(name),
+            title=words.plain_name(name),
             probability=self.of(0.5, *self.rng.uniform(0.51, 1.0, 9).tolist()),
             group=group,
             joints=self.of(("fl_kn",), ("fl_kn", "fr_kn", "hl_kn", "hr_kn")),

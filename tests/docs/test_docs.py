@@ -108,8 +108,8 @@ def check_line(words: list[str], *, is_whole: bool = True) -> None:
     if program == "spot-rl":
         check_command(words[1:], is_whole=is_whole)
     elif program == "torchrun":
-        assert (REPOSITORY / "trainer" / "__main__.py").is_file()
-        check_command(words[words.index("trainer") + 1 :])
+        assert (REPOSITORY / "spot_model" / "__main__.py").is_file()
+        check_command(words[words.index("spot_model") + 1 :])
     elif program == "make":
         makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
         for target in (w for w in words[1:] if "=" not in w):
@@ -235,7 +235,7 @@ def test_commands_for_a_gpu_say_so_where_there_is_none(
     if torch.cuda.is_available():
         pytest.skip("there is a GPU here; this asks what is said where there is none")
     monkeypatch.chdir(REPOSITORY)
-    after = words[words.index("trainer") + 1 :] if words[0] == "torchrun" else words[1:]
+    after = words[words.index("spot_model") + 1 :] if words[0] == "torchrun" else words[1:]
     with pytest.raises(SystemExit):
         main(after)
     assert "there is no usable NVIDIA GPU here" in capsys.readouterr().err

@@ -259,5 +259,5 @@ def test_python_and_the_command_write_the_same_folder(walks: list[Run], in_proje
     )
     assert set(ours) == set(theirs)
     assert {"inputs.json", "report.html", "possible_robots.yaml", "compare/compare.html"} <= set(ours)
-    for name in ("inputs.json", "verdict.json", "posterior.json", "possible_robots.yaml"):
+    for name in ("inputs.json", "verdict.json", "possible_robots.yaml"):
         assert ours[name].read_text() == theirs[name].read_text()

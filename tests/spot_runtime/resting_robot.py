@@ -10,7 +10,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array, ImuPacket, RobotState
+from spot_model.robot.facts import Array
+from spot_model.robot.state import ImuPacket, RobotState
 from spot_runtime.control.safety.signals.legs import foot_jacobians
 from tests.spot_runtime.conftest import START_NS
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
-from spot_model.robot.state import Array, Gains, RobotState
+from spot_model.robot.facts import Array
+from spot_model.robot.state import Gains, RobotState
 from spot_runtime.control.set_point import (
     LoadAverage,
     Setpoint,

@@ -11,7 +11,8 @@ import pytest
 
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.state import Array, Gains, JointCommand, RobotState
+from spot_model.robot.facts import Array
+from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.control.modes import TAKE_HOLD_S
 from spot_runtime.control.safety.signals import answer, bounds, check
 from spot_runtime.control.safety.signals.answer import HoldMemory, after_hold_window, hold_words

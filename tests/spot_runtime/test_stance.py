@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array
+from spot_model.robot.facts import Array
 from spot_runtime.control.safety.signals import bounds, check
 from spot_runtime.control.safety.signals.legs import Stance, foot_jacobians, is_stance_wrong, stance_of
 from spot_runtime.control.safety.signals.window import Window

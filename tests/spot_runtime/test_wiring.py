@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array
+from spot_model.robot.facts import Array
 from spot_runtime.control.safety.signals import bounds, check, wiring
 from spot_runtime.control.safety.signals.legs import feet, sole_speeds_m_s
 from spot_runtime.control.safety.signals.readers import Signal

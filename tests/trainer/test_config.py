@@ -3,26 +3,34 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.config.train_config import TrainConfig, config_from_data, config_yaml, load_config, resolve_path
+from trainer.config.train_config import (
+    TrainConfig,
+    config_yaml,
+    load_train_config,
+    resolve_path,
+    train_config_from_data,
+)
 
 MINIMAL = {"name": "t", "iterations": 1}
 
 
 def test_defaults_are_the_released_hyper_parameters() -> None:
-    ppo = config_from_data(MINIMAL, source="test").ppo
+    ppo = train_config_from_data(MINIMAL, source="test").ppo
     assert (ppo.hidden, ppo.steps_per_iteration, ppo.epochs, ppo.mini_batches) == ((512, 256, 128), 24, 5, 4)
     assert (ppo.learning_rate, ppo.desired_kl, ppo.clip, ppo.entropy) == (1e-3, 0.01, 0.2, 0.0025)
 
 
 def test_yaml_round_trip_keeps_every_field(tmp_path: Path) -> None:
-    config = config_from_data(MINIMAL, source="test", overrides=("rewards.gait=3.5", "ppo.hidden=[8, 4]"))
+    config = train_config_from_data(MINIMAL, source="test", overrides=("rewards.gait=3.5", "ppo.hidden=[8, 4]"))
     path = tmp_path / "c.yaml"
     path.write_text(config_yaml(config), encoding="utf-8")
-    assert load_config(path) == config
+    assert load_train_config(path) == config
 
 
 def test_overrides_reach_nested_keys_with_and_without_task() -> None:
-    config = config_from_data(MINIMAL, source="test", overrides=("rewards.linear_velocity=15", "task.noise.scale=0"))
+    config = train_config_from_data(
+        MINIMAL, source="test", overrides=("rewards.linear_velocity=15", "task.noise.scale=0")
+    )
     assert config.task.rewards.linear_velocity == 15.0
     assert config.task.noise.scale == 0.0
 
@@ -42,7 +50,7 @@ def test_overrides_reach_nested_keys_with_and_without_task() -> None:
 )
 def test_a_bad_override_says_what_is_wrong(override: str, words: list[str]) -> None:
     with pytest.raises(BadInputError) as caught:
-        config_from_data(MINIMAL, source="test", overrides=(override,))
+        train_config_from_data(MINIMAL, source="test", overrides=(override,))
     for word in words:
         assert word in str(caught.value)
 
@@ -50,7 +58,7 @@ def test_a_bad_override_says_what_is_wrong(override: str, words: list[str]) -> N
 def test_a_misspelt_key_in_the_file_lists_the_allowed_ones() -> None:
     data = {**MINIMAL, "task": {"rewards": {"gate": 1.0}}}
     with pytest.raises(BadInputError, match=r"(?s)no reward is called gate; allowed: linear_velocity, yaw_rate"):
-        config_from_data(data, source="config x.yaml")
+        train_config_from_data(data, source="config x.yaml")
 
 
 def test_every_leaf_can_be_named_by_an_override() -> None:
@@ -60,5 +68,5 @@ def test_every_leaf_can_be_named_by_an_override() -> None:
 
 @pytest.mark.parametrize("name", ["walk", "fast", "baseline", "walk_cpu", "settle"])
 def test_the_committed_configs_are_valid(name: str) -> None:
-    config = load_config(Path(__file__).parents[2] / "policies" / f"{name}.yaml")
+    config = load_train_config(Path(__file__).parents[2] / "policies" / f"{name}.yaml")
     assert config.name == name

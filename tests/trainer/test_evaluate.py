@@ -185,7 +185,7 @@ def test_pushes_and_patches_reach_robots_on_any_device(device: str, monkeypatch:
         speeds.append(np.linalg.norm(np.asarray(plant.linear_vel_of_body_in_world_m_s), axis=-1))
         return recording()
 
-    monkeypatch.setattr(trials, "hold", disturbed)
+    monkeypatch.setattr(trials, "walk_at", disturbed)
     monkeypatch.setattr(trials, "record_walks", disturbed)
     setting = Setting(policy=load_policy(POLICY), device=device)
     trials.pushes(setting, n=3)

@@ -6,7 +6,7 @@ import pytest
 from spot_model.policy.policy import load_policy
 from spot_model.robot.mjcf import default_height_m
 from trainer.evaluate.setting import Setting
-from trainer.simulate.walks import Fall, record_walks, touching_ground
+from trainer.simulate.walks import TrialFall, record_walks, touching_ground
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
@@ -46,11 +46,11 @@ def test_what_touches_the_ground_is_named() -> None:
 
 
 def test_the_sentence_says_when_and_why() -> None:
-    fall = Fall(3, 10.4, (0.5, 0.0, -0.2), 0.4, (0.1, 0.6, 0.0), np.radians(12.0), ("hl lower leg",), ("hl_kn",))
+    fall = TrialFall(3, 10.4, (0.5, 0.0, -0.2), 0.4, (0.1, 0.6, 0.0), np.radians(12.0), ("hl lower leg",), ("hl_kn",))
     assert fall.sentence() == (
         "robot 3 falls upright at 10.40 s, 0.4 s into the command (0.50, 0.00 m/s, -0.20 rad/s), moving at "
         "(0.10, 0.60 m/s, 0.00 rad/s): hl lower leg on the ground first, tilt 12°; at a joint stop: hl_kn"
     )
-    tipped = Fall(0, 2.0, (0.0, 0.0, 0.0), 2.0, (0.0, 0.0, 0.0), 1.4, ("body", "hr upper leg"), ())
+    tipped = TrialFall(0, 2.0, (0.0, 0.0, 0.0), 2.0, (0.0, 0.0, 0.0), 1.4, ("body", "hr upper leg"), ())
     assert "tips over" in tipped.sentence()
     assert tipped.sentence().endswith("body and hr upper leg on the ground first, tilt 80°")

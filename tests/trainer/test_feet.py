@@ -10,7 +10,7 @@ from spot_model.robot.rotation import rotate_wxyz
 from spot_model.robot.terrain import TileTerrain
 from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 from trainer.task.draws import Draws, draw_initial_state, draw_simulations
-from trainer.task.feet import FootTimers, Ground, foot_motion
+from trainer.task.feet import FootTimers, Ground, motion_at_feet
 from trainer.task.plant_backend import PlantBackend
 from trainer.task.task import Task
 
@@ -83,7 +83,7 @@ def test_feet_are_where_mujoco_has_them() -> None:
         draw_initial_state(RandomisationConfig(), Ground(config.terrain, "cpu"), 4, draws),
     )
     plant: Plant = backend.plant
-    feet = foot_motion(backend.read())
+    feet = motion_at_feet(backend.read())
     everywhere = plant.batch.bind("site_xpos")
     plant.batch.forward()
     sites = everywhere[:, [plant.model.site(f"{leg}_foot").id for leg in ("fl", "fr", "hl", "hr")]]
@@ -92,7 +92,7 @@ def test_feet_are_where_mujoco_has_them() -> None:
     # A step of no torque, short against the motion: the feet move by their velocity.
     plant.batch.expand("opt.timestep")[:] = 1e-6
     plant.batch.step()
-    after = foot_motion(backend.read()).position_in_world_m.double()
+    after = motion_at_feet(backend.read()).position_in_world_m.double()
     np.testing.assert_allclose((after - before) / 1e-6, feet.velocity_in_world_m_s, atol=0.3)
 
 

@@ -478,7 +478,7 @@ def test_terms_with_the_newest_tick_first(run: Callable[..., Path]) -> None:
     env = environment(base_lin_vel=None, joint_vel={"history_length": 2})
     env["observations"]["policy"] |= {"history_layout": "terms", "history_newest_first": True}
     path = run(env, width=45 + 12)
-    terms = isaac_lab.describe(env, "p").terms
+    terms = isaac_lab.policy_of_isaac_lab(env, "p").terms
     assert [term.ages for term in terms] == [(0,), (0,), (0,), (0,), (0, 1), (0,)]
     assert imported(path).contract.observation_history == 2
 
@@ -491,17 +491,17 @@ def test_a_history_that_was_written_by_hand_is_told(run: Callable[..., Path]) ->
     assert "assumed: the history as Isaac Lab stacks it" in told
     assert "'history_layout: frames' names" in told
     assert "the same, if the training did what is assumed above" in told
-    described = isaac_lab.describe(env | {}, "p")
+    described = isaac_lab.policy_of_isaac_lab(env | {}, "p")
     assert any("history" in what for what in described.assumed)
     env["observations"]["policy"]["flatten_history_dim"] = True  # as Isaac Lab dumps it
-    assert not any("history" in what for what in isaac_lab.describe(env, "p").assumed)
+    assert not any("history" in what for what in isaac_lab.policy_of_isaac_lab(env, "p").assumed)
     env["observations"]["policy"]["flatten_history_dim"] = False
     with pytest.raises(BadInputError, match="gets its ticks as rows"):
-        isaac_lab.describe(env, "p")
+        isaac_lab.policy_of_isaac_lab(env, "p")
     env["observations"]["policy"] |= {"history_length": None, "history_layout": "frames"}
     env["observations"]["policy"]["joint_vel"]["history_length"] = 2
     with pytest.raises(BadInputError, match="histories of several lengths"):
-        isaac_lab.describe(env, "p")
+        isaac_lab.policy_of_isaac_lab(env, "p")
 
 
 NORMALISED: Final = (
@@ -582,11 +582,11 @@ def test_limits_are_those_of_the_command_that_the_observation_names(run: Callabl
     env = environment(velocity_commands={"params": {"command_name": "gait"}})
     slow = {"lin_vel_x": [-0.3, 0.4], "lin_vel_y": [-0.2, 0.2], "ang_vel_z": [-0.5, 0.5]}
     env["commands"] |= {"gait": {"ranges": slow}}
-    described = isaac_lab.describe(env, "p")
+    described = isaac_lab.policy_of_isaac_lab(env, "p")
     assert (described.command_low, described.command_high) == ((-0.3, -0.2, -0.5), (0.4, 0.2, 0.5))
     del env["observations"]["policy"]["velocity_commands"]["params"]["command_name"]
     with pytest.raises(BadInputError, match="commands base_velocity, gait, and its observation names none"):
-        isaac_lab.describe(env, "p")
+        isaac_lab.policy_of_isaac_lab(env, "p")
     path = run(environment(velocity_commands={"params": {"command_name": "other"}}))
     assert "has commands base_velocity, and its observation names other; name one as" in refused(path)
 
@@ -823,8 +823,8 @@ def test_whatever_stands_anywhere_in_a_side_file_is_taken_or_refused_in_words() 
             held[path[-1]] = bad  # type: ignore[index]
             n += 1
             try:
-                checked(isaac_lab.describe(data["env"], "p", agent=data["agent"]))
-                checked(spot_rl_example.describe(data["env"], "p"))
+                checked(isaac_lab.policy_of_isaac_lab(data["env"], "p", agent=data["agent"]))
+                checked(spot_rl_example.policy_of_example(data["env"], "p"))
             except BadInputError:
                 n_refused += 1
     assert n > 1000
@@ -850,8 +850,8 @@ def test_whatever_stands_in_metadata_is_taken_or_refused_in_words() -> None:
             ",".join(["0"] * 12),
         ):
             with contextlib.suppress(BadInputError):
-                checked(mjlab.describe({**whole, key: bad}, "p"))
-    checked(mjlab.describe(whole, "p"))
+                checked(mjlab.policy_of_mjlab({**whole, key: bad}, "p"))
+    checked(mjlab.policy_of_mjlab(whole, "p"))
 
 
 def graph_without_output(path: Path) -> None:

@@ -77,14 +77,14 @@ def test_it_can_be_set_on_the_command_line() -> None:
 
 
 def test_a_task_pays_it(module: str) -> None:
-    from trainer.config.train_config import config_from_data
+    from trainer.config.train_config import train_config_from_data
     from trainer.task.task import make_task
 
     plain = {"name": "own", "iterations": 1, "n_envs": 2, "seed": 1}
     with_own = {**plain, "task": {"rewards": {"my_rewards:low_body": 10.0}}}
     rewards = []
     for data in (plain, with_own):
-        task = make_task(config_from_data(data, source="test"), "cpu", seed=0, n_threads=1)
+        task = make_task(train_config_from_data(data, source="test"), "cpu", seed=0, n_threads=1)
         task.start()
         rewards.append(task.step(torch.zeros(2, 12)).reward)
     # 3 a period of 0.02 s, times its weight.

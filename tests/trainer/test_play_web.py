@@ -19,7 +19,7 @@ from spot_model.policy.policy import load_policy
 from spot_model.robot.mjcf import spot_mjcf
 from tests.browser import CHROMIUM, Page
 from trainer.play.live_plots import SpeedHistory, live_html
-from trainer.play.scene import Server, address_lines, check_free
+from trainer.play.scene import WebServer, address_lines, check_port
 from trainer.play.shapes import Bodies, shapes_of
 from trainer.play.switches import BUILT_IN, Found, Switched
 from trainer.play.walk import Walk
@@ -149,9 +149,9 @@ def test_a_taken_port_and_a_foreign_address_are_refused_with_the_next_step() -> 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(BadInputError, match=rf"cannot listen at 127\.0\.0\.1:{port} .*--port "):
-            check_free("127.0.0.1", port)
+            check_port("127.0.0.1", port)
     with pytest.raises(BadInputError, match=r"192\.0\.2\.1.*leave out --host"):
-        check_free("192.0.2.1", 8080)
+        check_port("192.0.2.1", 8080)
 
 
 def test_the_printed_lines_name_the_page_and_the_tunnel_or_what_an_open_address_means() -> None:
@@ -161,7 +161,7 @@ def test_the_printed_lines_name_the_page_and_the_tunnel_or_what_an_open_address_
 
 
 def test_a_browser_that_never_comes(capsys: pytest.CaptureFixture[str]) -> None:
-    server = Server("127.0.0.1", 0)
+    server = WebServer("127.0.0.1", 0)
     try:
         assert server.request_share_url() is None
         walk = a_walk()
@@ -170,7 +170,7 @@ def test_a_browser_that_never_comes(capsys: pytest.CaptureFixture[str]) -> None:
     finally:
         server.stop()
     assert walk.time_s == pytest.approx(0.1)
-    assert page.frame_rate_hz == 0.0
+    assert page.scene.frame_rate_hz == 0.0
     assert capsys.readouterr().out == ""
 
 

@@ -13,12 +13,12 @@ from typer.testing import CliRunner, Result
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy, policy_from_bytes
 from spot_model.robot import facts
-from trainer.__main__ import commands
-from trainer.ppo.checkpoint_policy import policy_of, read_layers, run_torch
+from tests.trainer.conftest import commands
+from trainer.ppo.checkpoint_policy import policy_of_layers, read_layers, run_torch
 from trainer.ppo.ppo import mirror_action, mirror_observation
-from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig, load_refine_config
-from trainer.refine.gains import gains_of, with_gains
-from trainer.refine.search import Problem, Steady, judge, run_starts, score_steady, search
+from trainer.refine.config import RefineConfig, RefinedRobotConfig, StartConfig, WeightConfig, load_refine_config
+from trainer.refine.gains import gains_in, gains_of
+from trainer.refine.search import RefineProblem, Steady, judge_gains, run_starts, score_steady, search_gains
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 SMALL = RefineConfig(
@@ -42,7 +42,7 @@ def test_no_gain_is_the_policy_itself() -> None:
     gains = gains_of(facts.JOINT_NAMES)
     assert len(gains) == 40
     assert len({g.name for g in gains}) == 40
-    same = with_gains(layers, gains, np.zeros(len(gains)))
+    same = gains_in(layers, gains, np.zeros(len(gains)))
     assert torch.equal(run_torch(same, observations()), run_torch(layers, observations()))
     np.testing.assert_allclose(
         run_torch(layers, observations()).numpy(), load_policy(POLICY).act(observations().numpy()), atol=1e-5
@@ -56,12 +56,12 @@ def test_gains_act_alike_on_the_left_and_on_the_right() -> None:
     def mirrored(some: list[tuple[torch.Tensor, torch.Tensor]]) -> torch.Tensor:
         return mirror_action(run_torch(some, mirror_observation(observations())))
 
-    changed = with_gains(layers, gains, values)
+    changed = gains_in(layers, gains, values)
     # A network that answers its mirror image with the mirror image keeps doing so: average the network with its image.
     offset = run_torch(changed, observations()) - run_torch(layers, observations())
     assert offset.abs().max() > 0.01
     only_shift = np.where([g.kind == "offset" for g in gains], values, 0.0)
-    shifted = with_gains(layers, gains, only_shift)
+    shifted = gains_in(layers, gains, only_shift)
     left = run_torch(shifted, observations()) - run_torch(layers, observations())
     right = mirrored(shifted) - mirrored(layers)
     torch.testing.assert_close(left, right, atol=1e-5, rtol=1e-5)
@@ -76,7 +76,7 @@ def test_a_scaled_feature_is_seen_scaled() -> None:
     seen[:, list(gains[index].columns)] *= 1.0 + gains[index].scale
     assert gains[index].columns == (24 + 8, 24 + 11)
     torch.testing.assert_close(
-        run_torch(with_gains(layers, gains, values), observations()), run_torch(layers, seen), atol=1e-5, rtol=1e-5
+        run_torch(gains_in(layers, gains, values), observations()), run_torch(layers, seen), atol=1e-5, rtol=1e-5
     )
 
 
@@ -104,25 +104,25 @@ def test_what_falls_short_costs() -> None:
 
 def test_a_gait_is_judged_the_same_twice_and_falls_are_seen() -> None:
     policy = load_policy(POLICY)
-    first = judge(policy, SMALL, seed=3)
-    assert judge(policy, SMALL, seed=3) == first
+    first = judge_gains(policy, SMALL, seed=3)
+    assert judge_gains(policy, SMALL, seed=3) == first
     assert first.steady[0].falls == 0
     layers, gains = read_layers(POLICY.read_bytes(), "walk"), gains_of(facts.JOINT_NAMES)
-    broken = policy_of(with_gains(layers, gains, np.full(len(gains), 8.0)), policy.contract)
-    assert judge(broken, SMALL, seed=3).score > first.score + 2.0
+    broken = policy_of_layers(gains_in(layers, gains, np.full(len(gains), 8.0)), policy.contract)
+    assert judge_gains(broken, SMALL, seed=3).score > first.score + 2.0
 
 
 def test_a_search_that_was_cut_goes_on_to_the_same_end(tmp_path: Path) -> None:
-    problem = Problem(POLICY.read_bytes(), SMALL)
+    problem = RefineProblem(POLICY.read_bytes(), SMALL)
     told: list[int] = []
-    whole = search(problem, tmp_path / "whole.jsonl", tell=lambda g: told.append(g.index))
+    whole = search_gains(problem, tmp_path / "whole.jsonl", tell=lambda g: told.append(g.index))
     assert told == [0, 1]
     lines = (tmp_path / "whole.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "cut.jsonl").write_text("".join(lines[:2]) + lines[2][:40])
-    np.testing.assert_array_equal(search(problem, tmp_path / "cut.jsonl"), whole)
-    other = Problem(POLICY.read_bytes(), SMALL.model_copy(update={"seed": 1}))
+    np.testing.assert_array_equal(search_gains(problem, tmp_path / "cut.jsonl"), whole)
+    other = RefineProblem(POLICY.read_bytes(), SMALL.model_copy(update={"seed": 1}))
     with pytest.raises(BadInputError, match="belongs to another search"):
-        search(other, tmp_path / "whole.jsonl")
+        search_gains(other, tmp_path / "whole.jsonl")
 
 
 def refine(tmp_path: Path, name: str, weights: str) -> tuple[Path, Result]:
@@ -172,9 +172,9 @@ def test_what_a_config_may_say(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="generationz"):
         load_refine_config(file)
     with pytest.raises(ValueError, match="divide"):
-        RobotConfig(timestep_s=0.003)
+        RefinedRobotConfig(timestep_s=0.003)
     with pytest.raises(BadInputError, match="effect"):
-        RobotConfig(effects=({"effect": "no_such"},)).robots()[0]
+        RefinedRobotConfig(effects=({"effect": "no_such"},)).robots()[0]
 
 
 def test_only_our_own_networks_are_refined() -> None:
@@ -187,4 +187,4 @@ def test_only_our_own_networks_are_refined() -> None:
 def test_starts_are_on_the_floor_that_is_asked_for() -> None:
     policy, start = load_policy(POLICY), StartConfig(robots=8, top_m_s=1.0, jump_s=0.6)
     ice = start.model_copy(update={"foot_friction": (0.01, 0.01)})
-    assert run_starts(policy, RobotConfig(), ice, 0) > run_starts(policy, RobotConfig(), start, 0)
+    assert run_starts(policy, RefinedRobotConfig(), ice, 0) > run_starts(policy, RefinedRobotConfig(), start, 0)

@@ -5,9 +5,9 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from spot_model.robot import facts
-from trainer.config.train_config import TrainConfig, config_from_data
+from trainer.config.train_config import TrainConfig, train_config_from_data
 from trainer.ppo.vec_env import TaskVecEnv, TrainingDivergedError
-from trainer.task.plant_backend import InitialState, PlantState
+from trainer.task.plant_backend import InitialState, TaskState
 from trainer.task.task import PERIOD_S, Task, make_task
 
 N = 4
@@ -32,12 +32,12 @@ class StillBackend:
     def step(self, setpoint_position_rad: torch.Tensor) -> None:
         self.setpoints.append(setpoint_position_rad)
 
-    def read(self) -> PlantState:
+    def read(self) -> TaskState:
         zero, joints, feet = torch.zeros(self.n_envs, 3), (self.position_rad, self.velocity_rad_s), self.foot_contact
         torque = torch.zeros(self.n_envs, 12)
-        return PlantState(*joints, torque, zero, self.level, zero, zero, feet, self.body_contact, feet.float())
+        return TaskState(*joints, torque, zero, self.level, zero, zero, feet, self.body_contact, feet.float())
 
-    def read_reported(self, truth: PlantState) -> PlantState:
+    def read_reported(self, truth: TaskState) -> TaskState:
         return truth
 
     def reset(self, mask: torch.Tensor, initial: InitialState) -> None:
@@ -54,7 +54,7 @@ class StillBackend:
 
 
 def config(*overrides: str) -> TrainConfig:
-    return config_from_data({"name": "t", "iterations": 1, "n_envs": N}, source="test", overrides=overrides)
+    return train_config_from_data({"name": "t", "iterations": 1, "n_envs": N}, source="test", overrides=overrides)
 
 
 def task(backend: Any, *overrides: str, seed: int = 0) -> Task:

@@ -16,10 +16,10 @@ from spot_model.policy.observation import COLUMNS, OBSERVATION
 from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.task_config import RandomisationConfig
-from trainer.config.train_config import TrainConfig, load_config
-from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
-from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, policy_of, read_layers, run_torch
-from trainer.ppo.train import make_runner, resume, train
+from trainer.config.train_config import TrainConfig, load_train_config
+from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, write_checkpoint
+from trainer.ppo.checkpoint_policy import actor_layers, networks_of_policy, policy_of_layers, read_layers, run_torch
+from trainer.ppo.train import make_runner, resume, train_policy
 from trainer.task.draws import Draws, training_effects
 from trainer.task.task import check_device
 
@@ -28,7 +28,7 @@ from trainer.task.task import check_device
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of four tiny iterations with checkpoints after two and four."""
     folder = tmp_path_factory.mktemp("run") / "whole"
-    train(TrainConfig.model_validate(TINY), folder, device="cpu", command="spot-rl train --config tiny.yaml")
+    train_policy(TrainConfig.model_validate(TINY), folder, device="cpu", command="spot-rl train --config tiny.yaml")
     return folder
 
 
@@ -52,7 +52,7 @@ def test_a_resumed_run_is_bit_for_bit_the_uninterrupted_one(run: Path, tmp_path:
 
 
 def test_the_run_folder_holds_config_revision_and_metrics(run: Path) -> None:
-    assert load_config(run / "config.yaml") == TrainConfig.model_validate(TINY)
+    assert load_train_config(run / "config.yaml") == TrainConfig.model_validate(TINY)
     record = json.loads((run / "run.json").read_text())
     assert record["command"] == "spot-rl train --config tiny.yaml"
     assert record["revision"]
@@ -64,21 +64,22 @@ def test_the_run_folder_holds_config_revision_and_metrics(run: Path) -> None:
 
 def test_a_used_folder_and_a_finished_run_are_refused(run: Path, tiny: TrainConfig) -> None:
     with pytest.raises(BadInputError, match="is not empty"):
-        train(tiny, run, device="cpu")
+        train_policy(tiny, run, device="cpu")
     with pytest.raises(BadInputError, match="has done 4 of 4 iterations"):
         resume(run, device="cpu")
 
 
 def test_a_run_can_start_from_anothers_networks(run: Path, tiny: TrainConfig, tmp_path: Path) -> None:
     small = tmp_path / "networks.pt"
-    save_networks(find_checkpoint(run), small)
+    content = read_checkpoint(find_checkpoint(run))
+    write_checkpoint(small, {key: content[key] for key in ("config", "iterations_done", "algorithm")})
     config = tiny.model_copy(update={"start_from": str(small), "iterations": 1, "save_every": 1})
-    assert train(config, tmp_path / "next", device="cpu").is_file()
+    assert train_policy(config, tmp_path / "next", device="cpu").is_file()
     with pytest.raises(BadInputError, match="networks alone; start a new run"):
         resume(small, device="cpu", iterations=9)
     wide = config.model_copy(update={"ppo": tiny.ppo.model_copy(update={"hidden": (32, 8)})})
     with pytest.raises(BadInputError, match=r"do not fit the config's ppo.hidden"):
-        train(wide, tmp_path / "wide", device="cpu")
+        train_policy(wide, tmp_path / "wide", device="cpu")
 
 
 def test_a_run_can_start_from_a_policys_file_and_teaches_its_critic_first(tiny: TrainConfig, tmp_path: Path) -> None:
@@ -90,7 +91,7 @@ def test_a_run_can_start_from_a_policys_file_and_teaches_its_critic_first(tiny: 
     np.testing.assert_allclose(run_torch(actor_layers(actor), seen).numpy(), acted, atol=1e-5)
     ppo = tiny.ppo.model_copy(update={"critic_first_iterations": 2})
     config = tiny.model_copy(update={"start_from": str(source), "iterations": 3, "save_every": 1, "ppo": ppo})
-    train(config, tmp_path / "next", device="cpu")
+    train_policy(config, tmp_path / "next", device="cpu")
     before, after, moved = (parameters(tmp_path / "next" / f"checkpoint_{i:06d}.pt") for i in (1, 2, 3))
     assert after["mlp.0.weight"].shape[0] == hidden[0]
     for name, value in actor.items():
@@ -102,7 +103,7 @@ def test_a_run_can_start_from_a_policys_file_and_teaches_its_critic_first(tiny: 
 def test_a_policy_with_other_servos_is_no_start(tmp_path: Path) -> None:
     data, contract = Path("policies/walk.onnx").read_bytes(), load_policy(Path("policies/walk.onnx")).contract
     stiff = contract.model_copy(update={"kp_nm_per_rad": (80.0,) * 12})
-    (tmp_path / "stiff.onnx").write_bytes(policy_of(read_layers(data, "walk"), stiff).file_bytes)
+    (tmp_path / "stiff.onnx").write_bytes(policy_of_layers(read_layers(data, "walk"), stiff).file_bytes)
     with pytest.raises(BadInputError, match="kp_nm_per_rad"):
         networks_of_policy(tmp_path / "stiff.onnx")
 
@@ -120,7 +121,7 @@ def test_joints_in_another_order_are_put_in_order(tmp_path: Path) -> None:
     names = tuple(policy.contract.joint_names[i] for i in order)
     default = tuple(policy.contract.default_position_rad[i] for i in order)
     changed = {"joint_names": names, "default_position_rad": default}
-    made = policy_of(turned, policy.contract.model_copy(update=changed))
+    made = policy_of_layers(turned, policy.contract.model_copy(update=changed))
     (tmp_path / "turned.onnx").write_bytes(made.file_bytes)
     found = actor_layers(networks_of_policy(tmp_path / "turned.onnx")[0]["algorithm"]["actor_state_dict"])
     for (weight, bias), (wanted, wanted_bias) in zip(found, layers, strict=True):
@@ -205,7 +206,7 @@ def test_training_with_drawn_and_sensing_effects_runs(tiny: TrainConfig, tmp_pat
     config = tiny.model_copy(
         update={"task": task, "iterations": 1, "ppo": tiny.ppo.model_copy(update={"mirror_loss": 0.1})}
     )
-    assert train(config, tmp_path / "r", device="cpu").is_file()
+    assert train_policy(config, tmp_path / "r", device="cpu").is_file()
 
 
 def test_the_benchmark_reports_every_share(tiny: TrainConfig) -> None:

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from diagnosis.decision_constants import LEAST_NATS
 from diagnosis.library.registry import LIBRARY
-from diagnosis.selection.faultless import LEAST_NATS, Faultless
+from diagnosis.selection.faultless import Faultless
 from withheld.cases import kind_of
 
 BENCHMARKS = Path(__file__).parents[2] / "lab" / "benchmarks"

@@ -187,11 +187,7 @@ class Collection:
 
     @staticmethod
     def prepare(*, policy: Path, folder: Path, sequences: str, repeats: int, other_gains: str | None) -> Collection:
-        """Plan all runs.
-
-        Raises:
-            BadInputError: A sequence or the gains are not valid.
-        """
+        """Plan all runs. Raises BadInputError: a sequence or the gains are not valid."""
         loaded = load_policy(policy)
         sources = sequence_sources(sequences)
         parts = [Part(policy, loaded, folder, plan_runs(sources, repeats, loaded), "policy")]
@@ -260,11 +256,7 @@ def _make(
 
 
 def parse_gains(text: str) -> tuple[float, float]:
-    """``KP,KD`` as numbers.
-
-    Raises:
-        BadInputError: They are no two numbers above 0.
-    """
+    """``KP,KD`` as numbers. Raises BadInputError: they are not two numbers above 0."""
     try:
         kp, kd = (float(word) for word in text.split(","))
     except ValueError as error:

@@ -30,11 +30,7 @@ def user_sequence(
 
 
 def sequence_of_run(run: Run, name: str) -> VelocitySequence:
-    """The commands of a run's active ticks.
-
-    Raises:
-        BadInputError: The log has fewer than two of them.
-    """
+    """The commands of a run's active ticks. Raises BadInputError: the log has fewer than two of them."""
     rows = run.ticks.mode == FOLLOWING_MODE
     if rows.sum() < 2:
         raise BadInputError(

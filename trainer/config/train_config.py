@@ -170,7 +170,7 @@ class TrainConfig(Settings):
     ppo: PpoConfig = PpoConfig()
 
 
-def config_from_data(data: Any, *, source: str, overrides: tuple[str, ...] = ()) -> TrainConfig:
+def train_config_from_data(data: Any, *, source: str, overrides: tuple[str, ...] = ()) -> TrainConfig:
     """Check plain data and overrides (``key.path=value``) and build the config.
 
     Raises:
@@ -185,13 +185,9 @@ def config_from_data(data: Any, *, source: str, overrides: tuple[str, ...] = ())
         raise BadInputError(f"{source}:\n{explain(error)}{_hints(error)}") from error
 
 
-def load_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfig:
-    """Read a config from YAML and apply overrides.
-
-    Raises:
-        BadInputError: The file cannot be read, or is not valid.
-    """
-    return config_from_data(read_yaml(path, "config"), source=f"config {path}", overrides=overrides)
+def load_train_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfig:
+    """Read a config from YAML and apply overrides. Raises BadInputError: the file cannot be read, or is not valid."""
+    return train_config_from_data(read_yaml(path, "config"), source=f"config {path}", overrides=overrides)
 
 
 def config_yaml(config: TrainConfig) -> str:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import torch
 
 from spot_model.io.model_file import RobotModel
 from spot_model.io.models_file import load_models
-from spot_model.io.whole import check_new, whole_file
+from spot_model.io.whole import check_new
 from spot_model.policy.contract import TrainingRecord
 from spot_model.policy.policy import Policy, load_policy
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import find_checkpoint
-from trainer.ppo.checkpoint_policy import contract_of, layers_of, policy_of, read_actor
-from trainer.simulate.stated_gait import with_gait
+from trainer.ppo.checkpoint_policy import contract_of, layers_of, policy_of_checkpoint, policy_of_layers
+from trainer.simulate.stated_gait import write_with_gait
 
 
 def export_policy(run: Path, out: Path, name: str | None = None) -> Policy:
@@ -36,11 +35,10 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Policy:
     check_new(out)
     if run.suffix == ".onnx":
         policy, model = load_policy(run), "paper_identified"
-        policy = replace(policy, contract=policy.contract.model_copy(update={"name": name or policy.contract.name}))
     else:
-        config, layers, contract = read_actor(find_checkpoint(run), name)
-        policy, model = policy_of(layers, contract), config.model
-    return _written(policy, load_models(model)[0], out)
+        policy, config = policy_of_checkpoint(find_checkpoint(run))
+        model = config.model
+    return write_with_gait(policy, load_models(model)[0], out, name)
 
 
 def export_network(
@@ -67,12 +65,5 @@ def export_network(
     layers = layers_of(network)
     weight, bias = layers[-1]
     layers[-1] = (action_unit * weight, action_unit * bias)
-    contract = contract_of(config, layers, name, TrainingRecord(model_sha256=model.digest()))
-    return _written(policy_of(layers, contract), model, out)
-
-
-def _written(policy: Policy, model: RobotModel, out: Path) -> Policy:
-    stated = with_gait(policy, model)
-    with whole_file(out) as part:
-        part.write_bytes(stated.file_bytes)
-    return stated
+    contract = contract_of(config, name, TrainingRecord(model_sha256=model.digest()))
+    return write_with_gait(policy_of_layers(layers, contract), model, out)

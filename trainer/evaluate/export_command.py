@@ -21,9 +21,6 @@ def export(
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="ONNX file to write.")] = Path("policy.onnx"),
-    networks: Annotated[
-        Path | None, typer.Option("--networks", help="Also write the networks alone, for start_from.")
-    ] = None,
     framework: Annotated[
         str | None, typer.Option("--for", help="Convert an ONNX policy of this project for mjlab or spot-rl-example.")
     ] = None,
@@ -41,14 +38,11 @@ def export(
     from spot_model.io.whole import check_new
     from spot_model.policy.contract import gait_sentence
 
-    check_new(out, *(() if networks is None else (networks,)))
+    check_new(out)
     typer.echo("loading torch …", err=True)
     from trainer.evaluate.export import export_policy
-    from trainer.ppo.checkpoint import find_checkpoint, save_networks
 
     typer.echo("measuring gait and turning at each speed", err=True)
     policy = export_policy(run, out, name)
-    if networks is not None:
-        save_networks(find_checkpoint(run), networks)
     typer.echo(gait_sentence(policy.contract))
     typer.echo(f"policy {out} ({len(policy.file_bytes)} bytes)")

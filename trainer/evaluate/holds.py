@@ -12,19 +12,15 @@ from numpy.typing import NDArray
 from spot_model.effects.bodies import PayloadMass
 from spot_model.plant.closed_loop import ClosedLoop
 from spot_model.plant.plant import Plant
-from spot_model.robot import facts
 from spot_model.robot.arrays import like, on_host
-from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import AnyArray, multiply_wxyz
 from spot_model.robot.terrain import CourseTerrain, NoiseTerrain, RampTerrain
-from trainer.config.task_config import FREE_HEIGHT_M
 from trainer.evaluate.setting import FOOT_GEOMS, Setting, set_friction
-from trainer.simulate.walks import Array
 
 SECONDS: Final = 15.0
 RAMP_S: Final = 1.0
 """Time in which the command rises."""
-LATEST_START_S: Final = 0.5
 COUNTED_FROM_S: Final = 2.5
 """From here on, the mean velocity counts."""
 SPEEDS_M_S: Final = (0.3, 1.0)
@@ -120,9 +116,7 @@ def _robots(setting: Setting, each: list[Condition], rng: np.random.Generator) -
     is_ramp, is_down = (np.array([getattr(c, name) for c in each]) for name in ("is_ramp", "is_down"))
     around = rng.uniform(-np.pi, np.pi, n)
     yaw = np.where(is_ramp, np.where(is_down, np.pi, 0.0) + around / 9.0, around)
-    joints = facts.DEFAULT_POSITION_RAD + rng.uniform(*setting.randomisation.initial_position_rad, (n, facts.N_JOINTS))
-    joints = np.clip(joints, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
-    height = facts.FOOT_RADIUS_M + FREE_HEIGHT_M - foot_position_in_body_m(joints)[..., 2].min(axis=-1)
+    joints, height = setting.drawn_joints(n, rng)
     place = rng.uniform(-1.0, 1.0, (n, 2))
     position, tilt = np.zeros((n, 3)), np.zeros(n)
     for i, c in enumerate(each):
@@ -178,7 +172,7 @@ def _commands(setting: Setting, each: list[Condition], rng: np.random.Generator)
     command[straight] = (1.0, 0.0, 0.0)
     command[:, :2] *= (rng.uniform(*SPEEDS_M_S, n) / np.linalg.norm(command[:, :2], axis=-1))[:, None]
     command = np.clip(command, contract.velocity_command_low, contract.velocity_command_high)
-    return command, rng.uniform(0.0, LATEST_START_S, n)
+    return command, rng.uniform(0.0, 0.5, n)
 
 
 def _walk(

@@ -13,10 +13,10 @@ from spot_model.io.model_file import RobotModel, load_model
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.mjcf import MjcfOptions
 from trainer.config.task_config import FREE_HEIGHT_M, NoiseConfig, RandomisationConfig
-from trainer.simulate.walks import Array
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 
@@ -72,12 +72,9 @@ class Setting:
         plant.fields.commit()
         half_yaw = 0.5 * rng.uniform(*r.initial_yaw_rad, n)
         zero = np.zeros(n)
-        joints = facts.DEFAULT_POSITION_RAD + rng.uniform(*r.initial_position_rad, (n, facts.N_JOINTS))
-        joints = np.clip(joints, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
-        lowest = foot_position_in_body_m(joints)[..., 2].min(axis=-1)
-        position = np.stack([zero, zero, facts.FOOT_RADIUS_M + FREE_HEIGHT_M - lowest], axis=-1)
+        joints, height = self.drawn_joints(n, rng)
         plant.reset(
-            position_of_body_in_world_m=position,
+            position_of_body_in_world_m=np.stack([zero, zero, height], axis=-1),
             world_from_body_wxyz=np.stack([np.cos(half_yaw), zero, zero, np.sin(half_yaw)], axis=-1),
             joint_position_rad=joints,
             linear_vel_of_body_in_world_m_s=_columns(rng, n, r.initial_v_x_m_s, r.initial_v_y_m_s, r.initial_v_z_m_s),
@@ -87,6 +84,12 @@ class Setting:
             joint_velocity_rad_s=rng.uniform(*r.initial_velocity_rad_s, (n, facts.N_JOINTS)),
         )
         return plant
+
+    def drawn_joints(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Joints around the default pose, rad, shape (n, 12), and the height of the body then, m, shape (n,)."""
+        around = rng.uniform(*self.randomisation.initial_position_rad, (n, facts.N_JOINTS))
+        joints = np.clip(facts.DEFAULT_POSITION_RAD + around, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+        return joints, facts.FOOT_RADIUS_M + FREE_HEIGHT_M - foot_position_in_body_m(joints)[..., 2].min(axis=-1)
 
     def noise_sigma(self) -> Array:
         """Noise of each observation feature in the policy's joint order, shape (48,)."""

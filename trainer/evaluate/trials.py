@@ -12,10 +12,11 @@ import numpy as np
 
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant
+from spot_model.robot.facts import Array
 from trainer.config.task_config import CommandConfig
 from trainer.evaluate.holds import CONDITIONS, SECONDS, holds
 from trainer.evaluate.setting import Setting, set_friction
-from trainer.simulate.walks import Array, WalkRecord, hold, record_walks
+from trainer.simulate.walks import WalkRecord, record_walks, walk_at
 
 RAMP_M_S2 = 0.5
 """Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""
@@ -38,7 +39,7 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
         commands += [np.array([v_x, min(0.5, high[1]), 0.0]), np.array([v_x, 0.0, min(1.0, high[2])])]
     target = np.array(commands)
     ramp_s = float(np.abs(target[:, 0]).max() / RAMP_M_S2) if len(target) else 0.0
-    recording = hold(setting.policy, setting.plant(len(target)), target, ramp_s, ramp_s + 10.0)
+    recording = walk_at(setting.policy, setting.plant(len(target)), target, ramp_s, ramp_s + 10.0)
     span = recording.ticks(ramp_s + 2.0, ramp_s + 10.0)
     errors, means = recording.tracking_error(span), recording.mean_velocity(span)
     points = [
@@ -64,7 +65,7 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
         "standing_speed_m_s": round(float(np.linalg.norm(means[0][:2])), 4),
         "standing_feet_moves_per_s": points[0]["stride_hz"],
         "peak_torque_nm": round(float(recording.torque_peak_nm.max()), 1),
-        "fell": _told(recording),
+        "fell": _fall_figures(recording),
     }
 
 
@@ -74,7 +75,7 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
     speeds = np.array(sorted({*_grid(step, high[0], step), high[0]}))
     target = np.stack([speeds, 0 * speeds, 0 * speeds], axis=-1)
     ramp_s = float(high[0] / RAMP_M_S2)
-    recording = hold(setting.policy, setting.plant(len(target)), target, ramp_s, ramp_s + 10.0)
+    recording = walk_at(setting.policy, setting.plant(len(target)), target, ramp_s, ramp_s + 10.0)
     span = recording.ticks(ramp_s + 5.0, ramp_s + 10.0)
     reached = recording.mean_velocity(span)[:, 0]
     held = np.where(recording.survived, reached, -np.inf)
@@ -88,7 +89,7 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
         ],
         "power_w": round(float(recording.power_w[span, best].mean()), 1),
         **recording.gait(span, best),
-        "fell": _told(recording),
+        "fell": _fall_figures(recording),
     }
 
 
@@ -128,7 +129,7 @@ def episodes(
         "robot_s": round(robot_s, 2),
         "falls_per_hour": round(3600.0 * falls / robot_s, 2),
         "v_x_m_s": [bottom_m_s, float(_episode_bounds(setting, top_m_s)[1][0])],
-        "fell": _told(recording),
+        "fell": _fall_figures(recording),
     }
 
 
@@ -167,7 +168,7 @@ def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_
 def _survival(
     setting: Setting, n: int, v_x_m_s: float, seconds: float, disturb: Any, rng: np.random.Generator
 ) -> dict[str, Any]:
-    recording = hold(
+    recording = walk_at(
         setting.policy,
         setting.plant(n),
         np.tile([v_x_m_s, 0.0, 0.0], (n, 1)),
@@ -178,10 +179,10 @@ def _survival(
         disturb=disturb,
     )
     survived = int(recording.survived.sum())
-    return {"trials": n, "survived": survived, "v_x_m_s": v_x_m_s, "fell": _told(recording)}
+    return {"trials": n, "survived": survived, "v_x_m_s": v_x_m_s, "fell": _fall_figures(recording)}
 
 
-def _told(recording: WalkRecord) -> list[dict[str, Any]]:
+def _fall_figures(recording: WalkRecord) -> list[dict[str, Any]]:
     """The first falls, for whoever asks when and why."""
     return [fall.figures() for fall in recording.falls[:MOST_TOLD]]
 

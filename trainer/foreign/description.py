@@ -57,7 +57,7 @@ _WIDTHS: Final = {block.name: block.width for block in OBSERVATION}
 
 
 @dataclass(frozen=True)
-class Term:
+class SeenTerm:
     """One block of a foreign observation, as a quantity that our observation has."""
 
     field: str
@@ -91,7 +91,7 @@ class ForeignPolicy:
     """A foreign network's meaning. Per-joint values stand in the order of ``joint_names``, which the action has."""
 
     name: str
-    terms: tuple[Term, ...]
+    terms: tuple[SeenTerm, ...]
     joint_names: tuple[str, ...]
     default_position_rad: tuple[float, ...]
     action_scale_rad: tuple[float, ...]
@@ -119,11 +119,7 @@ class ForeignPolicy:
 
 
 def checked(policy: ForeignPolicy) -> ForeignPolicy:
-    """The policy, if it can be one of ours.
-
-    Raises:
-        BadInputError: A value is out of its range; the message names it.
-    """
+    """The policy, if it can be one of ours. Raises BadInputError: a value is out of its range; the message names it."""
     for term in policy.terms:
         if len(term.scale) not in (1, term.width) or not all(math.isfinite(v) and v != 0.0 for v in term.scale):
             raise BadInputError(
@@ -140,11 +136,11 @@ def checked(policy: ForeignPolicy) -> ForeignPolicy:
                 f"action scale of {joint} is {scale:g}; allowed: any number but 0, in rad for an action of 1"
             )
     pair = StoredPair(observation=(0.0,) * policy.history * N_OBSERVATION, action=(0.0,) * facts.N_JOINTS)
-    _check_stiffness(contract_of(policy, pair))
+    _check_stiffness(foreign_contract(policy, pair))
     return policy
 
 
-def contract_of(policy: ForeignPolicy, pair: StoredPair, revision: str = "") -> PolicyContract:
+def foreign_contract(policy: ForeignPolicy, pair: StoredPair, revision: str = "") -> PolicyContract:
     """Our contract of a foreign policy.
 
     Raises:

@@ -34,9 +34,9 @@ def _listed(value: Any) -> Any:
     return [value] if value and isinstance(value, str) else value or [".*"]
 
 
-Number = Annotated[float, BeforeValidator(_no_flag)]
+YamlNumber = Annotated[float, BeforeValidator(_no_flag)]
 """A number, or a text that is one (YAML reads 1e-3 as a text)."""
-ByJoint = Number | dict[re.Pattern[str], Number]
+ByJoint = YamlNumber | dict[re.Pattern[str], YamlNumber]
 """One value for all joints, or values by regular expressions that match whole names."""
 Names = Annotated[tuple[re.Pattern[str], ...], BeforeValidator(_listed)]
 ALL: Final = (re.compile(".*"),)
@@ -60,8 +60,8 @@ class ObservationTerm(FilePart):
 
     func: str = ""
     asset: Joints | None = Field(default=None, validation_alias=AliasPath("params", "asset_cfg"))
-    scale: Number | tuple[Number, ...] | None = None
-    clip: tuple[Number, Number] | None = None
+    scale: YamlNumber | tuple[YamlNumber, ...] | None = None
+    clip: tuple[YamlNumber, YamlNumber] | None = None
     flatten_history_dim: Any = None
     history_length: Annotated[int, Field(ge=0, le=MAX_HISTORY)] | None = None
     modifiers: Any = None
@@ -104,17 +104,17 @@ class Actuators(FilePart):
 class CommandRanges(FilePart):
     """Low and high of V_x, V_y (m/s) and ω_z (rad/s)."""
 
-    lin_vel_x: tuple[Number, Number]
-    lin_vel_y: tuple[Number, Number]
-    ang_vel_z: tuple[Number, Number]
+    lin_vel_x: tuple[YamlNumber, YamlNumber]
+    lin_vel_y: tuple[YamlNumber, YamlNumber]
+    ang_vel_z: tuple[YamlNumber, YamlNumber]
 
 
 class Environment(FilePart):
     """An environment; of observations and commands, only what the actor sees is read."""
 
-    step_s: Annotated[Number, Field(gt=0.0)] | None = Field(default=None, validation_alias=AliasPath("sim", "dt"))
+    step_s: Annotated[YamlNumber, Field(gt=0.0)] | None = Field(default=None, validation_alias=AliasPath("sim", "dt"))
     """Time step of the physics."""
-    decimation: Annotated[Number, Field(gt=0.0)] | None = None
+    decimation: Annotated[YamlNumber, Field(gt=0.0)] | None = None
     """Physics steps of one action."""
     pose: ByJoint = Field(validation_alias=AliasPath("scene", "robot", "init_state", "joint_pos"))
     """The default pose, rad."""
@@ -138,7 +138,7 @@ class Environment(FilePart):
         where = "scene.robot.actuators"
         for name, group in self.actuators.items():
             named = [joint for joint in joints if any(e.fullmatch(joint) for e in group.joint_names_expr)]
-            values = by_joint(getattr(group, key), named, f"{where}.{name}.{key}")
+            values = for_each_joint(getattr(group, key), named, f"{where}.{name}.{key}")
             found |= dict(zip(named, values, strict=True))
         missing = [joint for joint in joints if joint not in found]
         if missing:
@@ -173,7 +173,7 @@ class Environment(FilePart):
 class Agent(FilePart):
     """The learner's configuration, which Isaac Lab and mjlab write beside the environment's."""
 
-    clip_actions: Annotated[Number, Field(gt=0.0)] | None = None
+    clip_actions: Annotated[YamlNumber, Field(gt=0.0)] | None = None
     """What its wrapper clips actions to, plus and minus."""
     obs_groups: dict[str, list[str]] | None = None
     """Groups of observations that actor and critic see."""
@@ -219,7 +219,9 @@ def parsed(part: type[PartT], data: Any, source: str) -> PartT:
         raise BadInputError(f"{source}:\n{explain(error)}") from error
 
 
-def by_joint(value: float | dict[re.Pattern[str], float], joint_names: Sequence[str], source: str) -> tuple[float, ...]:
+def for_each_joint(
+    value: float | dict[re.Pattern[str], float], joint_names: Sequence[str], source: str
+) -> tuple[float, ...]:
     """A value a joint: one for all, or by regular expressions that match whole names.
 
     Raises:
@@ -250,11 +252,7 @@ _PlainLoader.add_multi_constructor("tag:yaml.org,2002:python/", _plain)
 
 
 def read_data(path: Path) -> dict[str, Any]:
-    """A file of settings as plain data.
-
-    Raises:
-        BadInputError: The file cannot be read, or is not a mapping.
-    """
+    """A file of settings as plain data. Raises BadInputError: the file cannot be read, or is not a mapping."""
     try:
         text = read_at_most(path, MAX_BYTES).decode("utf-8")
         data = json.loads(text) if path.suffix == ".json" else yaml.load(text, Loader=_PlainLoader)  # noqa: S506 - see it

@@ -18,7 +18,7 @@ from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot.facts import BREADTH_FIRST
 from trainer.foreign import mjlab, spot_rl_example
-from trainer.foreign.network import Step, surrounded
+from trainer.foreign.network import OnnxStep, surrounded
 
 THEIR_INPUT, THEIR_OUTPUT = "obs", "actions"
 TOLERANCE: Final = 1e-5
@@ -65,8 +65,8 @@ def export_for(policy_path: Path, framework: str, out: Path) -> list[Path]:
 def _network(path: Path, policy: Policy, joint_names: tuple[str, ...], metadata: dict[str, str]) -> bytes:
     """Our network with their names, and its joints in their order; proved on random inputs."""
     into, out = _permutation(np.array([policy.contract.joint_names.index(name) for name in joint_names]))
-    before: list[Step] = [("MatMul", "to_ours", into)]
-    after: list[Step] = [("MatMul", "to_theirs", out)]
+    before: list[OnnxStep] = [("MatMul", "to_ours", into)]
+    after: list[OnnxStep] = [("MatMul", "to_theirs", out)]
     ends = (INPUT_NAME, OUTPUT_NAME)
     data = surrounded(onnx.load(path), ends, before, after, (THEIR_INPUT, THEIR_OUTPUT), metadata)
     session = onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"])

@@ -55,11 +55,11 @@ def import_policy(
 ) -> None:
     """Import a policy of another framework, and check that its network gives the same actions."""
     from spot_model.io.model_file import load_model
-    from spot_model.io.whole import check_new, whole_file
+    from spot_model.io.whole import check_new
     from spot_model.policy.contract import gait_sentence
     from trainer.foreign.description import checked
     from trainer.foreign.network import ours_from, read_network
-    from trainer.simulate.stated_gait import with_gait
+    from trainer.simulate.stated_gait import write_with_gait
 
     target = out or policy.with_name(f"{policy.stem}.spot.onnx")
     check_new(target)
@@ -72,9 +72,7 @@ def import_policy(
     network = read_network(policy, described.width)
     made = ours_from(network, described, revision=f"{like.value}/{policy.name}")
     typer.echo("measuring gait and turning at each speed", err=True)
-    made = with_gait(made, load_model("paper_identified"))
-    with whole_file(target) as part:
-        part.write_bytes(made.file_bytes)
+    made = write_with_gait(made, load_model("paper_identified"), target)
     typer.echo(gait_sentence(made.contract))
     told = ", if the training did what is assumed above" if described.assumed else ""
     typer.echo(f"policy {target}: SHA-256 {made.sha256}; the network's actions are the same{told}")
@@ -127,15 +125,15 @@ def describe_file(policy: Path, like: str, env: Path | None, name: str, joint_or
             metadata = read_head(policy_bytes(policy)).metadata
         except OnnxHeadError as error:
             raise BadInputError(f"policy {policy} is no readable ONNX model: {error}") from error
-        return mjlab.describe(metadata, name, agent=read_agent(policy.parent / "params" / "env.yaml"))
+        return mjlab.policy_of_mjlab(metadata, name, agent=read_agent(policy.parent / "params" / "env.yaml"))
     if like == "spot-rl-example":
         if joint_order:
             raise BadInputError("the example has a joint order of its own; leave out --joint-order")
-        return spot_rl_example.describe(read_data(env or spot_rl_example.find_environment(policy)), name)
+        return spot_rl_example.policy_of_example(read_data(env or spot_rl_example.find_environment(policy)), name)
     found = env or next((policy.parent / at for at in BESIDE if (policy.parent / at).is_file()), None)
     if found is None:
         raise BadInputError(f"no env.yaml beside {policy}; name the training run's with --env")
-    return isaac_lab.describe(read_data(found), name, agent=read_agent(found), joint_order=joint_order)
+    return isaac_lab.policy_of_isaac_lab(read_data(found), name, agent=read_agent(found), joint_order=joint_order)
 
 
 def _with_options(policy: ForeignPolicy, rate_hz: float | None, commands: str) -> ForeignPolicy:

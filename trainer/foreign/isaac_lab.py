@@ -19,7 +19,7 @@ from trainer.foreign.description import (
     JOINT_FIELDS,
     LAST_ACTION,
     ForeignPolicy,
-    Term,
+    SeenTerm,
     canonical_joints,
     field_of,
 )
@@ -31,7 +31,7 @@ from trainer.foreign.environment import (
     Joints,
     ObservationGroup,
     ObservationTerm,
-    by_joint,
+    for_each_joint,
     normaliser_of,
     parsed,
 )
@@ -46,7 +46,7 @@ _ASSUMED_LAYOUT: Final = (
 _ASSUMED_ORDER: Final = "joints breadth first (all hx, all hy, all kn); --joint-order names another order"
 
 
-def describe(
+def policy_of_isaac_lab(
     data: Mapping[str, Any], name: str, *, agent: Mapping[str, Any] | None = None, joint_order: tuple[str, ...] = ()
 ) -> ForeignPolicy:
     """What the configuration says.
@@ -78,8 +78,8 @@ def describe(
         name=name,
         terms=terms,
         joint_names=joints,
-        default_position_rad=by_joint(environment.pose, joints, "init_state.joint_pos"),
-        action_scale_rad=by_joint(action.scale, joints, "actions.joint_pos.scale"),
+        default_position_rad=for_each_joint(environment.pose, joints, "init_state.joint_pos"),
+        action_scale_rad=for_each_joint(action.scale, joints, "actions.joint_pos.scale"),
         kp_nm_per_rad=environment.gains("stiffness", joints),
         kd_nm_s_per_rad=environment.gains("damping", joints),
         rate_hz=rate_hz,
@@ -110,10 +110,10 @@ def _check_action(action: Action) -> None:
 
 def _read_in(
     environment: Environment, agent: Agent, natural: tuple[str, ...]
-) -> tuple[tuple[str, ...], tuple[Term, ...]]:
+) -> tuple[tuple[str, ...], tuple[SeenTerm, ...]]:
     """The action's joints and the terms that the actor sees, for a robot with its joints in the order ``natural``."""
     acted = _ordered(environment.action, natural, "actions.joint_pos")
-    terms: list[Term] = []
+    terms: list[SeenTerm] = []
     for name in agent.actor_groups:
         where = f"observations.{name}"
         if name not in environment.observations:
@@ -135,7 +135,7 @@ def _read_in(
 
 def _term(
     where: str, term: ObservationTerm, group: ObservationGroup, natural: tuple[str, ...], acted: tuple[str, ...]
-) -> Term:
+) -> SeenTerm:
     """One term; the last action has the joints of the action, ``acted``, the others those of the robot, ``natural``."""
     if term.modifiers:
         raise BadInputError(f"{where}.modifiers are not supported; train without them")
@@ -150,12 +150,12 @@ def _term(
     ages = range(max(1, asked.history_length or 1))
     if len(ages) > 1 and asked.flatten_history_dim is False:
         raise BadInputError(NOT_FLAT.format(where=f"{where}: flatten_history_dim"))
-    return Term(
+    return SeenTerm(
         field,
         joint_names=joints,
         is_absolute=named == ABSOLUTE,
         scale=scale if isinstance(scale, tuple) else (scale,),
-        clip=term.clip or Term.clip,
+        clip=term.clip or SeenTerm.clip,
         command=term.command_name if field == COMMAND else None,
         ages=tuple(ages if group.history_newest_first else reversed(ages)),
     )

@@ -20,7 +20,7 @@ from trainer.foreign.description import (
     MAX_HISTORY,
     THEIR_NAMES,
     ForeignPolicy,
-    Term,
+    SeenTerm,
     canonical_joints,
     field_of,
 )
@@ -38,7 +38,7 @@ RATE_HZ: Final = 50.0
 """mjlab's velocity tasks step at 50 Hz; the file does not say."""
 
 
-def describe(metadata: Mapping[str, str], name: str, *, agent: Mapping[str, Any] | None = None) -> ForeignPolicy:
+def policy_of_mjlab(metadata: Mapping[str, str], name: str, *, agent: Mapping[str, Any] | None = None) -> ForeignPolicy:
     """What the metadata say, and the learner's file of its actions' clip.
 
     Raises:
@@ -100,7 +100,7 @@ _FLAGS: Final = {"True": "1", "False": "0"}
 """mjlab 1.6.0 writes all that is no text as a number with three decimals, flags too; a file of ours holds words."""
 
 
-def _term(name: str, scale: str, clip: str, history: str, flattened: str, *, joints: tuple[str, ...]) -> Term:
+def _term(name: str, scale: str, clip: str, history: str, flattened: str, *, joints: tuple[str, ...]) -> SeenTerm:
     field = field_of(name.strip(), "observation_names")
     limits = _floats(clip.split(";"), "observation_terms_clip")
     if len(limits) != 2:
@@ -112,7 +112,7 @@ def _term(name: str, scale: str, clip: str, history: str, flattened: str, *, joi
         )
     if ticks and not _floats([_FLAGS.get(flattened, flattened)], "observation_terms_flatten_history_dim")[0]:
         raise BadInputError(NOT_FLAT.format(where=f"observation_terms_flatten_history_dim of {name}"))
-    return Term(
+    return SeenTerm(
         field,
         joint_names=joints if field in JOINT_FIELDS else (),
         is_absolute=name.strip() == ABSOLUTE,

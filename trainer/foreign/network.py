@@ -19,35 +19,34 @@ from onnx.external_data_helper import load_external_data_for_model, uses_externa
 
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.yaml_text import FileTooLargeError, read_at_most
-from spot_model.policy.contract import (
-    INPUT_NAME,
-    MAX_POLICY_BYTES,
-    METADATA_KEY,
-    OUTPUT_NAME,
-    StoredPair,
-)
+from spot_model.policy.contract import INPUT_NAME, MAX_POLICY_BYTES, METADATA_KEY, OUTPUT_NAME, StoredPair
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
-from trainer.foreign.description import JOINT_FIELDS, LAST_ACTION, ForeignPolicy, Term, common_scale, contract_of
+from spot_model.robot.facts import Array
+from trainer.foreign.description import (
+    JOINT_FIELDS,
+    LAST_ACTION,
+    ForeignPolicy,
+    SeenTerm,
+    common_scale,
+    foreign_contract,
+)
 from trainer.foreign.inspection import action_output, check_no_memory, check_normaliser, observation_input
 
-Array = NDArray[np.float64]
-
-
-Step = tuple[str, str, NDArray[Any]]
+OnnxStep = tuple[str, str, NDArray[Any]]
 """An operator of ONNX, the name of its weight, and the weight."""
 _IN_NUMPY: Final = {"MatMul": np.matmul, "Add": np.add, "Mul": np.multiply, "Max": np.maximum, "Min": np.minimum}
 
 
-def applied(steps: Sequence[Step], values: Array) -> Array:
+def applied(steps: Sequence[OnnxStep], values: Array) -> Array:
     """What steps make of values, shape (..., n)."""
     for operator, _, weight in steps:
         values = np.asarray(_IN_NUMPY[operator](values, weight))
     return values
 
 
-def observation_steps(policy: ForeignPolicy) -> list[Step]:
+def observation_steps(policy: ForeignPolicy) -> list[OnnxStep]:
     """From our last ticks, the newest first, shape (..., history · 48), to the foreign observation.
 
     It is ``scale · clip(ours @ matrix + offset, low, high)``; no clip and no scale where there is none.
@@ -67,7 +66,7 @@ def observation_steps(policy: ForeignPolicy) -> list[Step]:
             low[:, columns], high[:, columns] = term.clip
             scale[:, columns] = term.scale
             start += term.width
-    steps: list[Step] = [("MatMul", "observation_matrix", matrix), ("Add", "observation_offset", offset)]
+    steps: list[OnnxStep] = [("MatMul", "observation_matrix", matrix), ("Add", "observation_offset", offset)]
     if np.isfinite(low).any() or np.isfinite(high).any():
         bound = np.finfo(np.float32).max
         steps.append(("Max", "observation_low", np.maximum(low, -bound)))
@@ -75,10 +74,10 @@ def observation_steps(policy: ForeignPolicy) -> list[Step]:
     return [*steps, ("Mul", "observation_scale", scale)] if (scale != 1.0).any() else steps
 
 
-def action_steps(policy: ForeignPolicy) -> list[Step]:
+def action_steps(policy: ForeignPolicy) -> list[OnnxStep]:
     """From the foreign action, shape (..., 12), to ours, whose joints share one scale."""
     clip, gain = policy.action_clip, _gain(policy)[None]
-    steps: list[Step] = []
+    steps: list[OnnxStep] = []
     if np.isfinite(clip):
         steps += [("Max", "action_low", np.array([[-clip]])), ("Min", "action_high", np.array([[clip]]))]
     return [*steps, ("Mul", "joint_gain", gain)]
@@ -89,7 +88,7 @@ def _gain(policy: ForeignPolicy) -> Array:
     return np.array(policy.action_scale_rad) / common_scale(policy)
 
 
-def _rows(term: Term, joint_names: tuple[str, ...]) -> NDArray[np.intp]:
+def _rows(term: SeenTerm, joint_names: tuple[str, ...]) -> NDArray[np.intp]:
     """Where the term's numbers stand in one tick of our observation."""
     start = COLUMNS[term.field].start
     if term.field not in JOINT_FIELDS:
@@ -97,7 +96,7 @@ def _rows(term: Term, joint_names: tuple[str, ...]) -> NDArray[np.intp]:
     return start + np.array([joint_names.index(name) for name in term.joint_names])
 
 
-def _weights(term: Term, policy: ForeignPolicy) -> Array:
+def _weights(term: SeenTerm, policy: ForeignPolicy) -> Array:
     """Our last action is theirs times each joint's share of the common scale; everything else is the same number."""
     if term.field != LAST_ACTION:
         return np.ones(term.width)
@@ -230,7 +229,7 @@ def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> Policy
         )
     actions = applied(after, np.array(asked))
     pair = StoredPair(observation=tuple(map(float, ours[0])), action=tuple(map(float, actions[0])))
-    metadata = {METADATA_KEY: contract_of(policy, pair, revision).to_json()}
+    metadata = {METADATA_KEY: foreign_contract(policy, pair, revision).to_json()}
     data = surrounded(theirs, (source, target), before, after, (INPUT_NAME, OUTPUT_NAME), metadata)
     made = policy_from_bytes(data, source="the imported policy")
     error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
@@ -242,8 +241,8 @@ def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> Policy
 def surrounded(
     inner: onnx.ModelProto,
     ends: tuple[str, str],
-    before: Sequence[Step],
-    after: Sequence[Step],
+    before: Sequence[OnnxStep],
+    after: Sequence[OnnxStep],
     names: tuple[str, str],
     metadata: dict[str, str],
 ) -> bytes:
@@ -279,7 +278,7 @@ def surrounded(
     return data
 
 
-def _chain(source: str, steps: Sequence[Step], out: str) -> list[onnx.NodeProto]:
+def _chain(source: str, steps: Sequence[OnnxStep], out: str) -> list[onnx.NodeProto]:
     """Nodes of one step after the other."""
     nodes, current = [], source
     for i, (operator, name, _) in enumerate(steps):

@@ -14,31 +14,22 @@ from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import OBSERVATION
 from spot_model.robot.facts import BREADTH_FIRST
-from trainer.foreign.description import ForeignPolicy, Term
-from trainer.foreign.environment import Environment, by_joint, parsed
+from trainer.foreign.description import ForeignPolicy, SeenTerm
+from trainer.foreign.environment import Environment, for_each_joint, parsed
 
-STANDING_HEIGHT_M = 0.5
 RATE_HZ = 50.0
 
 
 def find_environment(policy: Path) -> Path:
-    """The one JSON file beside the policy.
-
-    Raises:
-        BadInputError: There is none, or more than one.
-    """
+    """The one JSON file beside the policy. Raises BadInputError: there is none, or more than one."""
     found = sorted(policy.parent.glob("*.json"))
     if len(found) != 1:
         raise BadInputError(f"{policy.parent} holds {len(found)} JSON files; the example wants one beside the policy")
     return found[0]
 
 
-def describe(data: Mapping[str, Any], name: str) -> ForeignPolicy:
-    """What the example would do with this file.
-
-    Raises:
-        BadInputError: Something is missing; the message names it.
-    """
+def policy_of_example(data: Mapping[str, Any], name: str) -> ForeignPolicy:
+    """What the example would do with this file. Raises BadInputError: something is missing; the message names it."""
     joints, environment = BREADTH_FIRST, parsed(Environment, data, "the environment file")
     if "scale" not in environment.action.model_fields_set:
         raise BadInputError("the environment file has no actions.joint_pos.scale; the example needs it")
@@ -50,10 +41,10 @@ def describe(data: Mapping[str, Any], name: str) -> ForeignPolicy:
         assumed = ("50 Hz: the file names no rate; --rate-hz names another", *assumed)
     return ForeignPolicy(
         name=name,
-        terms=tuple(Term(field.name, joint_names=joints if field.is_of_joints else ()) for field in OBSERVATION),
+        terms=tuple(SeenTerm(field.name, joint_names=joints if field.is_of_joints else ()) for field in OBSERVATION),
         joint_names=joints,
-        default_position_rad=by_joint(environment.pose, joints, "joint_pos"),
-        action_scale_rad=by_joint(environment.action.scale, joints, "actions.joint_pos.scale"),
+        default_position_rad=for_each_joint(environment.pose, joints, "joint_pos"),
+        action_scale_rad=for_each_joint(environment.action.scale, joints, "actions.joint_pos.scale"),
         kp_nm_per_rad=environment.gains("stiffness", joints),
         kd_nm_s_per_rad=environment.gains("damping", joints),
         rate_hz=environment.rate_hz or RATE_HZ,
@@ -75,12 +66,7 @@ def environment_of(contract: PolicyContract) -> dict[str, Any]:
     return {
         "sim": {"dt": 1.0 / contract.rate_hz},
         "decimation": 1,
-        "scene": {
-            "robot": {
-                "actuators": actuators,
-                "init_state": {"pos": [0.0, 0.0, STANDING_HEIGHT_M], "joint_pos": pose},
-            }
-        },
+        "scene": {"robot": {"actuators": actuators, "init_state": {"pos": [0.0, 0.0, 0.5], "joint_pos": pose}}},
         "actions": {"joint_pos": {"scale": contract.action_scale_rad}},
         "commands": {"base_velocity": {"ranges": ranges}},
     }

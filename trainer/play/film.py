@@ -63,8 +63,6 @@ def gait_diagram(walk: Walk) -> mujoco.MjvFigure:
 
 
 WIDTH, HEIGHT = 800, 448
-FRAME_RATE_HZ = 25.0
-GIF_RATE_HZ = 12.5
 FORMATS: Final = (".mp4", ".gif")
 _GIF: Final = ["-filter_complex", "split[a][b];[a]palettegen=stats_mode=diff[p];[b][p]paletteuse=dither=bayer"]
 
@@ -126,7 +124,7 @@ def write_film(walk: Walk, velocity_at: VelocityAt, out: Path, seconds: float) -
     import imageio_ffmpeg
 
     is_gif = out.suffix == ".gif"
-    rate = GIF_RATE_HZ if is_gif else FRAME_RATE_HZ
+    rate = 12.5 if is_gif else 25.0
     how = {"codec": "gif", "pix_fmt_out": "pal8", "output_params": _GIF} if is_gif else {"quality": 7}
     with whole_file(out) as part:
         encoder = imageio_ffmpeg.write_frames(part, (WIDTH, HEIGHT), fps=rate, ffmpeg_log_level="error", **how)

@@ -15,21 +15,18 @@ from numpy.typing import NDArray
 
 from spot_log.page.charts import stance
 from spot_log.page.sections import Chart, Content, Legend, Section, Series, Shade
-from spot_model.effects.base import Effect
 from spot_model.errors import SpotRlError
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import spot_mjcf
 from spot_model.robot.rotation import yaw_rad
 from trainer.play.live_plots import beside_robot
-from trainer.play.scene import DrawnRobot, Scene, Server, offer
-from trainer.play.switches import Switch, Switched
+from trainer.play.scene import PACES, DrawnRobot, WebScene, WebServer, offer
+from trainer.play.switches import Effects, Switch, Switched
 
-Effects = tuple[Effect, ...]
 FRAME_S: Final = 1.0 / 30.0
 PLOTTED_EVERY: Final = 8
 """Frames."""
-PACES: Final = ("1", "1/2", "1/4", "1/8")
 SEEN_S: Final = 1.5
 """Of feet on the ground, before and after the shown instant."""
 COLOURS: Final = ("#c79a10", "#2f6fb5", "#1f8a5b")
@@ -135,24 +132,19 @@ class ReplayPage:
     """
 
     def __init__(
-        self, server: Server, walks: Sequence[Walked], own: Effects, offered: Sequence[Switch], simulate: Simulate
+        self, server: WebServer, walks: Sequence[Walked], own: Effects, offered: Sequence[Switch], simulate: Simulate
     ) -> None:
         self._server, self._walks = server, list(walks)
         self._end_s = walks[0].end_s
-        self._scene = Scene(server)
+        self.scene = WebScene(server)
         model = mujoco.MjModel.from_xml_string(spot_mjcf())
         names = ("recorded", "model", "changed")
         self._robots = [DrawnRobot(server, name, model, tint) for name, tint in zip(names, TINTS, strict=True)]
         heading = float(yaw_rad(walks[0].qpos[0, 3:7]))
         self._left = np.array([-np.sin(heading), np.cos(heading)])
         self._switched, self._simulations = Switched(own), Simulations(simulate)
-        self._frames, self._watched_s, self._shown_s = 0, 0.0, 0.0
+        self._shown_s, self._drawn = 0.0, 0
         self._build(offered)
-
-    @property
-    def frame_rate_hz(self) -> float:
-        """Frames a second that were drawn while a browser watched; 0 if none ever did."""
-        return self._frames / self._watched_s if self._watched_s else 0.0
 
     def run(self, seconds: float | None) -> None:
         """Show the log again and again until ``seconds`` have passed."""
@@ -175,9 +167,10 @@ class ReplayPage:
             self._time.value = round(self._shown_s, 2)
         self._take_news()
         if self._server.get_clients():
-            self._watched_s += elapsed_s
+            self.scene.watched_s += elapsed_s
             self._draw(self._shown_s)
-            if self._frames % PLOTTED_EVERY == 1:
+            self._drawn += 1
+            if self._drawn % PLOTTED_EVERY == 1:
                 self._told.content = self._simulations.told or "Nothing is being simulated."
                 self._beside.content = self._figures(self._shown_s)
 
@@ -189,12 +182,11 @@ class ReplayPage:
             self._robots[2].show(is_shown=walked is not None)
 
     def _draw(self, time_s: float) -> None:
-        with self._scene.frame(self._walks[0].at(time_s)[:2]):
+        with self.scene.frame(self._walks[0].at(time_s)[:2]):
             for i, (walked, robot) in enumerate(zip(self._walks, self._robots, strict=False)):
                 qpos = walked.at(time_s).copy()
                 qpos[:2] += i * float(self._apart.value) * self._left
                 robot.put(qpos)
-        self._frames += 1
 
     def _figures(self, time_s: float) -> str:
         parts: list[Content] = []
@@ -226,12 +218,8 @@ class ReplayPage:
             self._told = gui.add_markdown("")
         with gui.add_folder("View"):
             self._apart = gui.add_slider("beside each other (m)", 0.0, 1.5, 0.1, 0.8)
-            follow = gui.add_checkbox("follow the robot", initial_value=True)
-            follow.on_update(lambda _: setattr(self._scene, "follows", follow.value))
-        beside = gui.add_panel()
-        with beside.add_tab("Walks"):
-            self._beside = gui.add_html("")
-        beside.float(x=15.0, y=15.0, width=380.0)
+            self.scene.add_follow()
+        self._beside = self.scene.add_beside("Walks", 380.0)
         self._robots[2].show(is_shown=False)
 
     def _turned(self, switch: Switch, size: Callable[[], float | None]) -> None:

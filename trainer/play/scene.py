@@ -24,15 +24,17 @@ FLOOR_M: Final = 60.0
 CELL_M: Final = 1.0
 """Sides of the floor and of the squares on it."""
 _OTHER_PORT: Final = 8081
+PACES: Final = ("1", "1/2", "1/4", "1/8")
+"""Parts of real time at which robots may walk."""
 CAMERA_M: Final = ((1.6, -2.4, 1.5), (0.0, 0.2, 0.2))
 """Where it stands and what it looks at, from the robot's place on the floor."""
 
 
-class Server(viser.ViserServer):
+class WebServer(viser.ViserServer):
     """Viser's server, which answers at one address alone and prints nothing."""
 
     def __init__(self, host: str, port: int) -> None:
-        check_free(host, port)
+        check_port(host, port)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__(host=host, port=port, verbose=False, label="Spot RL")
@@ -50,7 +52,7 @@ class Server(viser.ViserServer):
             super().stop()
 
 
-def check_free(host: str, port: int) -> None:
+def check_port(host: str, port: int) -> None:
     """See that a server can listen there.
 
     Raises:
@@ -75,11 +77,7 @@ class DrawnRobot:
     """One robot in the scene."""
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        name: str,
-        model: mujoco.MjModel,
-        tint: tuple[int, int, int] | None = None,
+        self, server: viser.ViserServer, name: str, model: mujoco.MjModel, tint: tuple[int, int, int] | None = None
     ) -> None:
         self._bodies = Bodies(model)
         self._whole = server.scene.add_frame(f"/world/{name}", show_axes=False)
@@ -106,12 +104,13 @@ class DrawnRobot:
         self._whole.visible = is_shown
 
 
-class Scene:
+class WebScene:
     """A floor with robots; the whole world moves under the camera, so that everyone may turn it as they like."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self.server = server
         self.follows = True
+        self._frames, self.watched_s = 0, 0.0
         self._centre_m = np.zeros(2)
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         server.initial_camera.position, server.initial_camera.look_at = CAMERA_M
@@ -130,6 +129,24 @@ class Scene:
             position=(0.0, 0.0, -0.001),
         )
 
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames a second that were drawn while a browser watched; 0 if none ever did."""
+        return self._frames / self.watched_s if self.watched_s else 0.0
+
+    def add_follow(self) -> None:
+        """Put a box on the page: whether the camera goes with the robot."""
+        follow = self.server.gui.add_checkbox("follow the robot", initial_value=True)
+        follow.on_update(lambda _: setattr(self, "follows", follow.value))
+
+    def add_beside(self, title: str, width_px: float) -> viser.GuiHtmlHandle:
+        """What is shown in a panel beside the robots."""
+        panel = self.server.gui.add_panel()
+        with panel.add_tab(title):
+            shown = self.server.gui.add_html("")
+        panel.float(x=15.0, y=15.0, width=width_px)
+        return shown
+
     @contextlib.contextmanager
     def frame(self, centre_m: Array) -> Iterator[None]:
         """Draw one frame: what is changed inside arrives together; ``centre_m`` is the robot's x and y."""
@@ -141,6 +158,7 @@ class Scene:
             cell = 5.0 * CELL_M
             self._floor.position = (-(x % cell), -(y % cell), -0.001)
             yield
+        self._frames += 1
 
 
 def offer(gui: viser.GuiApi, switch: Switch, turned: Callable[[Switch, Callable[[], float | None]], None]) -> None:

@@ -23,7 +23,7 @@ DRAWN: Final = {
 
 
 @dataclass(frozen=True)
-class Shape:
+class DrawnShape:
     """One geom of a model, fixed to a body."""
 
     body: int
@@ -40,14 +40,14 @@ class Shape:
     """Red, green and blue, 0 to 255."""
 
 
-def shapes_of(model: mujoco.MjModel) -> Iterator[Shape]:
+def shapes_of(model: mujoco.MjModel) -> Iterator[DrawnShape]:
     """All shapes of a model's robot."""
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])
         if kind in DRAWN:
             mesh = _mesh(kind, model.geom_size[geom])
             red, green, blue = (round(255.0 * float(c)) for c in _rgba(model, geom)[:3])
-            yield Shape(
+            yield DrawnShape(
                 int(model.geom_bodyid[geom]),
                 np.asarray(mesh.vertices, dtype=np.float32),
                 np.asarray(mesh.faces, dtype=np.uint32),

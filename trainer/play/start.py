@@ -23,7 +23,7 @@ from trainer.play.switches import BUILT_IN
 from trainer.play.walk import Walk
 
 if TYPE_CHECKING:
-    from trainer.play.scene import Server
+    from trainer.play.scene import WebScene, WebServer
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def film_it(started: Started, out: Path, seconds: float) -> str:
 def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> str:
     """Walk in a window until it is closed."""
     try:
-        from trainer.play.window import check_display, show
+        from trainer.play.window import check_display, show_walk
     except ImportError as error:  # MuJoCo's viewer does not say that a module was not found
         raise BadInputError(
             "a window needs MuJoCo's viewer; install the extra cameras: pip install 'spot-rl[cameras]'; or use --web"
@@ -98,7 +98,7 @@ def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> 
     walk, keys = started.walk, started.keys()
     if not has_gamepad:
         typer.echo(HELP)
-        show(walk, keys.velocity_at, keys.press, seconds)
+        show_walk(walk, keys.velocity_at, keys.press, seconds)
         return started.sentence()
     from spot_tools.sources import PygamePad
 
@@ -110,7 +110,7 @@ def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> 
         return sticks(time_s)
 
     try:
-        show(walk, steered, keys.press, seconds)
+        show_walk(walk, steered, keys.press, seconds)
     finally:
         pad.close()
     return started.sentence()
@@ -119,10 +119,7 @@ def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> 
 class Page(Protocol):
     """What browsers show."""
 
-    @property
-    def frame_rate_hz(self) -> float:
-        """Frames a second that were drawn while a browser watched; 0 if none ever did."""
-        ...
+    scene: WebScene
 
     def run(self, seconds: float | None) -> None:
         """Show it until ``seconds`` have passed, without them for ever."""
@@ -135,22 +132,22 @@ def in_browsers(started: Started, address: tuple[str, int], seconds: float | Non
     start = np.array([0.5, 0.0, 0.0]) if started.wanted is None else started.wanted
     start = np.clip(start, contract.velocity_command_low, contract.velocity_command_high)
 
-    def page(server: Server) -> Page:
+    def page(server: WebServer) -> Page:
         from trainer.play.web import LivePage
 
         return LivePage(server, started.walk, started.effects, BUILT_IN, start)
 
-    told = serve(page, address, seconds)
+    told = serve_page(page, address, seconds)
     return f"{started.sentence()}{told and f'; {told}'}"
 
 
-def serve(page_on: Callable[[Server], Page], address: tuple[str, int], seconds: float | None) -> str:
+def serve_page(page_on: Callable[[WebServer], Page], address: tuple[str, int], seconds: float | None) -> str:
     """Show a page in browsers until the end or Ctrl-C; say how many frames they got, if any came."""
     try:
-        from trainer.play.scene import Server, address_lines
+        from trainer.play.scene import WebServer, address_lines
     except ModuleNotFoundError as error:
         raise missing("--web", error, "web") from error
-    server = Server(*address)
+    server = WebServer(*address)
     try:
         page = page_on(server)
         typer.echo(address_lines(address[0], server.get_port()))
@@ -158,7 +155,7 @@ def serve(page_on: Callable[[Server], Page], address: tuple[str, int], seconds: 
             page.run(seconds)
     finally:
         server.stop()
-    return f"browsers got {page.frame_rate_hz:.1f} frames a second" if page.frame_rate_hz else ""
+    return f"browsers got {page.scene.frame_rate_hz:.1f} frames a second" if page.scene.frame_rate_hz else ""
 
 
 def missing(what: str, error: ModuleNotFoundError, extra: str) -> BadInputError:

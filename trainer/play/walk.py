@@ -32,11 +32,7 @@ class Walk:
     """A robot in closed loop, and what it did in the last moments."""
 
     def __init__(
-        self,
-        policy: Policy,
-        plant: Plant,
-        rng: np.random.Generator,
-        newer: Callable[[], Policy | None] = lambda: None,
+        self, policy: Policy, plant: Plant, rng: np.random.Generator, newer: Callable[[], Policy | None] = lambda: None
     ) -> None:
         self.policy, self.plant = policy, plant
         self.command: Array = np.zeros(3)

@@ -14,7 +14,7 @@ from spot_model.plant.plant import PlantDivergedError
 from spot_model.robot.facts import Array
 from spot_runtime.sources import Shaper
 from trainer.play.live_plots import SpeedHistory, live_html
-from trainer.play.scene import DrawnRobot, Scene, Server, offer
+from trainer.play.scene import PACES, DrawnRobot, WebScene, WebServer, offer
 from trainer.play.steering import ACCELERATION_M_S2
 from trainer.play.switches import Switch, Switched
 from trainer.play.walk import PUSH_M_S, Walk
@@ -23,9 +23,6 @@ LATE_S: Final = 0.5
 """Lateness beyond which the walk slows down instead of catching up, s."""
 DRAWN_WITHIN_S: Final = 0.04
 """A late computer leaves out frames, but never for longer than this, s."""
-PLOT_RATE_HZ: Final = 5.0
-PACES: Final = ("1", "1/2", "1/4", "1/8")
-"""Parts of real time at which the robot may walk."""
 KEYS: Final[tuple[tuple[Any, tuple[float, float, float], str], ...]] = (
     ("I", (0.25, 0.0, 0.0), "faster forward"),
     ("K", (-0.25, 0.0, 0.0), "slower, or back"),
@@ -53,22 +50,16 @@ class LivePage:
     """
 
     def __init__(
-        self, server: Server, walk: Walk, own: Sequence[Effect], offered: Sequence[Switch], start: Array
+        self, server: WebServer, walk: Walk, own: Sequence[Effect], offered: Sequence[Switch], start: Array
     ) -> None:
         self._walk, self._server = walk, server
-        self._scene = Scene(server)
+        self.scene = WebScene(server)
         self._robot = DrawnRobot(server, "robot", walk.plant.model)
         self._switched = Switched(own)
         self._shaper = Shaper(ACCELERATION_M_S2, release_s=1.0)
         self._wishes: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._history = SpeedHistory()
-        self._frames, self._watched_s = 0, 0.0
         self._build(offered, start)
-
-    @property
-    def frame_rate_hz(self) -> float:
-        """Frames a second that were drawn while a browser watched; 0 if none ever did."""
-        return self._frames / self._watched_s if self._watched_s else 0.0
 
     def velocity_at(self, time_s: float) -> Array:
         """The command at a time since the start, shape (3,)."""
@@ -96,12 +87,12 @@ class LivePage:
             now_s = time.monotonic()
             is_watched = bool(self._server.get_clients())
             if is_watched:
-                self._watched_s += now_s - seen_s
+                self.scene.watched_s += now_s - seen_s
             seen_s = now_s
             if is_watched and (now_s < due_s + tick_s or now_s > drawn_s + DRAWN_WITHIN_S):
                 self._draw()
                 drawn_s = now_s
-            if now_s - plotted_s >= 1.0 / PLOT_RATE_HZ:
+            if now_s - plotted_s >= 1.0 / 5.0:
                 self._history.note(walk)
                 if is_watched:
                     self._live.content = live_html(walk, *self._history.columns())
@@ -113,9 +104,8 @@ class LivePage:
 
     def _draw(self) -> None:
         qpos = self._walk.qpos
-        with self._scene.frame(qpos[:2]):
+        with self.scene.frame(qpos[:2]):
             self._robot.put(qpos)
-        self._frames += 1
 
     def _build(self, offered: Sequence[Switch], start: Array) -> None:
         gui, contract = self._server.gui, self._walk.policy.contract
@@ -136,15 +126,11 @@ class LivePage:
         with gui.add_folder("View"):
             self._pause = gui.add_checkbox("pause", initial_value=False)
             self._pace = gui.add_dropdown("pace, × real time", PACES)
-            follow = gui.add_checkbox("follow the robot", initial_value=True)
-            follow.on_update(lambda _: setattr(self._scene, "follows", follow.value))
+            self.scene.add_follow()
         gui.add_markdown(HELP)
         for key, change, what in KEYS:
             gui.add_command(what, hotkey=key).on_trigger(self._steering(change))
-        beside = gui.add_panel()
-        with beside.add_tab("Now"):
-            self._live = gui.add_html("")
-        beside.float(x=15.0, y=15.0, width=350.0)
+        self._live = self.scene.add_beside("Now", 350.0)
 
     def _button(self, label: str, action: Callable[[], None], key: Any) -> None:
         def wish(_: object) -> None:

@@ -20,11 +20,7 @@ DRAWN_WITHIN_S = 1.0
 
 
 def check_display() -> None:
-    """See that a window can be opened.
-
-    Raises:
-        BadInputError: There is no display.
-    """
+    """See that a window can be opened. Raises BadInputError: there is no display."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise BadInputError(
             "there is no display for a window (neither DISPLAY nor WAYLAND_DISPLAY is set); "
@@ -32,7 +28,7 @@ def check_display() -> None:
         )
 
 
-def show(walk: Walk, velocity_at: VelocityAt, press: Callable[[int], None], seconds: float | None) -> None:
+def show_walk(walk: Walk, velocity_at: VelocityAt, press: Callable[[int], None], seconds: float | None) -> None:
     """Walk until the window is closed, or ``seconds`` have passed.
 
     Raises:

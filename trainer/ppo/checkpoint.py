@@ -18,15 +18,11 @@ from spot_model.io.whole import whole_file, whole_folder
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
 from spot_model.version import software_revision
-from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
+from trainer.config.train_config import TrainConfig, config_yaml, train_config_from_data
 
 
 def check_run_folder(folder: Path) -> None:
-    """Refuse a run folder that holds something.
-
-    Raises:
-        BadInputError: It does.
-    """
+    """Refuse a run folder that holds something. Raises BadInputError: it does."""
     if folder.exists() and any(folder.iterdir()):
         raise BadInputError(f"run folder {folder} is not empty; choose another with --out, or --resume it")
 
@@ -119,17 +115,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     return content
 
 
-def save_networks(checkpoint: Path, out: Path) -> None:
-    """Write a small checkpoint that only ``start_from`` and ``export`` can use: no optimiser, no environment."""
-    content = read_checkpoint(checkpoint)
-    networks = {key: content["algorithm"][key] for key in ("actor_state_dict", "critic_state_dict")}
-    kept = {key: content[key] for key in ("config", "iterations_done")}
-    write_checkpoint(out, {**kept, "algorithm": networks})
-
-
 def config_of(content: dict[str, Any], source: str) -> TrainConfig:
     """The config that a checkpoint was trained with."""
-    return config_from_data(yaml.safe_load(content["config"]), source=source)
+    return train_config_from_data(yaml.safe_load(content["config"]), source=source)
 
 
 def find_checkpoint(run: Path) -> Path:

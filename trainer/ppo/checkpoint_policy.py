@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint, read_run_record
 
-OPSET = 18
 NORMALISER_FLOOR = 1.0e-2
 """Added to the deviation by rsl-rl's normaliser."""
 LARGEST_ERROR = 1.0e-5
@@ -35,37 +34,66 @@ IGNORED = (torch.nn.Identity, torch.nn.Flatten, torch.nn.Dropout)
 """Layers that do nothing to a batch of observations when a policy acts."""
 PARTS = ("weight", "bias")
 
+N_INPUTS = 256
+"""Random inputs on which a file is compared with its network."""
+FloatArray = np.ndarray[Any, np.dtype[np.float32]]
 Layers = list[tuple[torch.Tensor, torch.Tensor]]
 """Weight (out, in) and bias (out,) of each linear layer; ELU between them."""
 
 
-def policy_of(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
+def policy_of_layers(layers: Layers, contract: PolicyContract, source: str = "export") -> Policy:
     """A network with its contract, as the runtime loads it; ``file_bytes`` of it is the file.
 
-    The stored pair's action becomes that of this network.
+    It is run beside torch on random inputs, of which the first becomes the contract's stored pair.
 
     Raises:
-        BadInputError: torch and onnxruntime do not compute the same.
+        BadInputError: Both differ by more than 1e-5 of the largest action, or 1e-5 if that is below 1: they round
+            differently, and not alike on every processor.
     """
-    pair = contract.stored_pair
-    pair = pair.model_copy(update={"action": _action(layers, pair.observation)})
-    contract = contract.model_copy(update={"stored_pair": pair})
-    policy = policy_from_bytes(onnx_bytes(layers, contract), source=source)
-    check_agreement(layers, policy)
+    inputs = np.random.default_rng(48).normal(size=(N_INPUTS, N_OBSERVATION)).astype(np.float32)
+    with torch.no_grad():
+        wanted = run_torch(layers, torch.from_numpy(inputs)).numpy()
+    pair = StoredPair(observation=tuple(inputs[0].tolist()), action=tuple(wanted[0].tolist()))
+    policy = policy_from_bytes(onnx_bytes(layers, contract.model_copy(update={"stored_pair": pair})), source=source)
+    check_agreement(policy.act(inputs), wanted)
     return policy
 
 
-def read_actor(checkpoint: Path, name: str | None = None) -> tuple[TrainConfig, Layers, PolicyContract]:
-    """Config, layers and contract of a checkpoint; ``name`` stands in the contract, the config's by default.
+def check_agreement(actions: FloatArray, wanted: FloatArray) -> None:
+    """Compare what onnxruntime and torch made of the same inputs; raises as :func:`policy_of`."""
+    error = float(np.abs(actions - wanted).max())
+    allowed = LARGEST_ERROR * max(1.0, float(np.abs(wanted).max()))
+    if not error <= allowed:
+        raise BadInputError(f"torch and onnxruntime differ by {error:g}; allowed: at most {allowed:g}")
+
+
+def policy_of_checkpoint(checkpoint: Path, name: str | None = None) -> tuple[Policy, TrainConfig]:
+    """The policy of a checkpoint, no gait stated, and the config of its training, whose name it has by default.
 
     Raises:
         BadInputError: It is not a checkpoint of this trainer.
     """
     content = read_checkpoint(checkpoint)
-    config = config_of(content, str(checkpoint))
+    config, record = config_of(content, str(checkpoint)), read_run_record(checkpoint.parent)
+    training = TrainingRecord(
+        run=f"{config.name}/{checkpoint.stem}/{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}",
+        revision=str(record.get("revision", "")),
+        command=str(record.get("command", "")),
+        seed=config.seed,
+        model_sha256=load_models(config.model)[0].digest(),
+    )
     layers = actor_layers(content["algorithm"]["actor_state_dict"])
-    training = _training(config, read_run_record(checkpoint.parent), checkpoint)
-    return config, layers, contract_of(config, layers, name or config.name, training)
+    return policy_of_layers(layers, contract_of(config, name or config.name, training), str(checkpoint)), config
+
+
+def contract_of(config: TrainConfig, name: str, training: TrainingRecord) -> PolicyContract:
+    """The contract of a network that was trained on a config's task; :func:`policy_of` fills in the stored pair."""
+    commands = config.task.commands
+    low, high = zip(commands.v_x_m_s, commands.v_y_m_s, commands.yaw_rate_rad_s, strict=True)
+    pair = StoredPair(observation=(0.0,) * N_OBSERVATION, action=(0.0,) * facts.N_JOINTS)
+    return PolicyContract(
+        name=name, velocity_command_low=low, velocity_command_high=high, training=training, stored_pair=pair
+    )
 
 
 def actor_layers(state: dict[str, torch.Tensor]) -> Layers:
@@ -205,65 +233,12 @@ def onnx_bytes(layers: Layers, contract: PolicyContract) -> bytes:
         [helper.make_tensor_value_info(OUTPUT_NAME, TensorProto.FLOAT, ["batch", facts.N_JOINTS])],
         weights,
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="spot-rl")
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], producer_name="spot-rl")
     model.ir_version = 8
     helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
     onnx.checker.check_model(model, full_check=True)
     data: bytes = model.SerializeToString()
     return data
-
-
-def check_agreement(layers: Layers, policy: Policy) -> float:
-    """Largest difference between torch and onnxruntime over random inputs.
-
-    Raises:
-        BadInputError: It exceeds 1e-5 of the largest action, or 1e-5 if that is below 1: both round differently, and
-            not alike on every processor.
-    """
-    inputs = _inputs(256)
-    wanted = _torch(layers, inputs)
-    error = float(np.abs(policy.act(inputs) - wanted).max())
-    allowed = LARGEST_ERROR * max(1.0, float(np.abs(wanted).max()))
-    if not error <= allowed:
-        raise BadInputError(f"torch and onnxruntime differ by {error:g}; allowed: at most {allowed:g}")
-    return error
-
-
-def contract_of(config: TrainConfig, layers: Layers, name: str, training: TrainingRecord) -> PolicyContract:
-    """The contract of a network that was trained on a config's task, with no gait stated."""
-    observation = tuple(_inputs(1)[0].tolist())
-    commands = config.task.commands
-    ranges = (commands.v_x_m_s, commands.v_y_m_s, commands.yaw_rate_rad_s)
-    return PolicyContract(
-        name=name,
-        velocity_command_low=(ranges[0][0], ranges[1][0], ranges[2][0]),
-        velocity_command_high=(ranges[0][1], ranges[1][1], ranges[2][1]),
-        training=training,
-        stored_pair=StoredPair(observation=observation, action=_action(layers, observation)),
-    )
-
-
-def _action(layers: Layers, observation: Sequence[float]) -> tuple[float, ...]:
-    return tuple(_torch(layers, np.array([observation], dtype=np.float32))[0].tolist())
-
-
-def _training(config: TrainConfig, record: dict[str, Any], checkpoint: Path) -> TrainingRecord:
-    return TrainingRecord(
-        run=f"{config.name}/{checkpoint.stem}/{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}",
-        revision=str(record.get("revision", "")),
-        command=str(record.get("command", "")),
-        seed=config.seed,
-        model_sha256=load_models(config.model)[0].digest(),
-    )
-
-
-def _inputs(n: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    return np.random.default_rng(48).normal(size=(n, N_OBSERVATION)).astype(np.float32)
-
-
-def _torch(layers: Layers, inputs: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, np.dtype[np.float32]]:
-    with torch.no_grad():
-        return run_torch(layers, torch.from_numpy(inputs)).numpy()
 
 
 LOOKED_EVERY_S = 2.0
@@ -278,15 +253,10 @@ class NewestPolicy:
         self._looked_s = -LOOKED_EVERY_S
 
     def load(self) -> Policy:
-        """The newest.
-
-        Raises:
-            BadInputError: The run has no checkpoint yet.
-        """
+        """The newest. Raises BadInputError: the run has no checkpoint yet."""
         self._seen = find_checkpoint(self._run)
         self._tell(self._seen.name)
-        _, layers, contract = read_actor(self._seen)
-        return policy_of(layers, contract, str(self._seen))
+        return policy_of_checkpoint(self._seen)[0]
 
     def newer(self) -> Policy | None:
         """One that is newer than the last; None if there is none, or it was looked for a moment ago."""

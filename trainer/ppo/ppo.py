@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.modules.distribution import GaussianDistribution
+from torch import Tensor
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
@@ -16,8 +17,6 @@ from spot_model.plant.captured import Captured
 from spot_model.policy.observation import OBSERVATION
 from spot_model.robot import facts
 from trainer.ppo.vec_env import TaskVecEnv
-
-Tensor = torch.Tensor
 
 _MIRROR_LEG = {"fl": "fr", "fr": "fl", "hl": "hr", "hr": "hl"}
 JOINT_SOURCE = [facts.JOINT_NAMES.index(f"{_MIRROR_LEG[name[:2]]}_{name[3:]}") for name in facts.JOINT_NAMES]

@@ -68,16 +68,13 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         self.env.end_iteration()
 
     def check_finite(self) -> None:
-        """Wait for the storage and stop if a number in it is not finite.
-
-        Raises:
-            TrainingDivergedError: One is.
-        """
+        """Wait for the storage and stop if a number in it is not finite. Raises TrainingDivergedError: one is."""
         self.env.check_finite(self.alg.storage.observations["policy"], self.alg.storage.rewards)
 
     def close(self) -> None:
-        """Leave the other processes, if there are any: a connection alive at the interpreter's end aborts it."""
+        """Wait for the other processes, of which the first writes, and leave them: a live connection aborts an exit."""
         if self.is_distributed:
+            torch.distributed.barrier()
             torch.distributed.destroy_process_group()
 
     def _iterate(self, iteration: int) -> None:

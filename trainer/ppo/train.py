@@ -20,7 +20,7 @@ from trainer.simulate.engine import check_device
 from trainer.task.task import make_tasks
 
 
-def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") -> Path:
+def train_policy(config: TrainConfig, folder: Path, *, device: str, command: str = "") -> Path:
     """Train from nothing (or from ``config.start_from``'s networks) into an empty folder; returns the last checkpoint.
 
     Raises:

@@ -23,17 +23,17 @@ def train(
     # Spinning threads take the cores from the physics; torch reads this when it is first imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from spot_model.errors import BadInputError
-    from trainer.config.train_config import load_config
+    from trainer.config.train_config import load_train_config
 
     overrides = tuple(set_ or ())
     if (config is None) == (resume is None):
         raise BadInputError("give either --config CONFIG or --resume RUN")
     # A mistake in the config is told before torch is loaded, which takes seconds.
-    checked = load_config(config, overrides) if config is not None else None
+    checked = load_train_config(config, overrides) if config is not None else None
     typer.echo("loading torch …", err=True)
     from trainer.ppo.checkpoint import command_line
     from trainer.ppo.train import resume as resume_run
-    from trainer.ppo.train import train as train_run
+    from trainer.ppo.train import train_policy as train_run
 
     if resume is not None:
         last = resume_run(resume, device=device, iterations=_iterations(overrides))

@@ -70,11 +70,7 @@ class TrainingLog:
         self._unwritten: dict[str, float] | None = None
 
     def open(self) -> None:
-        """Open the files.
-
-        Raises:
-            BadInputError: Weights & Biases are asked for and not installed.
-        """
+        """Open the files. Raises BadInputError: Weights & Biases are asked for and not installed."""
         if not self._is_writer:
             return
         if self._config.logger == "tensorboard":

@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
+from torch import Tensor
 
 from spot_model.errors import SpotRlError
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
 from trainer.task.task import StepResult, Task
 
-Tensor = torch.Tensor
 T = TypeVar("T")
 
 FEATURES = tuple(name for name, size in OBSERVATION_LAYOUT for _ in range(size))

@@ -38,10 +38,10 @@ def refine(
     check_new(out)
     typer.echo("loading torch …", err=True)
     from trainer.ppo.checkpoint import command_line
-    from trainer.ppo.checkpoint_policy import policy_of, read_layers
+    from trainer.ppo.checkpoint_policy import policy_of_layers, read_layers
     from trainer.refine.config import load_refine_config
-    from trainer.refine.gains import gains_of, with_gains
-    from trainer.refine.search import Problem, compare_candidates, in_words, search
+    from trainer.refine.gains import gains_in, gains_of
+    from trainer.refine.search import RefineProblem, compare_candidates, in_words, search_gains
     from trainer.simulate.engine import Place
 
     settings = load_refine_config(config)
@@ -55,20 +55,17 @@ def refine(
     folder = folder or out.with_suffix(".refine")
     folder.mkdir(parents=True, exist_ok=True)
 
-    problem = Problem(data, settings)
+    problem = RefineProblem(data, settings)
     place = Place(workers=jobs or len(os.sched_getaffinity(0)))
     with Progress("generations", settings.generations) as progress:
-        values = search(
+        values = search_gains(
             problem,
             folder / "generations.jsonl",
             place=place,
             tell=lambda g: progress.update(g.index + 1, f"best {min(g.results):.3f}"),
         )
     before, after = compare_candidates(problem, values, place=place)
-    figures: dict[str, Any] = {
-        "policy": in_words(before, settings),
-        "refined": in_words(after, settings),
-    }
+    figures: dict[str, Any] = {"policy": in_words(before, settings), "refined": in_words(after, settings)}
     command, revision = command_line(), software_revision()
     result = {
         "schema": "spot-rl/refinement/1",
@@ -94,7 +91,7 @@ def refine(
         seed=settings.seed,
         model_sha256=contract.training.model_sha256,
     )
-    made = policy_of(with_gains(layers, gains, values), contract.model_copy(update={"training": record}))
+    made = policy_of_layers(gains_in(layers, gains, values), contract.model_copy(update={"training": record}))
     with whole_file(out) as part:
         part.write_bytes(made.file_bytes)
     typer.echo(f"policy {out} ({out.stat().st_size} bytes)")

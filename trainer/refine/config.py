@@ -16,7 +16,7 @@ from spot_model.robot.mjcf import MjcfOptions
 from trainer.config.task_config import Range
 
 
-class RobotConfig(Settings):
+class RefinedRobotConfig(Settings):
     """One robot on which the gait is tried."""
 
     model: str = "paper_identified"
@@ -105,7 +105,7 @@ class RefineConfig(Settings):
     settle_s: float = Field(default=1.0, ge=0.0, le=60.0)
     watch_s: float = Field(default=4.0, ge=1.0, le=60.0)
     """Time over which the gait is measured, s."""
-    robots: tuple[RobotConfig, ...] = Field(default=(RobotConfig(),), min_length=1)
+    robots: tuple[RefinedRobotConfig, ...] = Field(default=(RefinedRobotConfig(),), min_length=1)
     starts: tuple[StartConfig, ...] = (StartConfig(),)
     weights: WeightConfig = WeightConfig()
 

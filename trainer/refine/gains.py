@@ -9,14 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from spot_model.policy.observation import COLUMNS, OBSERVATION
+from spot_model.robot.facts import Array
 from trainer.ppo.checkpoint_policy import Layers
-
-Array = NDArray[np.float64]
 
 OBSERVED_SCALE, ACTION_SCALE, OFFSET_SCALE = 0.15, 0.1, 0.15
 _BODY = {
@@ -62,7 +59,7 @@ def gains_of(joint_names: Sequence[str]) -> tuple[Gain, ...]:
     return tuple(gains)
 
 
-def with_gains(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
+def gains_in(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
     """The network with its gains.
 
     Args:

@@ -11,20 +11,18 @@ from typing import Any, Final
 import numpy as np
 import torch
 from cmaes import CMA
-from numpy.typing import NDArray
 
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.robot.facts import Array
 from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import random_commands
-from trainer.ppo.checkpoint_policy import policy_of, read_layers
-from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig
-from trainer.refine.gains import gains_of, with_gains
+from trainer.ppo.checkpoint_policy import policy_of_layers, read_layers
+from trainer.refine.config import RefineConfig, RefinedRobotConfig, StartConfig, WeightConfig
+from trainer.refine.gains import gains_in, gains_of
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
-from trainer.simulate.walks import hold, record_walks
-
-Array = NDArray[np.float64]
+from trainer.simulate.walks import record_walks, walk_at
 
 TRACKED_UP_TO_M_S = 5.0
 
@@ -53,7 +51,7 @@ class Judgement:
     """Starts that ended in a fall, by start config."""
 
 
-def judge(policy: Policy, config: RefineConfig, seed: int) -> Judgement:
+def judge_gains(policy: Policy, config: RefineConfig, seed: int) -> Judgement:
     """Run a policy on every robot and through the random starts."""
     steady = tuple(run_steadily(policy, robot, config) for robot in config.robots)
     falls = tuple(run_starts(policy, config.robots[0], start, seed + i) for i, start in enumerate(config.starts))
@@ -62,7 +60,7 @@ def judge(policy: Policy, config: RefineConfig, seed: int) -> Judgement:
     return Judgement(score=float(score), steady=steady, falls=falls)
 
 
-def run_steadily(policy: Policy, robot: RobotConfig, config: RefineConfig) -> Steady:
+def run_steadily(policy: Policy, robot: RefinedRobotConfig, config: RefineConfig) -> Steady:
     """One robot a command, from rest, a ramp and some seconds at the command."""
     speeds = np.array(config.speeds_m_s)
     target = np.concatenate(
@@ -70,7 +68,7 @@ def run_steadily(policy: Policy, robot: RobotConfig, config: RefineConfig) -> St
     )
     setting = _setting(policy, robot)
     steady_s = config.ramp_s + config.settle_s
-    recording = hold(policy, setting.plant(len(target)), target, config.ramp_s, steady_s + config.watch_s)
+    recording = walk_at(policy, setting.plant(len(target)), target, config.ramp_s, steady_s + config.watch_s)
     span = recording.ticks(steady_s, steady_s + config.watch_s)
     error = np.nan_to_num(recording.tracking_error(span), nan=1.0)
     tracked = np.flatnonzero(speeds <= TRACKED_UP_TO_M_S)
@@ -83,7 +81,7 @@ def run_steadily(policy: Policy, robot: RobotConfig, config: RefineConfig) -> St
     )
 
 
-def run_starts(policy: Policy, robot: RobotConfig, start: StartConfig, seed: int) -> int:
+def run_starts(policy: Policy, robot: RefinedRobotConfig, start: StartConfig, seed: int) -> int:
     """Falls of randomised starts whose command jumps once."""
     setting = replace(_setting(policy, robot), seed=seed)
     drawn = {"added_body_mass_kg": start.added_body_mass_kg, "foot_friction": start.foot_friction}
@@ -127,7 +125,7 @@ def in_words(judgements: Sequence[Judgement], config: RefineConfig) -> dict[str,
     }
 
 
-def _setting(policy: Policy, robot: RobotConfig) -> Setting:
+def _setting(policy: Policy, robot: RefinedRobotConfig) -> Setting:
     return Setting(policy=policy, model=robot.robots()[0], mjcf=robot.mjcf(), n_threads=1)
 
 
@@ -137,7 +135,7 @@ FRESH: Final = 1_000_000
 
 
 @dataclass(frozen=True)
-class Problem:
+class RefineProblem:
     """What is searched: a policy's file and what is asked of it."""
 
     policy: bytes
@@ -146,16 +144,16 @@ class Problem:
     def policy_with(self, values: Array) -> Policy:
         """The candidate with these gains; zeros give the policy itself."""
         contract = policy_from_bytes(self.policy, source="policy").contract
-        layers = with_gains(read_layers(self.policy, "policy"), gains_of(contract.joint_names), values)
-        return policy_of(layers, contract, "refinement")
+        layers = gains_in(read_layers(self.policy, "policy"), gains_of(contract.joint_names), values)
+        return policy_of_layers(layers, contract, "refinement")
 
     def judge(self, values: Array, seed: int) -> Judgement:
         """How good the candidate is."""
-        return judge(self.policy_with(values), self.config, seed)
+        return judge_gains(self.policy_with(values), self.config, seed)
 
 
-def search(
-    problem: Problem,
+def search_gains(
+    problem: RefineProblem,
     checkpoint: Path,
     *,
     place: Place = IN_THIS_PROCESS,
@@ -187,7 +185,7 @@ def search(
 
 
 def compare_candidates(
-    problem: Problem, values: Array, *, place: Place = IN_THIS_PROCESS, seeds: int = 5
+    problem: RefineProblem, values: Array, *, place: Place = IN_THIS_PROCESS, seeds: int = 5
 ) -> tuple[list[Judgement], list[Judgement]]:
     """The policy and the candidate on starts that the search did not see, one judgement a seed."""
     both = [np.zeros_like(values)] * seeds + [values] * seeds
@@ -200,7 +198,7 @@ def _seed(config: RefineConfig, index: int) -> int:
     return config.seed * 10_000 + 10 * index
 
 
-def _judge(problem: Problem, job: tuple[Array, int], _: Tell) -> Judgement:
+def _judge(problem: RefineProblem, job: tuple[Array, int], _: Tell) -> Judgement:
     if multiprocessing.parent_process() is not None:
         torch.set_num_threads(1)
     return problem.judge(*job)

@@ -18,10 +18,9 @@ from spot_log.read.run import Run
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot.arrays import like, namespace_of, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import AnyArray
 from trainer.signals.policy_ticks import policy_ticks
-
-Array = NDArray[np.float64]
 
 
 def features_of_observations(observation: AnyArray, action: AnyArray, policy: Policy) -> Any:
@@ -119,8 +118,6 @@ def _squared_distances(first: NDArray[np.float64], second: NDArray[np.float64]) 
 MEASURES: Final = ("w1", "mmd")
 """Measures of the score: Wasserstein (mean over the 36 features, N·m) and MMD (on all 36 at once, no unit)."""
 
-N_FREQUENCIES: Final = 192
-
 
 def wasserstein_sorted(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float64]:
     """Exact 1-Wasserstein distance between sorted samples, along the last axis.
@@ -181,7 +178,7 @@ class SequenceReference:
             raise ValueError(f"sequence {sequence!r} has no real run")
         pooled = np.concatenate(real_features)
         bandwidth = median_bandwidth(pooled)
-        fourier = FourierFeatures.draw(np.random.default_rng(seed), pooled.shape[1], N_FREQUENCIES, bandwidth)
+        fourier = FourierFeatures.draw(np.random.default_rng(seed), pooled.shape[1], 192, bandwidth)
         digests = tuple(digest(f, fourier) for f in real_features)
         pairs = np.array([[distance(a, b) for b in digests] for a in digests])
         n = len(digests)

@@ -14,6 +14,11 @@ from spot_model.io.whole import finished
 Tell = Callable[[float], None]
 
 
+def log_files(paths: Sequence[Path]) -> list[Path]:
+    """Log files, and those in folders, each once."""
+    return list(dict.fromkeys(f for p in paths for f in (finished(p, "*.mcap") if p.is_dir() else [p])))
+
+
 def read_each(
     paths: Sequence[Path], tell: Tell = lambda _: None, check: Callable[[Run], object] = lambda _: None
 ) -> tuple[list[Run], list[str]]:
@@ -29,7 +34,7 @@ def read_each(
     """
     runs: list[Run] = []
     warnings = [f"folder {p} has no .mcap file" for p in paths if p.is_dir() and not finished(p, "*.mcap")]
-    files = dict.fromkeys(f for p in paths for f in (finished(p, "*.mcap") if p.is_dir() else [p]))
+    files = log_files(paths)
     for i, file in enumerate(files):
         tell(i / len(files))
         try:

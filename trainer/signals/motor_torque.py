@@ -12,7 +12,7 @@ from spot_model.effects.base import Effect, Motion, TorqueEffect
 from spot_model.effects.friction import smooth_sign
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
-from trainer.signals.recording import Array
+from spot_model.robot.facts import Array
 
 Ints = NDArray[np.intp]
 
@@ -58,14 +58,14 @@ def torque_after_nm(
     if effect.is_memoryless:
         motion = Motion(position_rad, velocity_rad_s, period_s)
         return np.asarray(ready.torque(torque_nm, motion, ready.start(torque_nm))[0])
-    (torque, position, velocity), place = side_by_side(run, torque_nm, position_rad, velocity_rad_s)
+    (torque, position, velocity), place = runs_side_by_side(run, torque_nm, position_rad, velocity_rad_s)
     out, memory = np.empty_like(torque), ready.start(torque[0])
     for k in range(len(out)):
         out[k], memory = ready.torque(torque[k], Motion(position[k], velocity[k], period_s), memory)
     return np.asarray(out[place])
 
 
-def side_by_side(run: Ints, *values: Array) -> tuple[Array, tuple[Ints, Ints]]:
+def runs_side_by_side(run: Ints, *values: Array) -> tuple[Array, tuple[Ints, Ints]]:
     """Recordings beside each other, zero after their ends, so that one step serves all; values of shape (N, J).
 
     Returns:
@@ -86,7 +86,7 @@ def direction(velocity_rad_s: Array) -> Array:
 
 def presliding(position_rad: Array, run: Ints, distance_rad: float) -> Array:
     """Dry friction over its level, as it builds up over a distance after each reversal (Dahl); shape (N, J)."""
-    (position,), place = side_by_side(run, position_rad)
+    (position,), place = runs_side_by_side(run, position_rad)
     moved = np.diff(position, axis=0, prepend=position[:1])
     towards, keep = np.sign(moved), np.exp(-np.abs(moved) / distance_rad)
     out = np.empty_like(position)

@@ -14,11 +14,12 @@ from spot_log.read.run import Run, StateTable, TickTable
 from spot_model.plant.closed_loop import StartState
 from spot_model.policy.observation import observed
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.rotation import projected_gravity
 from spot_model.robot.state import Measured
 from spot_runtime.safety_limits import SafetyLimits
-from trainer.signals.recording import Array, Ints
+from trainer.signals.recording import Stamps
 
 MIN_TICKS: Final = 50
 """A run of less than a second is no sample of a gait."""
@@ -68,7 +69,7 @@ def fall_stamp_ns(run: Run) -> int | None:
     return stamp_ns
 
 
-def fall_row(joint_names: tuple[str, ...], states: StateTable | Measured, stamp_ns: Ints, ticks_ns: Ints) -> int:
+def fall_row(joint_names: tuple[str, ...], states: StateTable | Measured, stamp_ns: Stamps, ticks_ns: Stamps) -> int:
     """First row of a log at which the robot has fallen while a policy ran; the number of rows where it never did.
 
     Args:

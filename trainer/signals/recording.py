@@ -17,10 +17,10 @@ from spot_log.format.events import FOLLOWING_MODE
 from spot_log.read.run import CommandTable, Run, SlowTable, TickTable
 from spot_log.tools.measures import NEVER_NS, receipts_ns
 from spot_model.errors import SpotRlError
+from spot_model.robot.facts import Array
 from spot_model.robot.state import Measured
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Stamps = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 MIN_STATES: Final = 50
@@ -29,7 +29,6 @@ GRID_TOLERANCE: Final = 0.1
 """Share of the period by which a stamp may miss an even grid."""
 MAX_GAP_PERIODS: Final = 1.5
 """A wider gap is a loss of messages."""
-MAX_GRID: Final = 10_000_000
 
 
 class RecordingError(SpotRlError):
@@ -63,13 +62,13 @@ class Recording(Measured):
     foot_names: tuple[str, ...]
     period_s: float
     """Between states, the median."""
-    stamp_ns: Ints
+    stamp_ns: Stamps
     """Robot stamp of each row, rising. Shape (n,)."""
     present: Flags
     """Shape (n,)."""
     imu: Imu
     commands: CommandTable
-    command_ns: Ints
+    command_ns: Stamps
     """When each row of ``commands`` took effect by the robot's own stamp; a large number where it never did."""
     has_receipts: bool
     """Whether the robot said when it received commands; otherwise they count as received when sent."""
@@ -96,7 +95,7 @@ class Recording(Measured):
         """Time since row 0, shape (n,)."""
         return np.asarray((self.stamp_ns - self.start_ns) * 1e-9, dtype=np.float64)
 
-    def next_row(self, robot_stamp_ns: Ints) -> tuple[NDArray[np.intp], Array]:
+    def next_row(self, robot_stamp_ns: Stamps) -> tuple[NDArray[np.intp], Array]:
         """The first row at or after each stamp, ``len(self)`` where none is, and how much later it is, in periods."""
         row = np.searchsorted(self.stamp_ns, robot_stamp_ns)
         late_ns = self.stamp_ns[np.minimum(row, len(self) - 1)] - robot_stamp_ns
@@ -115,7 +114,7 @@ class Recording(Measured):
         active = np.asarray(self.ticks.mode == FOLLOWING_MODE)
         return active if active.any() else np.ones(len(self.ticks), dtype=np.bool_)
 
-    def rows_at(self, robot_stamp_ns: Ints) -> NDArray[np.intp]:
+    def rows_at(self, robot_stamp_ns: Stamps) -> NDArray[np.intp]:
         """The grid's row nearest to each stamp, within the grid."""
         return nearest_rows(self.stamp_ns, robot_stamp_ns)
 
@@ -132,11 +131,7 @@ class Recording(Measured):
 
 
 def record(run: Run) -> Recording:
-    """Lay a log out on its grid.
-
-    Raises:
-        RecordingError: The log has too few states, or its stamps do not rise.
-    """
+    """Lay a log out on its grid. Raises RecordingError: the log has too few states, or its stamps do not rise."""
     states = run.states
     if len(states) < MIN_STATES:
         raise RecordingError(f"log {run.path} has {len(states)} states; at least {MIN_STATES} are needed")
@@ -150,7 +145,7 @@ def record(run: Run) -> Recording:
     period_s = float(np.median(steps)) * 1e-9
     at = (stamps - stamps[0]) * 1e-9 / period_s
     n = round(float(at[-1])) + 1
-    if n > MAX_GRID:
+    if n > 10_000_000:
         raise RecordingError(f"log {run.path} spans {n} periods of {period_s} s; cut it into runs first")
     row = np.round(at).astype(np.intp)
     if np.max(np.abs(at - row)) <= GRID_TOLERANCE and len(np.unique(row)) == len(at):
@@ -228,7 +223,7 @@ def _continuous(wxyz: Array) -> Array:
     return np.asarray(wxyz * np.concatenate([[first], first * np.cumprod(flips)])[:, None])
 
 
-def nearest_rows(stamps_ns: Ints, at_ns: Ints) -> NDArray[np.intp]:
+def nearest_rows(stamps_ns: Stamps, at_ns: Stamps) -> NDArray[np.intp]:
     """The row nearest to each instant, among rising stamps of two rows or more."""
     after = np.clip(np.searchsorted(stamps_ns, at_ns), 1, len(stamps_ns) - 1)
     is_before = at_ns - stamps_ns[after - 1] < stamps_ns[after] - at_ns

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, minimum_filter1d
 
-from trainer.signals.recording import Array, Flags
+from spot_model.robot.facts import Array
+from trainer.signals.recording import Flags
 
 Rows = slice | NDArray[np.intp]
 """Some rows of a signal, in order."""

@@ -103,11 +103,7 @@ class Engine(Generic[SharedT, JobT, ResultT]):
         self._shares: Sequence[float] = ()
 
     def __enter__(self) -> Self:
-        """Start the processes, or connect to the cluster.
-
-        Raises:
-            EngineError: There is no cluster at the address.
-        """
+        """Start the processes, or connect to the cluster. Raises EngineError: there is no cluster at the address."""
         workers, is_apart = self.place.workers, self.place.is_apart
         if self._ray is not None:
             if not self._ray.is_initialized():
@@ -254,11 +250,7 @@ def _work_here(job: Any) -> Any:
 
 
 def check_device(device: str) -> None:
-    """Refuse a device that is not there.
-
-    Raises:
-        BadInputError: No such device; the message says what there is.
-    """
+    """Refuse a device that is not there. Raises BadInputError: no such device; the message says what there is."""
     if device == "cpu":
         return
     import torch

@@ -11,12 +11,10 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 from cmaes import CMA
-from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
 from spot_model.io.whole import write_new, write_over
-
-Array = NDArray[np.float64]
+from spot_model.robot.facts import Array
 
 
 def read_or_begin(path: Path, head: dict[str, Any]) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from spot_log.format.events import FOLLOWING_MODE
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.effects.base import CommandEffect, SoftwareEffect
-from spot_model.plant.closed_loop import ClosedLoop, Tick, schedule_by_messages
+from spot_model.plant.closed_loop import ClosedLoop, LoopTick, schedule_by_messages
 from spot_model.plant.command_path import ReceiptPath
 from spot_model.plant.plant import Plant
 from spot_model.policy.joint_script import JointScript
@@ -22,13 +22,11 @@ from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import copy_of, like, namespace_of, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import AnyArray, rotate_wxyz
-
-Array = NDArray[np.float64]
 
 START_NS = 1_000_000_000_000
 """Robot time of a simulated run's first state."""
-COMMAND_VALID_NS = 100_000_000
 N_QUATERNION: Final = 4
 
 
@@ -157,7 +155,7 @@ class RecordedLoop:
     def _noisy(self, value: AnyArray, sigma: float) -> AnyArray:
         return value + sigma * self._draws.standard_normal(tuple(value.shape))
 
-    def _keep(self, tick: Tick) -> None:
+    def _keep(self, tick: LoopTick) -> None:
         kept = {"observation": tick.observation, "action": tick.action, "velocity_command": tick.velocity_command}
         _append(self._ticks, kept)
 
@@ -182,7 +180,7 @@ class RecordedLoop:
             "host_stamp_ns": stamp,
             "robot_stamp_ns": stamp,
             "state_robot_stamp_ns": stamp,
-            "end_robot_stamp_ns": stamp + COMMAND_VALID_NS,
+            "end_robot_stamp_ns": stamp + 100_000_000,
             "requested_position_rad": ticks["requested"][:m, i],
             "position_rad": ticks["sent"][:m, i],
             "velocity_rad_s": np.zeros((m, facts.N_JOINTS)),

@@ -15,12 +15,11 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.observation import N_OBSERVATION, is_fallen
 from spot_model.policy.policy import Policy
 from spot_model.robot.arrays import like, namespace_of, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import AnyArray
 from trainer.signals.distances import features_of_observations
 from trainer.simulate.recorded_loop import padded
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -107,9 +106,7 @@ def roll_out(
         by_case[:, i, len(case.velocity_command) :] = np.nan
     shape = (n_candidates, n_cases, n_ticks, -1)
     return Rollouts(
-        features=by_case,
-        fallen_tick=fallen.reshape(shape[:2]),
-        torque_nm=xp.astype(torque, xp.float32).reshape(shape),
+        features=by_case, fallen_tick=fallen.reshape(shape[:2]), torque_nm=xp.astype(torque, xp.float32).reshape(shape)
     )
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import onnx
 from onnx import helper
 
 from spot_model.effects.side_by_side import side_by_side
 from spot_model.io.model_file import RobotModel
+from spot_model.io.whole import whole_file
 from spot_model.plant.plant import Plant
 from spot_model.policy.contract import FALL, METADATA_KEY, StatedGait
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.simulate.walks import hold
+from trainer.simulate.walks import walk_at
 
 SPEEDS_M_S = (0.3, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
 TURN_RAD_S = 1.0
@@ -32,7 +35,7 @@ def stated_gaits(policy: Policy, model: RobotModel) -> tuple[StatedGait, ...]:
     target = np.array([[v, 0.0, yaw_rate] for yaw_rate in (0.0, turn) for v in speeds])
     steady_s = RAMP_S + SETTLE_S
     plant = Plant(side_by_side([model.effects], len(target)), len(target))
-    recording = hold(policy, plant, target, RAMP_S, steady_s + WATCH_S)
+    recording = walk_at(policy, plant, target, RAMP_S, steady_s + WATCH_S)
     span = recording.ticks(steady_s, steady_s + WATCH_S)
     mean = recording.mean_velocity(span)
 
@@ -55,9 +58,17 @@ def stated_gaits(policy: Policy, model: RobotModel) -> tuple[StatedGait, ...]:
     return tuple(stated)
 
 
-def with_gait(policy: Policy, model: RobotModel) -> Policy:
-    """A policy, and its file, with its gait on that robot in the contract, in place of what it stated."""
+def write_with_gait(policy: Policy, model: RobotModel, out: Path, name: str | None = None) -> Policy:
+    """Write a policy with its gait on that robot, and its name if one is given, in its contract; returns what it wrote.
+
+    Raises:
+        OutputExistsError: ``out`` exists.
+    """
+    changes = {"name": name or policy.contract.name, "gait": stated_gaits(policy, model)}
     made = onnx.load_from_string(policy.file_bytes)
-    contract = policy.contract.model_copy(update={"gait": stated_gaits(policy, model)})
-    helper.set_model_props(made, {p.key: p.value for p in made.metadata_props} | {METADATA_KEY: contract.to_json()})
-    return policy_from_bytes(made.SerializeToString(), source="the policy")
+    contract = {METADATA_KEY: policy.contract.model_copy(update=changes).to_json()}
+    helper.set_model_props(made, {p.key: p.value for p in made.metadata_props} | contract)
+    stated = policy_from_bytes(made.SerializeToString(), source="the policy")
+    with whole_file(out) as part:
+        part.write_bytes(stated.file_bytes)
+    return stated

@@ -15,11 +15,10 @@ from spot_model.plant.plant import Plant
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.arrays import like, on_host
+from spot_model.robot.facts import Array
 from spot_model.robot.gait import measure_gait
 from spot_model.robot.rotation import AnyArray, tilt_rad
 from trainer.simulate.recorded_loop import stacked
-
-Array = NDArray[np.float64]
 
 AT_STOP_RAD: Final = 0.02
 """Distance from a joint's stop at which it counts as at the stop."""
@@ -29,7 +28,7 @@ PARTS: Final = {"body": "body", "uleg": "upper leg", "lleg": "lower leg"}
 
 
 @dataclass(frozen=True)
-class Fall:
+class TrialFall:
     """One robot's fall: the first policy period at whose end something other than a foot is on the ground."""
 
     robot: int
@@ -74,7 +73,7 @@ class Fall:
 
 def falls_now(
     plant: Plant, rows: NDArray[np.bool_], time_s: float, command: Array, command_since_s: Array, velocity: Array
-) -> list[Fall]:
+) -> list[TrialFall]:
     """What is to be said of the robots that fell in this policy period.
 
     Args:
@@ -92,7 +91,7 @@ def falls_now(
     )
     at_stop = (position < facts.POSITION_LOW_RAD + AT_STOP_RAD) | (position > facts.POSITION_HIGH_RAD - AT_STOP_RAD)
     return [
-        Fall(
+        TrialFall(
             robot=int(i),
             time_s=time_s,
             command=_three(command[i]),
@@ -155,7 +154,7 @@ class WalkRecord:
     alive: NDArray[np.bool_]
     """Whether the robot has not fallen yet, shape (T, n)."""
     rate_hz: float
-    falls: tuple[Fall, ...] = ()
+    falls: tuple[TrialFall, ...] = ()
     """In the order of time."""
 
     def ticks(self, start_s: float, end_s: float) -> slice:
@@ -202,7 +201,7 @@ class WalkRecord:
         }
 
 
-def hold(
+def walk_at(
     policy: Policy,
     plant: Plant,
     target: Array,
@@ -273,7 +272,7 @@ def record_walks(
     rows: list[tuple[Array, Array, NDArray[np.bool_], Array, Array, NDArray[np.bool_]]] = []
     alive = np.ones(n, dtype=np.bool_)
     peak = np.zeros(n)
-    falls: list[Fall] = []
+    falls: list[TrialFall] = []
     asked, since_s = np.full((n, 3), np.nan), np.zeros(n)
     for tick in loop.run(command_at, [(substeps,)] * n_ticks):
         time_s = (tick.index + 1) / policy.contract.rate_hz

@@ -30,14 +30,14 @@ def sysid(
 
     loaded = load_policy(policy)
     typer.echo("loading the simulator …", err=True)
-    from trainer.sysid.config import default_config, load_config
-    from trainer.sysid.logs import read_logs
+    from trainer.sysid.config import default_config, load_sysid_config
+    from trainer.sysid.logs import read_identification_logs
     from trainer.sysid.result import OUTPUTS
     from trainer.sysid.run_identification import run_identification
 
     check_new(*(out / name for name in OUTPUTS))
-    settings = load_config(config) if config is not None else default_config(device)
-    log_set = read_logs(logs, loaded)
+    settings = load_sysid_config(config) if config is not None else default_config(device)
+    log_set = read_identification_logs(logs, loaded)
     for warning in log_set.warnings:
         typer.echo(f"note: {warning}", err=True)
     run_identification(

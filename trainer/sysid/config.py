@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from spot_model.effects.base import Effect, Parameter
@@ -17,8 +16,7 @@ from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.settings import Settings, explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
-
-Array = NDArray[np.float64]
+from spot_model.robot.facts import Array
 
 
 @dataclass(frozen=True)
@@ -290,26 +288,18 @@ def default_config(device: str) -> SysidConfig:
     return SysidConfig(search=SearchConfig(population=GPU_POPULATION, generations=GPU_GENERATIONS))
 
 
-def config_from_data(data: Any, *, source: str) -> SysidConfig:
-    """Check plain data.
-
-    Raises:
-        BadInputError: A key or a value is not allowed; the message names it.
-    """
+def sysid_config_from_data(data: Any, *, source: str) -> SysidConfig:
+    """Check plain data. Raises BadInputError: a key or a value is not allowed; the message names it."""
     try:
         return SysidConfig.model_validate(data)
     except ValidationError as error:
         raise BadInputError(f"{source}:\n{explain(error, SysidConfig)}") from error
 
 
-def load_config(path: Path) -> SysidConfig:
-    """Read a configuration from YAML.
-
-    Raises:
-        BadInputError: The file cannot be read, or is not valid.
-    """
+def load_sysid_config(path: Path) -> SysidConfig:
+    """Read a configuration from YAML. Raises BadInputError: the file cannot be read, or is not valid."""
     data = read_yaml(path, "config")
-    return config_from_data(data if data is not None else {}, source=f"config {path}")
+    return sysid_config_from_data(data if data is not None else {}, source=f"config {path}")
 
 
 def _check_bounds(

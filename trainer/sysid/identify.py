@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
+from spot_model.robot.facts import Array
 from trainer.signals.recording import record
 from trainer.simulate.generations import Generation
 from trainer.simulate.rollout import RolloutOptions
@@ -24,19 +24,10 @@ from trainer.sysid.measured import (
     observation_noise,
     with_measured,
 )
-from trainer.sysid.search import (
-    CandidateResult,
-    Candidates,
-    Problem,
-    SearchState,
-    build_problem,
-    run_search,
-)
+from trainer.sysid.search import CandidateResult, Candidates, SearchState, SysidProblem, build_problem, run_search
 from trainer.sysid.torque_fit import TorqueFit, fit_torque
 from trainer.sysid.torque_model import TorqueModel, TorqueSamples, torque_samples
-from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict, judge, score_intervals
-
-Array = NDArray[np.float64]
+from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict, judge_parameters, score_intervals
 
 
 @dataclass(frozen=True)
@@ -48,8 +39,8 @@ class Preparation:
     delays: MeasuredDelays
     changes: tuple[MeasuredData, ...]
     samples: TorqueSamples | None
-    problem: Problem
-    final: Problem
+    problem: SysidProblem
+    final: SysidProblem
     """The same with more simulated robots, for the scores that are stated."""
 
 
@@ -91,7 +82,7 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
         device=device,
     )
 
-    def posed(robots_per_sequence: int) -> Problem:
+    def posed(robots_per_sequence: int) -> SysidProblem:
         return build_problem(
             space,
             policy_bytes,
@@ -112,7 +103,7 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
     return Preparation(logs, noise, delays, changes, samples, problem, final)
 
 
-def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, MeasuredData]:
+def with_best_contact(problem: SysidProblem, values: Array) -> tuple[SysidProblem, MeasuredData]:
     """The same problem with the contact time constant whose score at ``values``, shape (n,), is best."""
     choices = []
     for choice_s in CONTACT_CHOICES_S:
@@ -124,7 +115,7 @@ def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, Measure
     return chosen, MeasuredData(what="contact time constant", value=best_s, unit="s", source=source)
 
 
-def identify(
+def search_and_fit(
     preparation: Preparation,
     config: SysidConfig,
     engine: Candidates,
@@ -149,7 +140,7 @@ def identify(
     fit = None
     if preparation.samples is not None:
         fit = fit_torque(TorqueModel(space), preparation.samples, [mean, space.initial], rng)
-    verdicts = judge(TorqueModel(space), preparation.samples, fit, mean, intervals)
+    verdicts = judge_parameters(TorqueModel(space), preparation.samples, fit, mean, intervals)
     chosen = space.within_bounds(np.array([v.value for v in verdicts]))
     names = ("initial", "search", "identified")
     final = preparation.final

@@ -42,7 +42,7 @@ class LogSet:
     """A sentence each: what was cut, left out or is missing, and what that costs."""
 
 
-def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
+def read_identification_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
     """Read logs of one policy, from files or folders of files.
 
     Raises:
@@ -58,7 +58,7 @@ def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
     return LogSet(tuple(runs), compared, tuple(warnings + more))
 
 
-def sequence_of(run: Run) -> str:
+def sequence_of_log(run: Run) -> str:
     """Name of a run's command sequence."""
     return run.header.command_sequence or "unnamed"
 
@@ -123,8 +123,8 @@ def choose_compared(runs: Sequence[Run], policy: Policy) -> tuple[tuple[Run, ...
     chosen: list[Run] = []
     warnings: list[str] = []
     candidates = [run for run in runs if run.header.policy_sha256 == policy.sha256]
-    for name in sorted({sequence_of(run) for run in candidates}):
-        group = [run for run in candidates if sequence_of(run) == name]
+    for name in sorted({sequence_of_log(run) for run in candidates}):
+        group = [run for run in candidates if sequence_of_log(run) == name]
         longest = max(len(run.ticks.action) for run in group)
         whole = [run for run in group if len(run.ticks.action) >= SAME_LENGTH * longest]
         warnings.extend(

@@ -36,11 +36,10 @@ from spot_model.io.whole import whole_file, write_new
 from spot_model.plant.delay import EmpiricalDelay
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, ObservationField, observations_at_rest, observed
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from trainer.signals.recording import Recording
 from trainer.sysid.config import SearchSpace
 from trainer.sysid.torque_fit import TorqueFit
-
-Array = NDArray[np.float64]
 
 STATE_RATE_HZ: Final = 1e9 / facts.STATE_PERIOD_NS
 SEGMENT: Final = 64

@@ -15,7 +15,7 @@ from spot_model.robot import facts
 from spot_model.robot.arrays import on_host
 from spot_model.text import counted, parameter_words
 from trainer.sysid.identify import Identification
-from trainer.sysid.logs import sequence_of
+from trainer.sysid.logs import sequence_of_log
 from trainer.sysid.result import ResultData
 from trainer.sysid.verdict import ParameterVerdict
 
@@ -144,7 +144,7 @@ def overlays_of(found: Identification) -> Iterator[Overlay]:
     case, rate_hz = 0, problem.policy.contract.rate_hz
     scale = problem.policy.contract.action_scale_rad * facts.POLICY_KP_NM_PER_RAD
     for reference, cases in zip(problem.references, problem.cases, strict=True):
-        run = next(r for r in found.preparation.logs.compared if sequence_of(r) == reference.sequence)
+        run = next(r for r in found.preparation.logs.compared if sequence_of_log(r) == reference.sequence)
         stretch = liveliest(np.linalg.norm(run.ticks.velocity_command, axis=1), round(OVERLAY_S * rate_hz))
         real_torque = _at_ticks(run.ticks.robot_stamp_ns, run.states.robot_stamp_ns, run.states.load_nm)
         traces: list[tuple[NDArray[Any], NDArray[Any]]] = [

@@ -14,21 +14,17 @@ from spot_model.text import counted
 from trainer.simulate.engine import IN_THIS_PROCESS, Place
 from trainer.simulate.generations import Generation
 from trainer.sysid.config import SysidConfig
-from trainer.sysid.identify import identify, prepare
+from trainer.sysid.identify import prepare, search_and_fit
 from trainer.sysid.logs import LogSet
 from trainer.sysid.page import identification_page, overlays_of
 from trainer.sysid.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result
-from trainer.sysid.search import (
-    CandidateResult,
-    Problem,
-    candidates_engine,
-)
+from trainer.sysid.search import CandidateResult, SysidProblem, candidates_engine
 from trainer.sysid.verdict import ParameterVerdict
 
 CHECKPOINT_NAME = "search.jsonl"
 
 
-def summary(data: ResultData) -> str:
+def identification_summary(data: ResultData) -> str:
     """What was found, in two or three sentences."""
     found = [p for p in data.parameters if p.identified]
     unit = " (1: two real runs)" if data.score_is_over_floor else " (without repeats, it has no scale)"
@@ -85,16 +81,16 @@ def run_identification(
             if generation.index + 1 == config.search.generations:
                 say("fitting measured torques and scoring the result …")
 
-        found = identify(preparation, config, engine, checkpoint, show)
+        found = search_and_fit(preparation, config, engine, checkpoint, show)
     with whole_folder(out) as part:
         data = write_result(found, config, part)
         (part / REPORT_NAME).write_text(identification_page(data, overlays_of(found)), encoding="utf-8")
     say(text_table(data.parameters))
-    say(summary(data))
+    say(identification_summary(data))
     say(f"model {out / MODEL_NAME}  report {out / REPORT_NAME}")
     return data
 
 
-def useful_workers(problem: Problem) -> int:
+def useful_workers(problem: SysidProblem) -> int:
     """How many workers a problem can feed; more than this many would have nothing to do."""
     return max(1, 4 * len(problem.references))

@@ -11,20 +11,18 @@ from typing import Any, Final
 
 import numpy as np
 from cmaes import CMA
-from numpy.typing import NDArray
 
 from spot_log import Run
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.robot.facts import Array
 from trainer.signals.distances import SequenceReference, features_of_observations, score_of_distances
 from trainer.signals.policy_ticks import start_of
 from trainer.simulate.engine import IN_THIS_PROCESS, Engine, Place, Tell
 from trainer.simulate.generations import Generation, Generations
 from trainer.simulate.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
 from trainer.sysid.config import SearchConfig, SearchSpace
-from trainer.sysid.logs import sequence_of
-
-Array = NDArray[np.float64]
+from trainer.sysid.logs import sequence_of_log
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class CandidateResult:
 
 
 @dataclass(frozen=True)
-class Problem:
+class SysidProblem:
     """What is searched, what it is compared with, and how it is simulated."""
 
     space: SearchSpace
@@ -155,7 +153,7 @@ def build_problem(
     weights: dict[str, float],
     noise_sigma: Array | None = None,
     seed: int = 0,
-) -> Problem:
+) -> SysidProblem:
     """Group runs by command sequence, in order of their names, and prepare all that an evaluation needs.
 
     Args:
@@ -169,11 +167,11 @@ def build_problem(
         seed: Seed of that noise and of the measures' random features.
     """
     policy = policy_from_bytes(policy_bytes, source="policy")
-    names = sorted({sequence_of(run) for run in runs})
+    names = sorted({sequence_of_log(run) for run in runs})
     rng = np.random.default_rng(seed)
     cases, references = [], []
     for name in names:
-        group = sorted((run for run in runs if sequence_of(run) == name), key=lambda run: run.header.repeat)
+        group = sorted((run for run in runs if sequence_of_log(run) == name), key=lambda run: run.header.repeat)
         features = [features_of_observations(r.ticks.observation, r.ticks.action, policy) for r in group]
         references.append(SequenceReference.build(name, features, seed))
         sequence_cases = []
@@ -188,7 +186,7 @@ def build_problem(
             sequence_cases.append(RolloutCase(name, start_of(run), run.ticks.velocity_command, noise))
         cases.append(tuple(sequence_cases))
     raw = np.array([weights.get(name, 1.0) for name in names])
-    return Problem(
+    return SysidProblem(
         space=space,
         policy_bytes=policy_bytes,
         cases=tuple(cases),
@@ -198,7 +196,7 @@ def build_problem(
     )
 
 
-Candidates = Engine[Problem, Array, list[CandidateResult]]
+Candidates = Engine[SysidProblem, Array, list[CandidateResult]]
 
 SCHEMA: Final = "spot-rl/sysid-search/2"
 EDGE: Final = 1e-6
@@ -224,23 +222,23 @@ class SearchState:
         return [r for g in self.generations for r in g.results]
 
 
-def candidates_engine(problem: Problem, place: Place = IN_THIS_PROCESS) -> Candidates:
+def candidates_engine(problem: SysidProblem, place: Place = IN_THIS_PROCESS) -> Candidates:
     """Where candidates of a problem are evaluated."""
     return Engine(_evaluate, problem, place)
 
 
-def _evaluate(problem: Problem, values: Array, _: Tell) -> list[CandidateResult]:
+def _evaluate(problem: SysidProblem, values: Array, _: Tell) -> list[CandidateResult]:
     return problem.evaluate(values)
 
 
-def evaluate(engine: Candidates, values: Array) -> list[CandidateResult]:
+def evaluate_candidates(engine: Candidates, values: Array) -> list[CandidateResult]:
     """Results of candidates, shape (k, n_parameters), in their order."""
     parts = np.array_split(values, engine.parts(len(values)))
     return [result for part in engine.map(parts) for result in part]
 
 
 def run_search(
-    problem: Problem,
+    problem: SysidProblem,
     engine: Candidates,
     config: SearchConfig,
     checkpoint: Path,
@@ -258,7 +256,7 @@ def run_search(
     search = Generations(
         path=checkpoint,
         head={"schema": SCHEMA, "problem": problem.digest(), "search": config.model_dump(exclude={"generations"})},
-        evaluate=lambda _, unit: evaluate(engine, problem.space.values_of_unit(unit)),
+        evaluate=lambda _, unit: evaluate_candidates(engine, problem.space.values_of_unit(unit)),
         score=problem.score,
         to_data=CandidateResult.to_data,
         from_data=CandidateResult.from_data,

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from trainer.sysid.config import SearchSpace
 from trainer.sysid.torque_model import NUISANCE_NAMES, TorqueModel, TorqueSamples
-
-Array = NDArray[np.float64]
 
 ACTIVE_NM: Final = 0.3
 """A sample bears on a parameter if the parameter's whole width of bounds, at the local slope, moves it by this."""

@@ -15,11 +15,10 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from trainer.sysid.torque_errors import FitErrors, effective_freedom, fit_errors
 from trainer.sysid.torque_losses import LossFit, fit_losses
 from trainer.sysid.torque_model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel, TorqueSamples
-
-Array = NDArray[np.float64]
 
 LARGE_REQUEST_NM: Final = 20.0
 """Requests from here on are kept at any speed: friction is small beside them."""
@@ -27,7 +26,6 @@ SLOPE_DOUBT: Final = 0.05
 """Share of an acceleration that five samples may get wrong. Without it, a few reversals at 700 rad/s² looked like a
 limit that was never met.
 """
-N_ROUGH: Final = 2_500
 N_FINE: Final = 40_000
 """Rows of the rough fit from several starts, and of the final one."""
 LARGE_SHARE: Final = 0.3
@@ -59,7 +57,7 @@ def fit_torque(
 ) -> TorqueFit:
     """Fit by soft-L1 least squares; the best of several starts."""
     keep = usable(samples)
-    rough, fine = (_selection(samples, keep, n, rng) for n in (N_ROUGH, N_FINE))
+    rough, fine = (_selection(samples, keep, n, rng) for n in (2_500, N_FINE))
     attempts = []
     for start in starts:
         unit = np.clip(model.space.unit_of_values(start), 0.0, 1.0)

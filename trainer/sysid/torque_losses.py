@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spot_model.effects.friction import CoulombFriction
 from spot_model.plant.model_fields import LossMotion, joint_losses_nm
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.joints import select_joints
 from trainer.sysid.config import SearchSpace
 from trainer.sysid.torque_errors import cluster_covariances
@@ -28,8 +29,6 @@ from trainer.sysid.torque_model import (
     shifted_motion,
 )
 
-Array = NDArray[np.float64]
-
 WIDTH: Final = 5
 SIMPSON: Final = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0
 """Mean of a smooth signal over five evenly spaced samples; exact for cubics."""
@@ -39,11 +38,9 @@ CALM_SPEED_RAD_S: Final = 12.0
 """Joints that are asked for less and move slower are far from most limits; those that meet one are left out."""
 STEADY_RAD_S2: Final = 100.0
 """A joint that accelerates more is left out too: its inertia outweighs its friction by far."""
-UNTOUCHED_NM: Final = 1e-6
 TYPICAL_INERTIA_KG_M2: Final = 0.06
 LOAD_DOUBT_NM: Final = 0.5
 """A bend of the velocity that means this much torque on a typical rotor halves a window's weight."""
-N_ROUNDS: Final = 20
 
 
 @dataclass(frozen=True)
@@ -101,7 +98,7 @@ def fit_losses(model: TorqueModel, samples: TorqueSamples, values: Array, offset
     bears = np.abs(x).sum(axis=0) > 0.0
     x, y, prior = x[:, bears], excess[used], windows.weight[used]
     weight = prior
-    for _ in range(N_ROUNDS):
+    for _ in range(20):
         root = np.sqrt(weight)
         solution = np.linalg.lstsq(x * root[:, None], y * root, rcond=None)[0]
         residual = y - x @ solution
@@ -150,7 +147,7 @@ def _windows(model: TorqueModel, samples: TorqueSamples, values: Array, offset_s
     starts = window_starts(samples)
     at_samples = shifted_motion(samples, offset_s)
     request = samples.asked_nm(at_samples.position_rad, at_samples.velocity_rad_s)
-    touched = np.abs(model.motor_torque_nm(samples, values, at_samples) - request) > UNTOUCHED_NM
+    touched = np.abs(model.motor_torque_nm(samples, values, at_samples) - request) > 1e-6
 
     def gathered(x: NDArray[np.float64]) -> Array:
         return np.stack([x[starts + k] for k in range(WIDTH)])

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.plant.model_fields import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.joints import select_joints
 from trainer.signals.motor_torque import nominal_torque_nm
 from trainer.signals.recording import Recording
 from trainer.signals.smoothing import eroded
 from trainer.sysid.config import SearchSpace
-
-Array = NDArray[np.float64]
 
 SLOPE_WEIGHTS: Final = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 """Slope in the middle of five neighbouring samples, per sample period; exact for polynomials up to the fourth degree.

@@ -8,19 +8,15 @@ from typing import Final, Literal
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
+from spot_model.robot.facts import Array
 from trainer.sysid.config import SearchParameter, SearchSpace
-from trainer.sysid.search import CandidateResult, Problem
+from trainer.sysid.search import CandidateResult, SysidProblem
 from trainer.sysid.torque_fit import TorqueFit, usable
 from trainer.sysid.torque_model import TorqueModel, TorqueSamples
 
-Array = NDArray[np.float64]
-
-N_BOOTSTRAP: Final = 200
 BEST_SHARE: Final = 0.5
 """Share of the evaluations, the best ones, that the surrogate is fitted to."""
-RIDGE: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -34,7 +30,7 @@ class ScoreIntervals:
 
 
 def score_intervals(
-    problem: Problem, unit: Array, results: Sequence[CandidateResult], confidence: float, rng: np.random.Generator
+    problem: SysidProblem, unit: Array, results: Sequence[CandidateResult], confidence: float, rng: np.random.Generator
 ) -> ScoreIntervals | None:
     """Resample real runs and evaluations, refit the surrogate each time, and take quantiles of its minimum.
 
@@ -68,7 +64,7 @@ def score_intervals(
     if len(kept) < 2 * n_terms:
         return None
     minima = []
-    for _ in range(N_BOOTSTRAP):
+    for _ in range(200):
         drawn = [rng.multinomial(n, np.full(n, 1.0 / n)) / n for n in n_real]
         rows = rng.choice(kept, len(kept))
         minima.append(_minimum(unit[rows], scores(drawn)[rows]))
@@ -89,7 +85,7 @@ def _minimum(unit: Array, score: Array) -> Array:
     """Minimum of a ridge-fitted quadratic within the box of the points, shape (n,)."""
     n = unit.shape[1]
     terms = _terms(unit)
-    penalty = RIDGE * len(unit) * np.diag([0.0] + [1.0] * (terms.shape[1] - 1))
+    penalty = 1e-3 * len(unit) * np.diag([0.0] + [1.0] * (terms.shape[1] - 1))
     coefficients = np.linalg.solve(terms.T @ terms + penalty, terms.T @ score)
     gradient = coefficients[1 : n + 1]
     hessian = np.zeros((n, n))
@@ -168,7 +164,7 @@ class ParameterVerdict:
     """From the measured torques; None where they do not depend on it."""
 
 
-def judge(
+def judge_parameters(
     model: TorqueModel,
     samples: TorqueSamples | None,
     fit: TorqueFit | None,

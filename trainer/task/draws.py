@@ -7,6 +7,7 @@ import functools
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from spot_model.effects.base import Effect
 from spot_model.effects.registry import effect_class, make_effect
@@ -20,8 +21,6 @@ from spot_model.robot.rotation import rotate_wxyz
 from trainer.config.task_config import FREE_HEIGHT_M, CommandConfig, RandomisationConfig, Range
 from trainer.task.feet import Ground
 from trainer.task.plant_backend import InitialState, SimulationDraws
-
-Tensor = torch.Tensor
 
 
 class Draws:

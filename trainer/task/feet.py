@@ -7,14 +7,13 @@ from typing import Final
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import rotate_wxyz
 from spot_model.robot.terrain import NoiseTerrain, TileTerrain
 from trainer.config.task_config import TerrainConfig
-from trainer.task.plant_backend import PlantState
-
-Tensor = torch.Tensor
+from trainer.task.plant_backend import TaskState
 
 START_FROM_EDGE_M: Final = 12.0
 """No robot starts nearer to the ground's edge."""
@@ -81,7 +80,7 @@ class FootMotion:
     """Shape (n, 4, 3)."""
 
 
-def foot_motion(state: PlantState) -> FootMotion:
+def motion_at_feet(state: TaskState) -> FootMotion:
     """Where the feet are and how they move, from joints and body alone."""
     position, jacobian = foot_position_and_jacobian(state.position_rad)
     rates = state.velocity_rad_s.reshape(-1, 4, 1, 3)

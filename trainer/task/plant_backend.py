@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import torch
+from torch import Tensor
 
 from spot_model.effects.base import Effect, EstimateEffect, SensorEffect
 from spot_model.plant.command_channel import ServoCommand
@@ -19,8 +20,6 @@ from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.config.task_config import TaskConfig
 
-Tensor = torch.Tensor
-
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 
 DISABLE_FLAGS = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_WARMSTART)
@@ -30,7 +29,7 @@ warm start has them (``lab/benchmarks/solver_options.py``)."""
 
 
 @dataclass(frozen=True)
-class PlantState:
+class TaskState:
     """What the task sees of the robots; float32 tensors on the back end's device, canonical joint order."""
 
     position_rad: Tensor
@@ -131,11 +130,11 @@ class PlantBackend:
             self.plant.advance()
             self._duty += _tensor(self.plant.physics.standing()) / self._substeps
 
-    def read(self) -> PlantState:
+    def read(self) -> TaskState:
         """The state now, as float32 copies."""
         p = self.plant
         foot_contact, body_contact = (_tensor(flags) for flags in p.physics.contacts())
-        return PlantState(
+        return TaskState(
             position_rad=_float(p.joint_position_rad),
             velocity_rad_s=_float(p.joint_velocity_rad_s),
             torque_nm=_float(p.applied_torque_nm),
@@ -148,7 +147,7 @@ class PlantBackend:
             foot_duty=foot_contact.float() if self._duty is None else self._duty.clone(),
         )
 
-    def read_reported(self, truth: PlantState) -> PlantState:
+    def read_reported(self, truth: TaskState) -> TaskState:
         """What sensors and estimator report where effects falsify it; ``truth`` itself where they do not."""
         if not self._is_falsified:
             return truth

@@ -16,12 +16,11 @@ from importlib.metadata import entry_points
 from typing import Any, Final
 
 import torch
+from torch import Tensor
 
 from spot_model.errors import BadInputError
 from spot_model.user_code import users_code
 from trainer.config.task_config import ENTRY_POINT_GROUP, RewardShape
-
-Tensor = torch.Tensor
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class Moment:
     """Bool, shape (n,): a velocity is commanded, or the body moves all the same."""
 
 
-Term = Callable[[Moment, RewardShape], Tensor]
+RewardTerm = Callable[[Moment, RewardShape], Tensor]
 
 
 def linear_velocity(m: Moment, c: RewardShape) -> Tensor:
@@ -246,7 +245,7 @@ def _foot_pairs(device: torch.device) -> tuple[Tensor, Tensor]:
     return torch.tensor(first, device=device), torch.tensor(second, device=device)
 
 
-TERMS: Final[dict[str, Term]] = {
+TERMS: Final[dict[str, RewardTerm]] = {
     term.__name__: term
     for term in (
         linear_velocity,
@@ -276,7 +275,7 @@ TERMS: Final[dict[str, Term]] = {
 """Every term by its key in :class:`trainer.config.task_config.RewardWeights`."""
 
 
-def reward_term(name: str) -> Term:
+def reward_term(name: str) -> RewardTerm:
     """The function called ``name``: it takes a :class:`~trainer.task.rewards.Moment` and the config's shape numbers.
 
     Raises:
@@ -294,8 +293,8 @@ def reward_term(name: str) -> Term:
     raise BadInputError(f"reward {name!r} is unknown; allowed: {known}, or module:function for one of your own")
 
 
-def _checked(name: str, found: Any) -> Term:
+def _checked(name: str, found: Any) -> RewardTerm:
     if not callable(found):
         raise BadInputError(f"reward {name!r} is {found!r}; allowed: a function of a moment and the shape numbers")
-    term: Term = found
+    term: RewardTerm = found
     return term

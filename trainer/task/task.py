@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import torch
+from torch import Tensor
 
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT, build_observation
@@ -19,11 +20,9 @@ from trainer.config.task_config import TaskConfig
 from trainer.config.train_config import TrainConfig
 from trainer.simulate.engine import check_device
 from trainer.task.draws import Draws, VelocityCommands, draw_initial_state, draw_simulations, training_effects
-from trainer.task.feet import FootMotion, FootTimers, Ground, foot_motion
-from trainer.task.plant_backend import PlantBackend, PlantState
+from trainer.task.feet import FootMotion, FootTimers, Ground, motion_at_feet
+from trainer.task.plant_backend import PlantBackend, TaskState
 from trainer.task.rewards import Moment, reward_term
-
-Tensor = torch.Tensor
 
 
 class EpisodeStats:
@@ -138,7 +137,7 @@ class Task:
         self.backend.step(self._default + facts.ACTION_SCALE_RAD * action)
         state = self.backend.read()
         self.episode_steps += 1
-        feet = foot_motion(state)
+        feet = motion_at_feet(state)
         touched_down = self.feet.update(state.foot_contact, PERIOD_S, state.foot_duty)
         moment = self._moment(state, feet, touched_down, action)
         by_term = self._weighted_rewards(moment)
@@ -155,7 +154,7 @@ class Task:
         self._push()
         return self._observed(self.backend.read(), reward, done, timed_out)
 
-    def _moment(self, state: PlantState, feet: FootMotion, touched_down: Tensor, action: Tensor) -> Moment:
+    def _moment(self, state: TaskState, feet: FootMotion, touched_down: Tensor, action: Tensor) -> Moment:
         seen, shape = self._observe(state), self.config.reward_shape
         command = seen["velocity_command"]
         linear_vel = seen["linear_vel_of_body_in_body_m_s"]
@@ -189,7 +188,7 @@ class Task:
             is_moving=commanded | (linear_vel[:, :2].norm(dim=-1) > shape.moving_above_m_s),
         )
 
-    def into_ground(self, state: PlantState, gravity: Tensor) -> Tensor:
+    def into_ground(self, state: TaskState, gravity: Tensor) -> Tensor:
         """Into the ground below each robot, in its body frame: gravity's direction where the ground is level."""
         if self._ground.is_level:
             return gravity
@@ -222,7 +221,7 @@ class Task:
         self.backend.add_velocity(delta)
         self._push_in_s.copy_(torch.where(due, self._draws.uniform(c.push_interval_s, n), self._push_in_s))
 
-    def _observation(self, state: PlantState) -> Tensor:
+    def _observation(self, state: TaskState) -> Tensor:
         observation: Tensor = build_observation(
             world_from_body_wxyz=state.world_from_body_wxyz,
             linear_vel_of_body_in_world_m_s=state.linear_vel_of_body_in_world_m_s,
@@ -235,12 +234,12 @@ class Task:
         )
         return observation
 
-    def _observe(self, state: PlantState) -> dict[str, Tensor]:
+    def _observe(self, state: TaskState) -> dict[str, Tensor]:
         """The blocks of the observation by name."""
         blocks = torch.split(self._observation(state), [size for _, size in OBSERVATION_LAYOUT], dim=-1)
         return {name: block for (name, _), block in zip(OBSERVATION_LAYOUT, blocks, strict=True)}
 
-    def _observed(self, state: PlantState, reward: Tensor, done: Tensor, timed_out: Tensor) -> StepResult:
+    def _observed(self, state: TaskState, reward: Tensor, done: Tensor, timed_out: Tensor) -> StepResult:
         clean = self._observation(state)
         reported = self.backend.read_reported(state)
         noisy = (clean if reported is state else self._observation(reported)) + self._sigmas * self._draws.normal(
@@ -283,7 +282,6 @@ class Task:
 PART_SIZE: Final = 512
 """Robots of one part on a CPU: enough that its arithmetic outweighs Python, and two parts of the usual 1,024. From
 four parts on they are twice as large: 4 % faster."""
-MOST_PARTS: Final = 10_000
 
 
 def make_tasks(
@@ -305,7 +303,7 @@ def make_tasks(
         make_task(
             config.model_copy(update={"n_envs": end - start}),
             device,
-            seed=(config.seed * 1000 + rank) * MOST_PARTS + part,
+            seed=(config.seed * 1000 + rank) * 10_000 + part,
             n_threads=threads,
             kind=kind,
             model=model,

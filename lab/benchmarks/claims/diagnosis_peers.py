@@ -44,7 +44,7 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.simulation import rollouts_under, run_all
 from diagnosis.closed_loop.trials import Bench
-from diagnosis.verdict.diagnose import diagnose
+from diagnosis.verdict.diagnose import diagnose_runs
 from spot_model.policy.built_in import FOLDER
 from spot_model.policy.policy import load_policy
 from trainer.signals.recording import record
@@ -121,7 +121,9 @@ def robot(seed: int, number: int, catalogue: str, out: Path, late_s: float) -> s
             "cma_es", lambda: searched(measure, nominal, tried, distances, case.diagnosis_seed)
         )
         seconds["cma_es"] = round(seconds["cma_es"] + seconds["two_sample"], 1)
-    found = timed("ours", lambda: diagnose(runs, nominal, policy, np.random.default_rng(case.diagnosis_seed), print_no))
+    found = timed(
+        "ours", lambda: diagnose_runs(runs, nominal, policy, np.random.default_rng(case.diagnosis_seed), print_no)
+    )
     verdict = found.verdict
     kept["ours"] = {
         "gap": 1.0 - verdict.probability_none,

@@ -31,9 +31,9 @@ from fake_robot.scenario.scenario import Scenario
 from spot_model.policy.policy import load_policy
 from spot_rl.fake_spot import FakeSpot
 from trainer.simulate.engine import Place
-from trainer.sysid.config import config_from_data
-from trainer.sysid.identify import identify, prepare
-from trainer.sysid.logs import read_logs
+from trainer.sysid.config import sysid_config_from_data
+from trainer.sysid.identify import prepare, search_and_fit
+from trainer.sysid.logs import read_identification_logs
 from trainer.sysid.search import candidates_engine
 
 SEQUENCES = ("forward", "six_directions")
@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="of each of the four runs")
     chosen = parser.parse_args()
     truth = truths()[chosen.truth]
-    config = config_from_data(
+    config = sysid_config_from_data(
         {"schema": "spot-rl/sysid/1", "search": {"generations": chosen.generations}}, source="benchmark"
     )
     with tempfile.TemporaryDirectory() as name:
@@ -77,11 +77,11 @@ def main() -> None:
             for sequence in SEQUENCES * 2:
                 spot.walk(chosen.policy, sequence=sequence, duration_s=chosen.seconds, log_dir=folder / "logs")
         collect_s, begin_s = time.perf_counter() - begin_s, time.perf_counter()
-        logs = read_logs([folder / "logs"], load_policy(chosen.policy))
+        logs = read_identification_logs([folder / "logs"], load_policy(chosen.policy))
         preparation = prepare(logs, load_policy(chosen.policy), chosen.policy.read_bytes(), config)
         ends: list[float] = []
         with candidates_engine(preparation.problem, Place(2)) as engine:
-            found = identify(
+            found = search_and_fit(
                 preparation, config, engine, folder / "search.jsonl", lambda _: ends.append(time.perf_counter())
             )
         all_s = time.perf_counter() - begin_s

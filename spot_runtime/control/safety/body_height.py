@@ -14,8 +14,8 @@ import numpy as np
 
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import LEVEL_WXYZ
-from spot_model.robot.state import Array
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from spot_model.robot.facts import KNEE_TABLE_TORQUE_NM, NS_PER_S
-from spot_model.robot.state import Array, JointCommand
+from spot_model.robot.facts import KNEE_TABLE_TORQUE_NM, NS_PER_S, Array
+from spot_model.robot.state import JointCommand
 from spot_runtime.control.safety.states import are_finite, is_between
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from spot_model.robot import facts
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array, RobotState
+from spot_model.robot.facts import NS_PER_S, Array
+from spot_model.robot.state import RobotState
 from spot_runtime.control.safety.body_height import body_height_m, is_body_above
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason

@@ -10,8 +10,8 @@ from typing import Any, Generic, TypeVar
 import grpc
 from bosdyn.api import robot_command_pb2
 
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array, Gains, JointCommand
+from spot_model.robot.facts import NS_PER_S, Array
+from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.hal.spot.arm import NO_ARM, Arm
 from spot_runtime.hal.spot.vendor_errors import describe_error, enum_word
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from spot_log.write.sink import SinkHealth
 from spot_model.policy.policy import Policy
+from spot_model.robot.facts import Array
 from spot_model.robot.rotation import rotate_inverse_wxyz, tilt_rad
-from spot_model.robot.state import Array, RobotState, SlowState
+from spot_model.robot.state import RobotState, SlowState
 from spot_protos import operator_pb2
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.loop_stats import LoopStats, RecentValues, percentile

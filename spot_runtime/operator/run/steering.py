@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array
+from spot_model.robot.facts import NS_PER_S, Array
 from spot_runtime.config import RunConfig
 from spot_runtime.sources import Shaper, Wanted
 from spot_runtime.stops import Stop, StopReason

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
-from trainer.sysid.config import SysidConfig, config_from_data, load_config
+from trainer.sysid.config import SysidConfig, load_sysid_config, sysid_config_from_data
 
 SPACE = SysidConfig().space()
 
@@ -59,7 +59,7 @@ def test_any_parameter_of_any_effect_can_be_searched(tmp_path: Path) -> None:
         f"model: {tmp_path / 'model.yaml'}\nparameters:\n"
         "  - {effect: payload_mass, joints: [all], parameter: mass_kg, initial: 0, low: -2, high: 10}\n"
     )
-    assert load_config(tmp_path / "sysid.yaml").space().names == ("payload_mass[all].mass_kg",)
+    assert load_sysid_config(tmp_path / "sysid.yaml").space().names == ("payload_mass[all].mass_kg",)
 
 
 ENTRY = {
@@ -87,16 +87,18 @@ ENTRY = {
 )
 def test_what_cannot_be_searched_is_named(data: dict[str, object], text: str) -> None:
     with pytest.raises(BadInputError, match=text):
-        config_from_data(data, source="config x").space()
+        sysid_config_from_data(data, source="config x").space()
     with pytest.raises(BadInputError, match=r"config none\.yaml cannot be read"):
-        load_config(Path("none.yaml"))
+        load_sysid_config(Path("none.yaml"))
 
 
 def test_a_searched_effect_that_the_model_lacks_is_added_at_null() -> None:
     entry = {"effect": "payload_mass", "parameter": "mass_kg", "initial": 1, "low": 0, "high": 9}
-    space = config_from_data({"model": "paper_identified", "parameters": [entry]}, source="x").space()
+    space = sysid_config_from_data({"model": "paper_identified", "parameters": [entry]}, source="x").space()
     assert space.model.effects[-1].name == "payload_mass"
     assert space.model.effects[-1].is_null
     # An effect that is there on other joints is not doubled unasked.
     with pytest.raises(BadInputError, match=r"has no effect 'coulomb_friction' on joints \['all'\]; it has: "):
-        config_from_data({"model": "paper_identified", "parameters": [ENTRY | {"joints": ["all"]}]}, source="x").space()
+        sysid_config_from_data(
+            {"model": "paper_identified", "parameters": [ENTRY | {"joints": ["all"]}]}, source="x"
+        ).space()

@@ -22,7 +22,7 @@ from trainer.sysid.identify import prepare
 from trainer.sysid.logs import LogSet
 from trainer.sysid.measured import MeasuredDelays, with_measured
 from trainer.sysid.result import ResultData
-from trainer.sysid.run_identification import run_identification, summary
+from trainer.sysid.run_identification import identification_summary, run_identification
 from trainer.sysid.search import build_problem
 from trainer.sysid.verdict import score_intervals
 
@@ -137,4 +137,6 @@ def test_one_run_a_sequence_gives_no_interval_and_no_floor(logs: list[Run], poli
 def test_the_summary_counts_what_is_identified(out: Path) -> None:
     data = ResultData.model_validate_json((out / "result.json").read_text())
     n = sum(p.identified for p in data.parameters)
-    assert summary(data).startswith(f"{n} of 8 parameters are identified from 6 logs of 2 command sequences.")
+    assert identification_summary(data).startswith(
+        f"{n} of 8 parameters are identified from 6 logs of 2 command sequences."
+    )

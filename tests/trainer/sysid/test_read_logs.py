@@ -9,7 +9,7 @@ import pytest
 from spot_log.read.run import Run, RunFooter, TickTable
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.sysid.logs import choose_compared, read_logs, run_from_log
+from trainer.sysid.logs import choose_compared, read_identification_logs, run_from_log
 
 from .conftest import MakeLogs, oscillator_bytes
 
@@ -141,7 +141,7 @@ def test_the_recording_of_an_incident_is_part_of_its_log(
         file.touch()
     last = replace(log, states=log.states.rows(slice(100, None)))
     monkeypatch.setattr("trainer.signals.log_files.read_run", lambda f: replace(last if f == end else log, path=f))
-    found = read_logs([tmp_path], policy)
+    found = read_identification_logs([tmp_path], policy)
     assert [run.path for run in found.runs] == [whole]
     assert found.warnings[0] == f"{end}: left out: its states are in {whole}, too"
 
@@ -149,7 +149,7 @@ def test_the_recording_of_an_incident_is_part_of_its_log(
 def test_nothing_usable_is_an_error_with_all_reasons(tmp_path: Path, policy: Policy) -> None:
     (tmp_path / "a.mcap").write_bytes(b"not a log")
     with pytest.raises(BadInputError, match=r"(?s)no log can be used:.*a\.mcap: left out"):
-        read_logs([tmp_path], policy)
+        read_identification_logs([tmp_path], policy)
     (tmp_path / "none").mkdir()
     with pytest.raises(BadInputError, match=r"has no \.mcap file"):
-        read_logs([tmp_path / "none"], policy)
+        read_identification_logs([tmp_path / "none"], policy)

@@ -12,13 +12,13 @@ from spot_model.errors import BadInputError
 from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import SearchConfig, SysidConfig
-from trainer.sysid.search import Problem, SearchState, build_problem, candidates_engine, run_search
+from trainer.sysid.search import SearchState, SysidProblem, build_problem, candidates_engine, run_search
 
 SEARCH = SearchConfig(generations=4, population=4, seed=3)
 
 
 @pytest.fixture(scope="module")
-def problem(logs: list[Run], policy_path: Path) -> Problem:
+def problem(logs: list[Run], policy_path: Path) -> SysidProblem:
     return build_problem(
         SysidConfig().space(),
         policy_path.read_bytes(),
@@ -29,13 +29,13 @@ def problem(logs: list[Run], policy_path: Path) -> Problem:
     )
 
 
-def searched(problem: Problem, checkpoint: Path, config: SearchConfig = SEARCH, workers: int = 1) -> SearchState:
+def searched(problem: SysidProblem, checkpoint: Path, config: SearchConfig = SEARCH, workers: int = 1) -> SearchState:
     with candidates_engine(problem, Place(workers)) as engine:
         return run_search(problem, engine, config, checkpoint)
 
 
 @pytest.fixture(scope="module")
-def whole(problem: Problem, tmp_path_factory: pytest.TempPathFactory) -> SearchState:
+def whole(problem: SysidProblem, tmp_path_factory: pytest.TempPathFactory) -> SearchState:
     return searched(problem, tmp_path_factory.mktemp("search") / "search.jsonl")
 
 
@@ -51,11 +51,11 @@ def same(first: SearchState, second: SearchState) -> bool:
     )
 
 
-def test_weights_of_sequences_sum_to_one(problem: Problem) -> None:
+def test_weights_of_sequences_sum_to_one(problem: SysidProblem) -> None:
     assert problem.sequence_weights == pytest.approx((1.0 / 3.0, 2.0 / 3.0))
 
 
-def test_an_interrupted_search_goes_on_exactly(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
+def test_an_interrupted_search_goes_on_exactly(problem: SysidProblem, whole: SearchState, tmp_path: Path) -> None:
     path = tmp_path / "search.jsonl"
     searched(problem, path, SEARCH.model_copy(update={"generations": 2}))
     with path.open("a") as file:
@@ -63,12 +63,12 @@ def test_an_interrupted_search_goes_on_exactly(problem: Problem, whole: SearchSt
     assert same(searched(problem, path), whole)
 
 
-def test_the_number_of_workers_changes_no_bit(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
+def test_the_number_of_workers_changes_no_bit(problem: SysidProblem, whole: SearchState, tmp_path: Path) -> None:
     assert same(searched(problem, tmp_path / "search.jsonl", workers=2), whole)
 
 
 def test_a_checkpoint_holds_a_generation_a_line_and_belongs_to_one_search(
-    problem: Problem, whole: SearchState, tmp_path: Path
+    problem: SysidProblem, whole: SearchState, tmp_path: Path
 ) -> None:
     path, other = tmp_path / "search.jsonl", SEARCH.model_copy(update={"seed": 4})
     first = searched(problem, path, other.model_copy(update={"generations": 1}))

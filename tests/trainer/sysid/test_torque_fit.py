@@ -11,7 +11,7 @@ from trainer.signals.recording import record
 from trainer.sysid.config import SysidConfig
 from trainer.sysid.torque_fit import TorqueFit, fit_torque
 from trainer.sysid.torque_model import NUISANCE_NAMES, TorqueModel, TorqueSamples, friction_direction, torque_samples
-from trainer.sysid.verdict import Estimate, ParameterVerdict, is_narrow, judge
+from trainer.sysid.verdict import Estimate, ParameterVerdict, is_narrow, judge_parameters
 
 from .conftest import OTHER_PHYSICS, MakeLogs
 
@@ -25,7 +25,7 @@ def fitted(runs: list[Run]) -> tuple[TorqueSamples, TorqueFit]:
 
 
 def judged(samples: TorqueSamples, fit: TorqueFit) -> dict[str, ParameterVerdict]:
-    return {v.name: v for v in judge(MODEL, samples, fit, MODEL.space.initial, None)}
+    return {v.name: v for v in judge_parameters(MODEL, samples, fit, MODEL.space.initial, None)}
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from spot_model.robot.facts import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
-from spot_model.robot.state import Array, JointCommand, RobotState
+from spot_model.robot.facts import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM, Array
+from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array
+from spot_model.robot.facts import Array
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.legs import feet, sole_speeds_m_s
 from spot_runtime.control.safety.signals.window import Window

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array
+from spot_model.robot.facts import Array
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array
+from spot_model.robot.facts import NS_PER_S, Array
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window, length, turned_rad
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from spot_model.robot.state import Array, RobotState
+from spot_model.robot.facts import Array
+from spot_model.robot.state import RobotState
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.readers import Signal
 

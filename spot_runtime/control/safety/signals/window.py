@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
-from spot_model.robot.facts import NS_PER_S
-from spot_model.robot.state import Array, ImuPacket, RobotState
+from spot_model.robot.facts import NS_PER_S, Array
+from spot_model.robot.state import ImuPacket, RobotState
 from spot_runtime.control.safety.signals import bounds
 
 
