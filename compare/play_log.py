@@ -14,7 +14,6 @@ from compare.differences import differences
 from compare.ghost import place
 from compare.page import sentence
 from compare.tracks import STEP_S, CompareError, Track, aligned, track_of
-from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.document import Difference, Verdict
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read import find_policy
@@ -30,6 +29,7 @@ from spot_model.robot.facts import JOINT_TYPES
 from trainer.play.replay import Walked
 from trainer.play.switches import BUILT_IN, Found, Switch
 from trainer.signals.policy_ticks import Script, script_of
+from trainer.simulate.recorded_runs import SensorNoise, simulate
 
 Effects = tuple[Effect, ...]
 USUAL_MODEL: Final = "paper_identified"

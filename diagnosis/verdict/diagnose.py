@@ -13,7 +13,7 @@ from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.gap_map import LogSet, gap_map
-from diagnosis.closed_loop.simulation import Rollouts, SensorNoise, rollouts_under, simulate
+from diagnosis.closed_loop.simulation import Rollouts, rollouts_under
 from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
 from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
@@ -44,6 +44,7 @@ from spot_model.text import counted
 from trainer.signals.policy_ticks import scripts_of
 from trainer.signals.recording import record
 from trainer.simulate.engine import Tell
+from trainer.simulate.recorded_runs import SensorNoise, simulate
 
 WITHOUT_RUNS = (
     "without the policy that ran on Spot nothing can be simulated: the map is that of open-loop prediction, and there "

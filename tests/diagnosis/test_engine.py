@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.closed_loop.environment import Surroundings
-from diagnosis.closed_loop.simulation import (
-    Rollout,
-    Rollouts,
-    SensorNoise,
-    merged,
-    rollouts_under,
-    run_all,
-    simulate,
-    simulate_all,
-)
+from diagnosis.closed_loop.simulation import Rollout, Rollouts, merged, rollouts_under, run_all, simulate_all
 from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
 from spot_model.effects.base import Effect, Parameter
@@ -35,6 +26,7 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from trainer.simulate.engine import Place, ignore
+from trainer.simulate.recorded_runs import SensorNoise, simulate
 
 from .cases import CASES, Case
 from .planted import POLICY, scripts
