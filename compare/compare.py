@@ -16,7 +16,6 @@ from compare.differences import SIGNALS, Differences, differences
 from compare.ghost import write_ghosts
 from compare.page import comparison_page, difference_sentence, stretch
 from compare.tracks import STEP_S, CompareError, Track, aligned_tracks, track_of
-from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.document import Verdict
 from diagnosis.read import find_policy
 from spot_log.read.reader import read_run
@@ -26,6 +25,7 @@ from spot_model.io.whole import whole_folder
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import JOINT_NAMES
 from trainer.signals.policy_ticks import script_of
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 
 
 def is_model(name: str) -> bool:

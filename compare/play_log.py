@@ -14,7 +14,6 @@ from compare.differences import differences
 from compare.ghost import placed_beside
 from compare.page import difference_sentence
 from compare.tracks import STEP_S, CompareError, Track, aligned_tracks, track_of
-from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.document import Difference, Verdict
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read import find_policy
@@ -29,6 +28,7 @@ from spot_model.robot.facts import JOINT_TYPES
 from trainer.play.replay import Walked
 from trainer.play.switches import BUILT_IN, Effects, Found, Switch
 from trainer.signals.policy_ticks import Script, script_of
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 
 USUAL_MODEL: Final = "paper_identified"
 

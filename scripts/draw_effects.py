@@ -11,7 +11,6 @@ import sys
 import numpy as np
 from reference.effects import PICTURES
 
-from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from spot_log.page.picture import standing
 from spot_log.page.sections import Chart, Series
 from spot_log.read.run import Run
@@ -20,6 +19,7 @@ from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from trainer.signals.policy_ticks import Script
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 from trainer.simulate.rollout import StartState
 
 JOINT = facts.JOINT_NAMES.index("fl_kn")

@@ -13,7 +13,6 @@ from rich.console import Console
 
 from compare.compare import FILES, Comparison, Named, compare_runs, named, simulate_like, write_comparison
 from compare.diagnose_command import FOLDER, compared
-from diagnosis.closed_loop.simulation import UsualNoise
 from diagnosis.document import Verdict
 from diagnosis.library.registry import chosen_library
 from diagnosis.read import find_policy
@@ -41,6 +40,7 @@ from spot_rl.checks import (
 )
 from spot_rl.inputs import model_of, policy_file, policy_of
 from trainer.simulate.engine import EngineName, place_of
+from trainer.simulate.recorded_runs import UsualNoise
 
 
 @with_our_errors

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.closed_loop.simulation import UsualNoise, rollouts_under, simulate_scripts
+from diagnosis.closed_loop.simulation import rollouts_under
 from diagnosis.library.registry import LIBRARY
 from diagnosis.verdict.diagnose import Diagnosis, diagnose_runs
 from spot_log.read.run import Run
@@ -25,6 +25,7 @@ from spot_model.policy.policy import load_policy
 from tests.diagnosis.planted import POLICY, scripts
 from tests.withheld.blind.test_execution import finish, jobs
 from trainer.simulate.engine import Engine, EngineError, Place, Tell
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 from trainer.simulate.rollout import RolloutOptions
 from trainer.sysid.config import SearchConfig, SysidConfig
 from trainer.sysid.search import SearchState, SysidProblem, build_problem, candidates_engine, run_search

@@ -12,7 +12,6 @@ import sys
 import numpy as np
 import torch
 
-from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from spot_model.io.model_file import load_model
 from spot_model.plant.closed_loop import StartState
 from spot_model.policy.built_in import policy_file
@@ -21,6 +20,7 @@ from spot_model.robot import facts
 from trainer.config.task_config import RandomisationConfig, TaskConfig
 from trainer.signals.distances import SequenceReference, features_of_run
 from trainer.signals.policy_ticks import Script
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 from trainer.task.draws import Draws, draw_initial_state, draw_simulations, training_effects
 from trainer.task.feet import Ground
 from trainer.task.plant_backend import PlantBackend

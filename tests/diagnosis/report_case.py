@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from diagnosis.channels import Channel
-from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.document import (
     CalibratedNumber,
     Calibration,
@@ -32,6 +31,7 @@ from spot_model.effects.friction import CoulombFriction
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 
 from .planted import POLICY, scripts
 

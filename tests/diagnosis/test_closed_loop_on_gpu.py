@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks import gpu_parity
-from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 
 from .planted import POLICY, scripts
 

@@ -10,7 +10,7 @@ import pytest
 
 from diagnosis.closed_loop.consequences import GAPS, consequences, gap_ratios, remainder, worse_gaps
 from diagnosis.closed_loop.run_numbers import WalkTime, restricted_mean_s, run_numbers, time_to_fall
-from diagnosis.closed_loop.simulation import UsualNoise, rollouts_under, simulate_scripts
+from diagnosis.closed_loop.simulation import rollouts_under
 from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, compared_by_sequence
 from diagnosis.decision_constants import PRACTICAL
 from diagnosis.document import Consequences, GapChange, QuantityChange
@@ -25,6 +25,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from trainer.signals.policy_ticks import policy_ticks, scripts_of
 from trainer.signals.recording import record
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 
 from .planted import POLICY, scripts
 

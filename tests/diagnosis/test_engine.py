@@ -12,12 +12,10 @@ from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.simulation import (
     Rollout,
     RolloutEngine,
-    UsualNoise,
     merged_models,
     rollouts_under,
     run_all,
     simulate_all,
-    simulate_scripts,
 )
 from diagnosis.library.registry import LIBRARY
 from spot_log.read.run import Run
@@ -35,6 +33,7 @@ from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from trainer.simulate.engine import Place, ignore
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 
 from .cases import CASES, Case
 from .planted import POLICY, scripts

@@ -13,7 +13,6 @@ import pytest
 from diagnosis.channels import Array, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
-from diagnosis.closed_loop.simulation import UsualNoise, simulate_scripts
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import JointGroups, LibraryEffect, Location
 from diagnosis.library.held import OF_CHANNEL_ONLY, groups_of
@@ -32,6 +31,7 @@ from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 from trainer.signals.recording import record
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 
 from .cases import NOMINAL
 from .planted import POLICY, Truth, planted_runs, scripts, walk_sequence
