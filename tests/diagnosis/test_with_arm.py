@@ -35,7 +35,7 @@ def test_a_nominal_model_that_lacks_the_arm_is_told_of(
     def end(*_: Any, **__: Any) -> None:
         raise EndError
 
-    run = SimpleNamespace(arm=[0] * has_arm)
+    run = SimpleNamespace(arm=[0] * has_arm, events=(), header=SimpleNamespace(robot_id=""))
     monkeypatch.setattr(session, "read_logs", lambda *_: ((run,), ()))
     monkeypatch.setattr(session, "find_policy_file", lambda *_: None)
     monkeypatch.setattr(session, "diagnose_runs", end)
