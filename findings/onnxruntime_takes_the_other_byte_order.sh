@@ -3,7 +3,7 @@
 #
 # The session compares the type of an array with that of the input and refuses float64 or float16 where float32 is due.
 # NumPy's ">f4" passes, since it counts as float32, without a swap: 1.0 becomes 4.6e-41. OrtValue does the same.
-# Such arrays come from numpy.frombuffer on data in network order, from HDF5 files that hold it, and stay so when sliced.
+# Such arrays come from numpy.frombuffer on data in network order or from HDF5 files, and stay so when sliced.
 # Whoever feeds a policy from a recording: np.asarray(observation, np.float32) swaps, and costs nothing otherwise.
 set -euo pipefail
 folder=$(mktemp -d)
