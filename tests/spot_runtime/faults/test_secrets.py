@@ -21,15 +21,12 @@ from spot_model.process.child_process import without_secrets
 from spot_runtime.admission import check_allowed
 from spot_tools.run import summary_text
 
-from .test_matrix import brisk
-
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
 
 @pytest.fixture(scope="module")
 def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    folder = tmp_path_factory.mktemp("secrets")
-    with rig(folder, WALK, scenario=brisk(folder)) as started:
+    with rig(tmp_path_factory.mktemp("secrets"), WALK) as started:
         yield started
 
 
