@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-import grpc
 import numpy as np
 import pytest
 import typer
@@ -17,7 +17,7 @@ from spot_log.write.sink import MemorySink
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
-from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
@@ -176,18 +176,18 @@ def test_the_robot_confirms_the_keys_it_has_received(fake: FakeAddress, monkeypa
     hal.close()
 
 
-def test_motors_that_lost_power_are_not_powered_on_again(fake: FakeAddress, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_motors_that_lost_power_are_not_powered_on_again(
+    fake: FakeAddress, admin: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whoever cut the power may stand beside the robot, while a run that ends asks it to stand once more."""
     hal = spot(fake, MemorySink(), monkeypatch)
     hal.connect()
     hal.stand()
-    with grpc.insecure_channel(fake.admin) as channel:
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
-        admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="power_loss", duration_s=0.1))
-        admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
-        with pytest.raises(MotionError, match="standing"):
-            hal.stand()
-        assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
+    admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="power_loss", duration_s=0.1))
+    admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
+    with pytest.raises(MotionError, match="standing"):
+        hal.stand()
+    assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
     hal.power_off()
     hal.close()
 
