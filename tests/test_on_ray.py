@@ -8,6 +8,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,11 @@ from trainer.sysid.search import SearchState, SysidProblem, build_problem, candi
 from withheld.blind.execution import Job, run_cases
 from withheld.outcome import Outcome
 
-pytest.importorskip("ray", reason="Ray is not installed (extra ray)")
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore"),
+    pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed (extra ray)"),
+]
 
 ON_RAY = Place(ray=True)
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000}

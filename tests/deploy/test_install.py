@@ -166,16 +166,13 @@ def test_folders_of_the_system_that_were_made_go_and_others_stay(
     for name in ("opt", "etc/systemd/system", "var/lib/systemd/timers", "var/log"):
         (root / name).mkdir(parents=True)
     before, first, second = {*root.rglob("*")}, bundle("0.1.0"), bundle("0.2.0")
-    for _ in range(2):  # an upgrade must not forget what the first installation made
-        assert act("install", first).returncode == 0
-        assert act("install", second).returncode == 0
-        assert (root / "etc/sysusers.d/spot-rl.conf").is_file()
-        (root / "var/lib/systemd/timers/stamp-spot-rl-logs.timer").touch()  # as systemd does once the timer is enabled
-        (root / "etc/tmpfiles.d/of-somebody-else.conf").touch()
-        assert act("uninstall", None, "--logs").returncode == 0
-        assert {*root.rglob("*")} - before == {root / "etc/tmpfiles.d", root / "etc/tmpfiles.d/of-somebody-else.conf"}
-        (root / "etc/tmpfiles.d/of-somebody-else.conf").unlink()
-        (root / "etc/tmpfiles.d").rmdir()
+    for folder in (first, second):  # an upgrade must not forget what the first installation made
+        assert act("install", folder).returncode == 0
+    assert (root / "etc/sysusers.d/spot-rl.conf").is_file()
+    (root / "var/lib/systemd/timers/stamp-spot-rl-logs.timer").touch()  # as systemd does once the timer is enabled
+    (root / "etc/tmpfiles.d/of-somebody-else.conf").touch()
+    assert act("uninstall", None, "--logs").returncode == 0
+    assert {*root.rglob("*")} - before == {root / "etc/tmpfiles.d", root / "etc/tmpfiles.d/of-somebody-else.conf"}
 
 
 @pytest.mark.parametrize("state", ["active", "activating", "deactivating"])

@@ -36,6 +36,7 @@ def test_findings_found_once() -> None:
         TARGETS[file.name.partition(".")[0]].run(file.read_bytes())
 
 
+@pytest.mark.slow
 def test_400_truncations_and_400_flipped_bits_of_a_log() -> None:
     """Each is recovered or refused in words, and never holds a message that nobody wrote."""
     import numpy as np

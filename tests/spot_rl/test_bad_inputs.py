@@ -14,7 +14,7 @@ import torch
 import spot_rl
 from spot_log.read.run import Run
 
-from .conftest import WALK
+from .conftest import BRISK, WALK
 
 NAN = math.nan
 TINY = {"name": "x", "iterations": 1, "n_envs": 2}
@@ -23,7 +23,7 @@ NETWORK = torch.nn.Linear(48, 12)
 
 @pytest.fixture(scope="module")
 def robot() -> Iterator[spot_rl.FakeSpot]:
-    with spot_rl.FakeSpot() as spot:
+    with spot_rl.FakeSpot(BRISK) as spot:
         yield spot
 
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
+import grpc
 import numpy as np
 import onnx
 import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.policy.contract import METADATA_KEY, PolicyContract, StoredPair
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.state import JointCommand, RobotState, SlowState
+from spot_protos import fake_admin_pb2_grpc
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.stops import Stop
 
@@ -209,3 +213,28 @@ def robot() -> HandMadeRobot:
 def make_policy_bytes_fixture() -> Callable[..., bytes]:
     """Makes small policy files."""
     return policy_bytes
+
+
+BRISK = "power: {power_on_s: 0.4, power_off_s: 0.1}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n"
+"""The default fake robot, but quicker to its feet: tests are about what lies between."""
+
+
+@pytest.fixture(scope="module")
+def fake(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
+    """One fake robot for all tests of a module, each of which leaves it at rest, and its lease with nobody.
+
+    The module may add keys to its scenario as SCENARIO, and ask for real time in place of lock-step as IS_LOCK_STEP; a
+    test may do so as the fixture's parameter.
+    """
+    folder = tmp_path_factory.mktemp("state")
+    (folder / "scenario.yaml").write_text(BRISK + getattr(request.module, "SCENARIO", ""))
+    is_lock_step = getattr(request, "param", getattr(request.module, "IS_LOCK_STEP", True))
+    with FakeProcess(is_lock_step=is_lock_step, scenario=str(folder / "scenario.yaml"), state_dir=folder) as process:
+        yield process.address
+
+
+@pytest.fixture(scope="module")
+def admin(fake: FakeAddress) -> Iterator[Any]:
+    """That robot's admin service."""
+    with grpc.insecure_channel(fake.admin) as channel:
+        yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]

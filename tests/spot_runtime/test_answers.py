@@ -136,7 +136,7 @@ def test_a_joint_within_its_bound_of_a_stop_may_lie_on_it(name: str) -> None:
     stops = facts.POSITION_LOW_RAD if name == "low" else facts.POSITION_HIGH_RAD
     inside = 1.0 if name == "low" else -1.0
     assert answer.at_stop(stops + inside * 0.999 * bounds.STOP_RAD).all()
-    assert not answer.at_stop(stops + inside * 1.001 * bounds.STOP_RAD).any()
+    assert not answer.at_stop(stops + inside * bounds.STOP_RAD).any()
     only = np.array(facts.DEFAULT_POSITION_RAD)
     only[4] = stops[4]
     assert answer.at_stop(only).tolist() == [joint == 4 for joint in range(12)]

@@ -43,28 +43,20 @@ def look_at(address: FakeAddress, robot: str = "", **config: Any) -> dict[str, F
         return {check.name.rpartition(" ")[2]: check.make() for check in patient.checks()}
 
 
-@pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
-    with FakeProcess(is_lock_step=True, state_dir=tmp_path_factory.mktemp("fake")) as fake:
-        yield fake.address
+@pytest.fixture(autouse=True)
+def _is_well(admin: Any) -> Iterator[None]:
+    yield
+    admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
 
 
 @pytest.fixture
-def admin(address: FakeAddress) -> Iterator[Any]:
-    with grpc.insecure_channel(address.admin) as channel:
-        stub = stub_of(channel, fake_admin_pb2)
-        yield stub
-        stub.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
-
-
-@pytest.fixture
-def check_up(address: FakeAddress, monkeypatch: pytest.MonkeyPatch) -> CheckUp:
+def check_up(fake: FakeAddress, monkeypatch: pytest.MonkeyPatch) -> CheckUp:
     def check_up(robot: str = "", password: str = "", **config: Any) -> dict[str, Finding]:
-        for name, value in address.environment.items():
+        for name, value in fake.environment.items():
             monkeypatch.setenv(name, value)
         if password:
             monkeypatch.setenv("BOSDYN_CLIENT_PASSWORD", password)
-        return look_at(address, robot, **config)
+        return look_at(fake, robot, **config)
 
     return check_up
 
@@ -161,12 +153,12 @@ def test_a_robot_without_a_licence_service_may_run_and_one_whose_service_is_sile
         LOOKS["licence"](reader(HalError("reading the licence: the robot did not answer")), CONFIG)
 
 
-def test_a_lease_that_a_client_holds(check_up: CheckUp, address: FakeAddress) -> None:
-    sdk = create_standard_sdk("somebody-else", cert_resource_glob=str(address.ca_file))
-    host, _, port = address.robot.rpartition(":")
+def test_a_lease_that_a_client_holds(check_up: CheckUp, fake: FakeAddress) -> None:
+    sdk = create_standard_sdk("somebody-else", cert_resource_glob=str(fake.ca_file))
+    host, _, port = fake.robot.rpartition(":")
     robot = sdk.create_robot(host)
     robot.update_secure_channel_port(int(port))
-    robot.authenticate(address.environment["BOSDYN_CLIENT_USERNAME"], address.environment["BOSDYN_CLIENT_PASSWORD"])
+    robot.authenticate(fake.environment["BOSDYN_CLIENT_USERNAME"], fake.environment["BOSDYN_CLIENT_PASSWORD"])
     client = robot.ensure_client(LeaseClient.default_service_name)
     lease = client.acquire()
     assert failed(check_up()) == {"lease"}
@@ -230,12 +222,12 @@ def test_a_robot_that_nobody_can_stop_and_what_stays_until_a_person_clears_it(
         assert "never takes it by force" in results["lease"].advice
 
 
-def test_the_command(address: FakeAddress, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_command(fake: FakeAddress, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     app = typer.Typer()
     app.command()(doctor)
-    for name, value in address.environment.items():
+    for name, value in fake.environment.items():
         monkeypatch.setenv(name, value)
-    words = ["--robot", address.robot, "--log-dir", str(tmp_path)]
+    words = ["--robot", fake.robot, "--log-dir", str(tmp_path)]
     told = CliRunner().invoke(app, [*words, "--json"])
     data = json.loads(told.output)
     assert (told.exit_code, data["fit"]) == (0, True), told.output

@@ -27,11 +27,10 @@ from bosdyn.client.lease import Lease, LeaseWallet, add_lease_wallet_processors
 from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_state import RobotStateClient
 
-from fake_robot.start.process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress
 from spot_log.write.sink import MemorySink
 from spot_model.robot.state import Gains, JointCommand
 from spot_protos import fake_admin_pb2
-from spot_protos.stub import stub
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import JointControl
@@ -350,22 +349,13 @@ def test_a_lease_that_the_wallet_has_lost_is_told_as_one(hal: BosdynHal, strange
 
 # On the fake robot ---------------------------------------------------------------------------------------------------
 
-BRISK = "power: {power_on_s: 0.4}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n"
-
-
-@pytest.fixture(scope="module")
-def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
-    """In real time, for there a motion is asked for by a thread of its own."""
-    folder = tmp_path_factory.mktemp("fake")
-    scenario = folder / "brisk.yaml"
-    scenario.write_text(BRISK, encoding="utf-8")
-    with FakeProcess(scenario=str(scenario), state_dir=folder / "state") as process:
-        yield process.address
+IS_LOCK_STEP = False
+"""In real time a motion is asked for by a thread of its own."""
 
 
 @pytest.mark.parametrize("is_overtaken", [False, True])
 def test_the_fake_robot_sits_and_powers_off_although_a_call_for_joint_control_is_under_way(
-    fake: FakeAddress, monkeypatch: pytest.MonkeyPatch, is_overtaken: bool
+    fake: FakeAddress, admin: Any, monkeypatch: pytest.MonkeyPatch, is_overtaken: bool
 ) -> None:
     """The call is turned away and may be made again, or has its lease and is overtaken, once the robot is to sit."""
     for name, value in fake.environment.items():
@@ -396,9 +386,7 @@ def test_the_fake_robot_sits_and_powers_off_although_a_call_for_joint_control_is
         threading.Event().wait(0.001)
     hal.power_off()
     assert sent == ["joint_request", "safe_power_off_request"]
-    with grpc.insecure_channel(fake.admin) as channel:
-        admin = stub(channel, fake_admin_pb2)
-        assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
+    assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
     assert hal._session.newest_lease("body").sequence[0] == hal._session.lease.sequence[0]
     hal._session.retain_lease()
     hal.close()

@@ -116,7 +116,9 @@ def test_a_run_needs_something_to_run(tmp_path: Path) -> None:
 def test_an_experiment_on_the_fake_robot_ends_well_and_leaves_a_log(tmp_path: Path) -> None:
     file = tmp_path / "squat.yaml"
     save_joint_experiment(Squat(name="squat", duration_s=4.0), file)
-    with FakeProcess(is_lock_step=True) as fake:
+    scenario = tmp_path / "brisk.yaml"
+    scenario.write_text("power: {power_on_s: 0.2}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n")
+    with FakeProcess(is_lock_step=True, scenario=str(scenario)) as fake:
         words = ["run", "--robot", fake.address.robot, "--experiment", str(file), "--log-dir", str(tmp_path)]
         words += ["--lock-step", fake.address.admin]
         code = "from spot_model.console.command_line import main; main()"

@@ -51,7 +51,7 @@ ROOT = Path(__file__).parents[2]
 CONFIG = RunConfig.model_validate(
     {
         "real_time": {"fifo_priority": 0, "lock_memory": False, "freeze_garbage_collection": False},
-        "handover": {"ramp_in_s": 1.0},
+        "handover": {"ramp_in_s": 1.0, "ramp_out_s": 0.3, "soft_stop_s": 0.3, "soft_stop_settle_s": 0.2},
     }
 )
 
@@ -162,8 +162,8 @@ def running(folder: Path, more: str = "") -> Iterator[tuple[FakeAddress, Any]]:
 
 
 @pytest.fixture(scope="module")
-def lying_robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FakeAddress, Any]]:
-    with running(tmp_path_factory.mktemp("lying")) as started:
+def shared_robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FakeAddress, Any]]:
+    with running(tmp_path_factory.mktemp("shared")) as started:
         yield started
 
 
@@ -181,20 +181,22 @@ def standing_policy(make_policy_bytes: Callable[..., bytes]) -> bytes:
 
 
 @pytest.fixture
-def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: bytes) -> Iterator[Fake]:
+def lone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: bytes) -> Iterator[Fake]:
+    """A robot that no other test needs."""
     with running(tmp_path) as (address, admin):
         yield Fake(address, admin, tmp_path, monkeypatch, standing_policy)
 
 
 @pytest.fixture
-def lying(
-    lying_robot: tuple[FakeAddress, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: bytes
+def fake(
+    shared_robot: tuple[FakeAddress, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: bytes
 ) -> Iterator[Fake]:
-    """A robot on which nobody gets as far as power: one for all such tests, with its faults and leases taken back."""
-    address, admin = lying_robot
+    """One robot for all tests that leave it without power, with its faults and leases taken back."""
+    address, admin = shared_robot
     own = replace(address, environment=dict(address.environment))
     fake = Fake(own, admin, tmp_path, monkeypatch, standing_policy)
     yield fake
+    assert fake.status().motor_power.lower().endswith("off")
     admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
     fake.inject("lease_expired")
 
@@ -219,15 +221,10 @@ def test_a_good_run(fake: Fake) -> None:
     assert len(log.slow_states.robot_stamp_ns) >= 4 * log.duration_s
 
 
-def test_two_runs_on_one_robot_and_the_second_finds_it_as_it_was(fake: Fake) -> None:
-    for _ in range(2):
-        summary, _ = fake.drive(seconds=0.5)
-        assert summary.exit_code == 0
-
-
 def test_a_later_run_in_lock_step_waits_for_its_own_commands(fake: Fake) -> None:
     """However slowly its stream opens: the keys of the run before, which were higher, do not count."""
-    fake.drive(seconds=0.5)
+    summary, _ = fake.drive(seconds=0.5)
+    assert summary.exit_code == 0, summary.sentence
     commands = CommandStream._commands
 
     def late(stream: CommandStream) -> Iterator[bytes]:
@@ -275,28 +272,28 @@ def refused(fake: Fake, outcome: str, exit_code: int, *words: str, **drive: Any)
     assert fake.status().motor_power.lower().endswith("off")
 
 
-def test_nobody_at_the_address(lying: Fake) -> None:
-    refused(lying, "no_robot", 81, "Connection refused", robot=f"127.0.0.1:{free_port()}")
+def test_nobody_at_the_address(fake: Fake) -> None:
+    refused(fake, "no_robot", 81, "Connection refused", robot=f"127.0.0.1:{free_port()}")
 
 
-def test_a_certificate_that_is_not_trusted(lying: Fake) -> None:
-    refused(lying, "certificate_not_trusted", 82, "--ca-file", ca_file=None)
+def test_a_certificate_that_is_not_trusted(fake: Fake) -> None:
+    refused(fake, "certificate_not_trusted", 82, "--ca-file", ca_file=None)
 
 
-def test_a_wrong_password(lying: Fake) -> None:
-    lying.address.environment["BOSDYN_CLIENT_PASSWORD"] = "wrong-canary"  # noqa: S105
-    refused(lying, "credentials_refused", 83, "check user name and password")
-    assert b"canary" not in (lying.folder / "run.mcap").read_bytes()
+def test_a_wrong_password(fake: Fake) -> None:
+    fake.address.environment["BOSDYN_CLIENT_PASSWORD"] = "wrong-canary"  # noqa: S105
+    refused(fake, "credentials_refused", 83, "check user name and password")
+    assert b"canary" not in (fake.folder / "run.mcap").read_bytes()
 
 
-def test_a_lease_that_somebody_else_holds(lying: Fake) -> None:
-    lying.inject("lease_stolen", owner="tablet-7")
-    refused(lying, "lease_held", 84, "tablet-7", "never taken by force")
+def test_a_lease_that_somebody_else_holds(fake: Fake) -> None:
+    fake.inject("lease_stolen", owner="tablet-7")
+    refused(fake, "lease_held", 84, "tablet-7", "never taken by force")
 
 
-def test_a_pressed_estop(lying: Fake) -> None:
-    lying.inject("estop_pressed")
-    refused(lying, "estop_pressed", 85, "pressed", "release it")
+def test_a_pressed_estop(fake: Fake) -> None:
+    fake.inject("estop_pressed")
+    refused(fake, "estop_pressed", 85, "pressed", "release it")
 
 
 @pytest.mark.parametrize(
@@ -306,19 +303,19 @@ def test_a_pressed_estop(lying: Fake) -> None:
         ("low_battery", {"percent": 5.0}, "the battery holds 5 %; needed: 8 %"),
     ],
 )
-def test_a_fault_of_the_robot(lying: Fake, fault: str, parameters: dict[str, Any], words: str) -> None:
-    lying.inject(fault, **parameters)
-    refused(lying, "robot_fault", 86, words)
+def test_a_fault_of_the_robot(fake: Fake, fault: str, parameters: dict[str, Any], words: str) -> None:
+    fake.inject(fault, **parameters)
+    refused(fake, "robot_fault", 86, words)
 
 
-def test_a_behaviour_fault(fake: Fake) -> None:
-    fake.inject("behavior_fault")
-    refused(fake, "robot_fault", 86, "behaviour fault")
+def test_a_behaviour_fault(lone: Fake) -> None:
+    lone.inject("behavior_fault")
+    refused(lone, "robot_fault", 86, "behaviour fault")
 
 
-def test_a_time_sync_that_is_never_ready(lying: Fake) -> None:
-    lying.inject("time_sync_not_ready")
-    refused(lying, "clock_not_synced", 88, "NOT_READY")
+def test_a_time_sync_that_is_never_ready(fake: Fake) -> None:
+    fake.inject("time_sync_not_ready")
+    refused(fake, "clock_not_synced", 88, "NOT_READY")
 
 
 # Bad ends: most are rows of the fault matrix, tests/spot_runtime/faults ----------------------------------------------
@@ -359,8 +356,8 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
     return process.returncode, said
 
 
-def test_two_signals_damp(fake: Fake) -> None:
-    process = start_run(fake)
+def test_two_signals_damp(lone: Fake) -> None:
+    process = start_run(lone)
     process.send_signal(signal.SIGTERM)
     assert process.stderr is not None
     next(line for line in process.stderr if "soft_stop" in line)
@@ -368,7 +365,7 @@ def test_two_signals_damp(fake: Fake) -> None:
     code, said = finish(process)
     assert code == 11, said
     assert "damping" in said
-    assert fake.status().motor_power.lower().endswith("off")
+    assert lone.status().motor_power.lower().endswith("off")
 
 
 FORMS = (bytes, RobotState, JointCommand, Setpoint, LimitedSetpoint, TickResult, Step)

@@ -287,6 +287,13 @@ def test_a_robot_at_rest_may_move_up_to_the_bound(name: str, restless: Any) -> N
         assert memory.restless_windows == counted
 
 
+def test_windows_of_a_stance_that_cannot_be_are_counted_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(legs, "is_stance_wrong", lambda _: True)
+    for situation, counted in ((STANDING, 5), (IDLE, 0), (DRIVEN, 0)):
+        memory, _ = check_signals(SignalMemory(wrong_stances=4), [ROBOT.state(i) for i in range(7)], situation)
+        assert memory.wrong_stances == counted
+
+
 # Signals that stand still --------------------------------------------------------------------------------------------
 
 STEP = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS

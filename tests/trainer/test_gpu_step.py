@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from trainer.task.feet import Ground
 from trainer.task.plant_backend import PlantBackend
 from trainer.task.task import Task
 
-pytest.importorskip("mujoco_warp")
+pytestmark = pytest.mark.skipif(find_spec("mujoco_warp") is None, reason="mujoco_warp is not installed (extra gpu)")
 
 FROM_HOST = {torch.tensor, torch.as_tensor, torch.asarray, torch.from_numpy}
 TO_HOST = {torch.Tensor.item, torch.Tensor.__bool__, torch.Tensor.__float__, torch.Tensor.numpy, torch.Tensor.tolist}

@@ -15,7 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from proof.faults.attempts import all_of, inject
 from proof.faults.rows import judge, keep_invariants, left_alone
-from proof.rig import Rig, rig
+from proof.rig import CALM, Rig, rig
 from spot_log.write.sink import MemorySink
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy, policy_from_bytes
@@ -27,6 +27,8 @@ from spot_runtime.control.modes import Mode
 from spot_runtime.hal.base import JointControl
 from spot_runtime.stops import Stop, StopReason
 from spot_tools.sources import ScriptedSource
+
+from .test_matrix import BRISK_HANDOVER, brisk
 
 REPOSITORY = Path(__file__).parents[3]
 MS = 1_000_000
@@ -235,7 +237,9 @@ def test_the_invariants_hold_against_the_core(robot: Any) -> None:
 
 @pytest.fixture(scope="module")
 def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    with rig(tmp_path_factory.mktemp("invariants"), REPOSITORY / "policies" / "walk.onnx") as started:
+    folder = tmp_path_factory.mktemp("invariants")
+    with rig(folder, REPOSITORY / "policies" / "walk.onnx", scenario=brisk(folder)) as started:
+        started.calm = {**CALM, "handover": BRISK_HANDOVER}
         yield started
 
 

@@ -183,13 +183,6 @@ class Arming:
         return status.motor_power.lower().endswith("off") and not status.lease_owner and not self.truth().has_fallen
 
 
-@pytest.fixture(scope="module")
-def fake_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
-    """One fake robot for all tests of a module: each arming leaves it as it found it, which each test checks."""
-    with FakeProcess(is_lock_step=True, state_dir=tmp_path_factory.mktemp("state")) as process:
-        yield process.address
-
-
 @contextmanager
 def armed_at(fake: FakeAddress, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Arming]:
     """A fake robot at this address, ready to be armed."""
@@ -202,9 +195,9 @@ def armed_at(fake: FakeAddress, folder: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.fixture
-def arming(fake_process: FakeAddress, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Arming]:
+def arming(fake: FakeAddress, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Arming]:
     """A fake robot that sits, ready to be armed."""
-    with armed_at(fake_process, tmp_path, monkeypatch) as armed:
+    with armed_at(fake, tmp_path, monkeypatch) as armed:
         yield armed
 
 

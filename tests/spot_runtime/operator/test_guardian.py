@@ -12,13 +12,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import grpc
 import pytest
 
-from fake_robot.start.process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress
 from spot_model.process.child_process import LOOK_PERIOD_S, LivingProcess
-from spot_protos import fake_admin_pb2
-from spot_protos.stub import stub
 from spot_runtime.rescue.guardian import ABORT_TAKES_S, Heartbeat, Hold, outlive
 
 from .conftest import POLICIES, wait_until
@@ -26,7 +23,7 @@ from .test_serve import Service, at_rest, child_of, is_alive, mode_of
 
 SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))
 SILENT_S = 3.0
-STATE = "services: {on_lease_expiry: nothing}\n"
+SCENARIO = "services: {on_lease_expiry: nothing}\n"
 """Otherwise the robot would power off by itself some seconds after its lease went stale."""
 
 
@@ -131,21 +128,6 @@ def test_what_one_process_shows_another_sees() -> None:
 
 
 # Real processes -------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module", params=[True], ids=["lock-step"])
-def fake(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
-    folder = tmp_path_factory.mktemp("state")
-    (folder / "scenario.yaml").write_text(STATE)
-    scenario = str(folder / "scenario.yaml")
-    with FakeProcess(is_lock_step=bool(request.param), scenario=scenario, state_dir=folder) as process:
-        yield process.address
-
-
-@pytest.fixture
-def admin(fake: FakeAddress) -> Iterator[Any]:
-    with grpc.insecure_channel(fake.admin) as channel:
-        yield stub(channel, fake_admin_pb2)
 
 
 @pytest.fixture

@@ -6,17 +6,13 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import grpc
 import pytest
 
-from fake_robot.start.process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress
 from spot_model.process.signals import STOP_SIGNALS
-from spot_protos import fake_admin_pb2
-from spot_protos.stub import stub
 from tests.spot_model.test_inherited import DEAF, SPOT_RL, loaded_first, marks, planted
 
 from . import test_serve
@@ -25,18 +21,6 @@ from .test_serve import Service, at_rest, child_of, mode_of
 
 RELATIVE = f"{os.pathsep}/nowhere{os.pathsep}."
 """Leads to the current folder, twice."""
-
-
-@pytest.fixture(scope="module")
-def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
-    with FakeProcess(is_lock_step=True, state_dir=tmp_path_factory.mktemp("state")) as process:
-        yield process.address
-
-
-@pytest.fixture(scope="module")
-def admin(fake: FakeAddress) -> Iterator[Any]:
-    with grpc.insecure_channel(fake.admin) as channel:
-        yield stub(channel, fake_admin_pb2)
 
 
 def signals_of(pid: int, kind: str) -> set[int]:

@@ -12,13 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import grpc
 import pytest
 from bosdyn.client.lease import LeaseClient
 
-from fake_robot.start.process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress
 from spot_protos import fake_admin_pb2
-from spot_protos.stub import stub
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.spot.session import RobotCalls
@@ -30,22 +28,9 @@ from .test_serve import Service, child_of, is_alive
 
 SCENARIO = "services: {on_lease_expiry: nothing, lease_timeout_s: 3600}\n"
 """The robot does nothing by itself, and a lease is free only once it is given back."""
+IS_LOCK_STEP = False
 HOLDS_S = (0.01, 3.0, 6.0)
 """Shorter than a run waits for its lease by itself, about as long, and longer."""
-
-
-@pytest.fixture(scope="module")
-def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
-    folder = tmp_path_factory.mktemp("state")
-    (folder / "scenario.yaml").write_text(SCENARIO)
-    with FakeProcess(scenario=str(folder / "scenario.yaml"), state_dir=folder) as process:
-        yield process.address
-
-
-@pytest.fixture
-def admin(fake: FakeAddress) -> Iterator[Any]:
-    with grpc.insecure_channel(fake.admin) as channel:
-        yield stub(channel, fake_admin_pb2)
 
 
 class Thief:

@@ -47,14 +47,6 @@ SCENARIO = "services: {on_lease_expiry: nothing}\n"
 """Otherwise the robot would power off by itself some seconds after its lease went stale."""
 
 
-@pytest.fixture(scope="module")
-def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
-    folder = tmp_path_factory.mktemp("state")
-    (folder / "scenario.yaml").write_text(SCENARIO)
-    with FakeProcess(is_lock_step=True, scenario=str(folder / "scenario.yaml"), state_dir=folder) as process:
-        yield process.address
-
-
 @dataclass
 class Robot:
     """The fake robot, and a folder for notes."""
@@ -126,15 +118,13 @@ class Robot:
 
 
 @pytest.fixture
-def robot(fake: FakeAddress, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
+def robot(fake: FakeAddress, admin: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
     for name, value in fake.environment.items():
         monkeypatch.setenv(name, value)
-    with grpc.insecure_channel(fake.admin) as channel:
-        admin = stub(channel, fake_admin_pb2)
-        robot = Robot(fake, admin, tmp_path)
-        yield robot
-        admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
-        robot.tidy_up()
+    robot = Robot(fake, admin, tmp_path)
+    yield robot
+    admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+    robot.tidy_up()
 
 
 def test_a_robot_that_stands_by_itself_sits_and_loses_power(robot: Robot) -> None:

@@ -15,13 +15,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import grpc
 import pytest
 
 from fake_robot.start.process import FakeAddress
 from spot_log import read_run
 from spot_protos import fake_admin_pb2, operator_pb2
-from spot_protos.stub import stub
 from spot_tools.client import OperatorClient, RefusedError
 
 from .conftest import POLICIES, wait_until
@@ -112,16 +110,10 @@ class Service:
 
 
 @pytest.fixture
-def service(tmp_path: Path, fake_process: FakeAddress) -> Iterator[Service]:
-    started = Service(tmp_path, fake_process)
+def service(tmp_path: Path, fake: FakeAddress) -> Iterator[Service]:
+    started = Service(tmp_path, fake)
     yield started
     started.end()
-
-
-@pytest.fixture
-def admin(fake_process: FakeAddress) -> Iterator[Any]:
-    with grpc.insecure_channel(fake_process.admin) as channel:
-        yield stub(channel, fake_admin_pb2)
 
 
 def child_of(pid: int, module: str) -> int:
@@ -261,11 +253,11 @@ def test_when_service_and_control_die_whoever_is_left_makes_the_robot_safe(servi
 
 
 def test_a_run_from_the_command_line_that_is_killed_leaves_no_power(
-    tmp_path: Path, fake_process: FakeAddress, admin: Any
+    tmp_path: Path, fake: FakeAddress, admin: Any
 ) -> None:
-    words = ["run", "--robot", fake_process.robot, "--policy", str(POLICIES / "walk.onnx"), "--duration", "600"]
-    words += ["--log-dir", str(tmp_path), "--lock-step", fake_process.admin, "--sequence", "forward"]
-    environment = {**os.environ, **fake_process.environment, "XDG_STATE_HOME": str(tmp_path)}
+    words = ["run", "--robot", fake.robot, "--policy", str(POLICIES / "walk.onnx"), "--duration", "600"]
+    words += ["--log-dir", str(tmp_path), "--lock-step", fake.admin, "--sequence", "forward"]
+    environment = {**os.environ, **fake.environment, "XDG_STATE_HOME": str(tmp_path)}
     with subprocess.Popen([*SPOT_RL, *words], env=environment, stderr=subprocess.DEVNULL) as run:
         wait_until(lambda: "joint_control" in mode_of(admin) or run.poll() is not None, "the robot walks")
         guardian = child_of(run.pid, "guardian")

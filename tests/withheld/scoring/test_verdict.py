@@ -4,61 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.document import (
-    CalibratedNumber,
-    Calibration,
-    Consequences,
-    Difference,
-    Number,
-    QuantityChange,
-    Shrink,
-    UnknownEffect,
-    Verdict,
-)
 from spot_model.errors import BadInputError
+from tests.diagnosis.report_case import verdict
 from withheld.outcome import Consequences as True_
 from withheld.outcome import read_verdict
 
-CHANGE = QuantityChange(quantity="top_speed", title="top speed", unit="m/s", before=2.0, after=1.8)
-NUMBER = Number(value=0.8, low=0.7, high=0.9)
-WRITTEN = Verdict(
-    status="partly_explained",
-    where=(),
-    differences=(
-        Difference(
-            name="torque_gain",
-            probability=0.9,
-            group=("torque_gain", "load_friction"),
-            joints=("fl_kn",),
-            split_by="",
-            parameters={"gain": NUMBER},
-            by_type={"kn": {"gain": NUMBER}},
-            rivals={"load_friction": 0.2},
-            consequences=Consequences(loop="closed", changes=(CHANGE,)),
-        ),
-    ),
-    calibration=Calibration(
-        numbers=(
-            CalibratedNumber(
-                effect="torque_gain",
-                parameter="gain",
-                title="torque gain",
-                where="kn",
-                nominal=1.0,
-                value=0.86,
-                low=0.85,
-                high=0.87,
-                stands_out=True,
-            ),
-        )
-    ),
-    probability_none=0.05,
-    probability_unknown=0.7,
-    unknown=UnknownEffect(joints=(), regime="", channel="base_wrench", unit="N·m", left=3.0, usual=1.0),
-    channels={},
-    shrink=Shrink(d0=5.0, d1=1.5, floor=1.0, s=0.875, s_low=0.8, s_high=0.9, held_out=()),
-    log_advice=(),
-)
+WRITTEN = verdict((), probability_unknown=0.7)
 
 
 def test_every_field_that_is_scored_is_read(tmp_path: Path) -> None:
