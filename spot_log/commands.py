@@ -85,15 +85,20 @@ def import_recording(
         Path | None, typer.Argument(help="YAML file that maps arrays to signals, or the name of a built-in one.")
     ] = None,
     file: Annotated[
-        Path | None, typer.Argument(help="The recording: .npz, .csv, .parquet, .h5, .hdf5, or a ROS 2 bag.")
+        Path | None,
+        typer.Argument(help="The recording: .npz, .csv, .parquet, .h5, .hdf5, a ROS 2 bag, or a LeRobot data set."),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Name of the log to write; never overwritten.")] = None,
     suggestion: Annotated[
         Path | None, typer.Option("--suggest", help="Write a mapping for this recording instead, here or to --out.")
     ] = None,
+    episode: Annotated[
+        str | None, typer.Option(help="Of a LeRobot data set: a number, or all, for a log of each in the folder --out.")
+    ] = None,
 ) -> None:
     """Convert another program's recording to a log, if it is what the mapping says."""
     from spot_log.importing import import_log, load_mapping
+    from spot_log.importing.lerobot import chosen_episodes
     from spot_log.importing.suggest import suggest
     from spot_model.io.whole import write_new
 
@@ -105,10 +110,17 @@ def import_recording(
     elif mapping is None or file is None or out is None:
         raise BadInputError("give MAPPING, FILE and --out, or --suggest FILE for a mapping to start from")
     else:
-        imported = import_log(load_mapping(mapping), file, out)
-        typer.echo(f"{out}: {imported.rows} rows at {imported.rate_hz:.2f} Hz")
-        for text in imported.doubts:
-            typer.echo(plain(f"doubt: {text}"), err=True)
+        loaded = load_mapping(mapping)
+        numbers = [loaded.episode] if episode is None else chosen_episodes(file, episode)
+        if episode == "all":
+            out.mkdir(parents=True, exist_ok=True)
+        for n in numbers:
+            told = {} if n is None else {"episode": n, "repeat": n}
+            log = out if episode != "all" else out / f"episode_{n:06d}.mcap"
+            imported = import_log(loaded.model_copy(update=told), file, log)
+            typer.echo(f"{log}: {imported.rows} rows at {imported.rate_hz:.2f} Hz")
+            for text in imported.doubts:
+                typer.echo(plain(f"doubt: {text}"), err=True)
         typer.echo(f"not in the recording: {', '.join(imported.missing)}")
 
 

@@ -5,12 +5,13 @@ step; its joints, body and set-points, as logged, go into `mujoco.sysid` as its 
 with position servos, windows that start at logged states, least squares over joint positions and velocities,
 intervals from the Jacobian. It searches what a MuJoCo model has a number for: friction, rotor inertia, the knees'
 range of torque, and the delay of commands (an actuator's `delay`, with `interp="linear"`: by default a delay of N steps
-is N or N + 1; of less than a step it is none). Torque limits that change with speed are not among its parameters, so
-their truths are left out. `mujoco.rollout` gives sensors of the state before each step, and the package stamps them
+is N or N + 1; of less than a step it is none, so that steps are 1 ms).
+Feet start as deep as they are under load. Torque limits that change with speed are not among its parameters, so their
+truths are left out. `mujoco.rollout` gives sensors of the state before each step, and the package stamps them
 with the time after it; here they get their own time. Intervals are of 90 %, as this project states them.
 
     pip install 'mujoco[sysid]==4.0.0'
-    python lab/benchmarks/mujoco_sysid.py [--truth 0] [--seconds 6] [--window 0.03]
+    python lab/benchmarks/mujoco_sysid.py [--truth 0] [--seed 1] [--seconds 6] [--window 0.03]
 """
 
 from __future__ import annotations
@@ -42,9 +43,15 @@ from spot_model.robot.rotation import rotate_inverse_wxyz
 from spot_rl.fake_spot import FakeSpot
 
 SEQUENCES = ("forward", "six_directions")
-TIMESTEP_S = facts.STATE_PERIOD_NS * 1e-9
-HISTORY = 8
-"""Set-points that an actuator keeps for its delay."""
+STATES_S = facts.STATE_PERIOD_NS * 1e-9
+TIMESTEP_S = 0.001
+"""Shorter than the delay of commands, of which an actuator has a time step at least."""
+HISTORY = 16
+"""Set-points, one a time step, that an actuator keeps for its delay."""
+SINKS_M = 0.002
+"""Two feet that carry the robot sink so far into MuJoCo's ground (four that stand: 1.1 mm). From feet that just touch
+it, the model's robot falls for the first third of a piece: delay, friction and inertia then make up for that.
+"""
 SCALE = np.repeat([0.01, 0.5], facts.N_JOINTS)
 """Of a residual: rad, rad/s."""
 PARAMETERS = {
@@ -103,15 +110,18 @@ def apply(spec: mujoco.MjSpec, parameter: Any) -> None:
 def windows(run: Run, model: mujoco.MjModel, length_s: float) -> list[Any]:
     """The log in pieces, each from a measured state on."""
     states, commands = run.states, run.commands
-    # What had been sent by then: the delay until the robot has it is a parameter.
-    at = np.maximum(np.searchsorted(commands.robot_stamp_ns, states.robot_stamp_ns, side="right") - 1, 0)
+
+    def sent(stamps_ns: np.ndarray) -> np.ndarray:
+        """The newest command by then: the delay until the robot has it is a parameter."""
+        return np.maximum(np.searchsorted(commands.robot_stamp_ns, stamps_ns, side="right") - 1, 0)
+
     # Not while the gains still ramp from the vendor's stand, or back to it.
     has_policy_gains = np.isclose(commands.kp_nm_per_rad, facts.POLICY_KP_NM_PER_RAD).all(axis=1) & (
         commands.load_nm == 0.0
     ).all(axis=1)
-    followed = np.flatnonzero(has_policy_gains[at])
-    setpoint = commands.position_rad[at]
-    n = round(length_s / TIMESTEP_S)
+    followed = np.flatnonzero(has_policy_gains[sent(states.robot_stamp_ns)])
+    n = round(length_s / STATES_S)
+    steps = np.arange(-HISTORY, round((n - 1) * STATES_S / TIMESTEP_S) + 1)
     found = []
     for begin in range(followed[0] + n, followed[-1] - n, n):
         rows = slice(begin, begin + n)
@@ -121,8 +131,10 @@ def windows(run: Run, model: mujoco.MjModel, length_s: float) -> list[Any]:
         times = (stamps - stamps[0]) * 1e-9
         measured = np.hstack([states.position_rad[rows], states.velocity_rad_s[rows]])
         sensors = sysid.TimeSeries.from_names(times, measured, model, [model.sensor(i).name for i in range(24)])
-        control = sysid.TimeSeries.from_control_names(times, setpoint[rows], model)
-        found.append((initial_state(model, start_of(run, begin), setpoint[begin - HISTORY : begin]), control, sensors))
+        # Held from step to step: the package would draw a line between set-points that are farther apart.
+        setpoint = commands.position_rad[sent(stamps[0] + np.round(steps * TIMESTEP_S * 1e9).astype(np.int64))]
+        control = sysid.TimeSeries.from_control_names(steps[HISTORY:] * TIMESTEP_S, setpoint[HISTORY:], model)
+        found.append((initial_state(model, start_of(run, begin), setpoint[:HISTORY]), control, sensors))
     return found
 
 
@@ -138,7 +150,7 @@ def initial_state(model: mujoco.MjModel, start: tuple[np.ndarray, np.ndarray], b
 
 
 def start_of(run: Run, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of a logged state; the lowest foot touches the ground."""
+    """Positions and velocities of a logged state; the lowest foot carries weight."""
     states = run.states
     attitude = states.odom_from_body_wxyz[row]
     start = StartState(
@@ -149,7 +161,7 @@ def start_of(run: Run, row: int) -> tuple[np.ndarray, np.ndarray]:
         states.angular_vel_of_body_in_odom_rad_s[row],
         np.zeros(12, dtype=np.float32),
     )
-    height = standing_height_m(start)
+    height = standing_height_m(start) - SINKS_M
     turning = rotate_inverse_wxyz(attitude, start.angular_vel_of_body_in_world_rad_s)
     qpos = np.concatenate([[0.0, 0.0, height], attitude, start.position_rad])
     qvel = np.concatenate([start.linear_vel_of_body_in_world_m_s, np.asarray(turning), start.velocity_rad_s])

@@ -63,7 +63,7 @@ def import_log(mapping: Mapping, source: Path, result: Path) -> Imported:
         raise BadInputError(f"{source} is not what the mapping says: {'; '.join(certain)}; {more}")
     records = [*_doubted(recording, doubts), *records_of(recording)]
     header = RunHeader(
-        run_id=source.stem,
+        run_id=source.stem + (f"-episode-{mapping.episode}" if mapping.episode is not None else ""),
         started_host_stamp_ns=int(recording.stamps_ns[0]),
         robot_id=mapping.robot,
         adapter="import",

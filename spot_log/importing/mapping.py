@@ -146,6 +146,8 @@ class Mapping(_Strict):
     """Name of the motion; runs of the same motion can be compared."""
     repeat: int = 0
     """Number of the run of that motion, from 0."""
+    episode: Annotated[int, Field(ge=0)] | None = None
+    """Which episode of a LeRobot data set; `--episode` of the command says another."""
     labels: dict[str, str] = {}
     """Further words about the run, such as `{surface: grass}`."""
     accept_doubts: bool = False

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.importing.bag import is_bag, read_rows
+from spot_log.importing.lerobot import is_lerobot, read_episode
 from spot_log.importing.mapping import JOINTS, SIGNALS, Mapping, SignalMapping, TimeMapping
 from spot_log.importing.reading import reading
 from spot_model.errors import BadInputError
@@ -32,7 +33,7 @@ def read_arrays(path: Path) -> Arrays:
         OSError: The file cannot be read.
     """
     if path.suffix.lower() not in _READERS:
-        known = ", ".join((*_READERS, "ROS 2 bags (a folder, .mcap, .db3)"))
+        known = ", ".join((*_READERS, "LeRobot data sets (a folder)", "ROS 2 bags (a folder, .mcap, .db3)"))
         raise BadInputError(f"{path}: {path.suffix or 'no suffix'!r} is no known format; allowed: {known}")
     if not path.is_file():
         raise BadInputError(f"{path} {'is no file' if path.exists() else 'does not exist'}; give a recording")
@@ -262,7 +263,10 @@ class ForeignRecording:
     def _arrays(self, file: str | None) -> Arrays:
         path = self.path if file is None else self.path.with_name(file)
         if path not in self._files:
-            self._files[path] = read_rows(path, self.mapping) if is_bag(path) else read_arrays(path)
+            if is_lerobot(path):
+                self._files[path] = read_episode(path, self.mapping.episode)
+            else:
+                self._files[path] = read_rows(path, self.mapping) if is_bag(path) else read_arrays(path)
         return self._files[path]
 
     def _stamps(self) -> NDArray[np.int64]:

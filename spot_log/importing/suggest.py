@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.importing.bag import BagTopic, is_bag, read_topics
+from spot_log.importing.lerobot import entry_names, is_lerobot, read_episode, read_info
 from spot_log.importing.mapping import SCHEMA
 from spot_log.importing.recording import UNITS, read_arrays
 from spot_model.robot.arm import ARM_JOINT_NAMES
@@ -45,9 +46,33 @@ _SPOT: Final = "front.left=fl front.right=fr rear.left=hl rear.right=hr hind.lef
 
 def suggest(path: Path) -> str:
     """The text of a mapping. Raises BadInputError, OSError where the recording cannot be read."""
-    lines = _of_bag(read_topics(path)) if is_bag(path) else _of_arrays(read_arrays(path))
+    if is_lerobot(path):
+        lines = _of_lerobot(path)
+    else:
+        lines = _of_bag(read_topics(path)) if is_bag(path) else _of_arrays(read_arrays(path))
     about = f"# A guess from the names in {path.name}: check every unit, order and frame."
     return "\n".join([about, f"schema: {SCHEMA}", *lines]) + "\n"
+
+
+def _of_lerobot(path: Path) -> Iterator[str]:
+    """The state's motors as joints; actions of the same motors as what was asked of them."""
+    features, arrays = read_info(path).features, read_episode(path, 0)
+    state = arrays.get("observation.state", np.zeros((1, 0)))
+    motors = list(entry_names(features["observation.state"].names)) if state.size else []
+    ends = ".pos" if motors and all(name.endswith(".pos") for name in motors) else ""
+    is_named = len(motors) == state.shape[1]
+    unit = "rad" if np.nanmax(np.abs(state), initial=0.0) <= 7 else "deg"
+    yield from _names(
+        [name.removesuffix(ends) for name in motors] if is_named else [f"joint_{i}" for i in range(state.shape[1])]
+    )
+    yield from ("time: {from: timestamp, unit: s}", "signals:")
+    for signal, feature in (("position", "observation.state"), ("setpoint_position", "action")):
+        if arrays.get(feature, state[:0]).shape == state.shape:
+            source = f"{feature}.{{joint}}{ends}" if is_named and f"{feature}.{motors[0]}" in arrays else feature
+            yield f'  {signal}: {{from: "{source}", unit: {unit}}}'
+    if unit == "deg":
+        yield "# Degrees, or -100 to 100 for a motor's range (then give 'scale'): the data set does not say which."
+    yield f"# An episode has: {', '.join(arrays)}"[:300]
 
 
 def _of_bag(topics: dict[str, BagTopic]) -> Iterator[str]:

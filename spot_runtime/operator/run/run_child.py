@@ -11,6 +11,7 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from typing import NoReturn
 
 from spot_model.errors import SpotRlError
@@ -26,8 +27,11 @@ class BrokenOffError(SpotRlError):
     exit_code = StopReason.OPERATOR_STOP.exit_code
 
 
-def drive(link: RunLink) -> int:
-    """Read the spec and carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
+def drive(link: RunLink, check: Callable[[], None]) -> int:
+    """Read the spec and carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched.
+
+    ``check`` raises where a signal has come.
+    """
     from spot_log.write.logger_process import LoggerProcess
     from spot_log.write.run_writer import make_log_folder
     from spot_runtime.hal.registry import HalRequest, find_adapter
@@ -37,6 +41,7 @@ def drive(link: RunLink) -> int:
     from spot_runtime.operator.run.run_spec import load_checked, read_spec
     from spot_runtime.rescue.guarded import guarded
 
+    check()
     spec = read_spec(sys.stdin.buffer)
     os.environ.update(spec.credentials)
     policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
@@ -48,6 +53,7 @@ def drive(link: RunLink) -> int:
     make_hal = guarded(adapter, request, service_pid=os.getppid(), on_pause=manager.progressed, tell=link.event)
     with InstanceLock(adapter.robot):
         run = OperatedRun(spec, policy, link, LoggerProcess.start, manager=manager)
+        check()
         return int(run.drive(make_hal).exit_code)
 
 
@@ -55,13 +61,20 @@ def main() -> None:
     """Run the process; leaves with the outcome's exit code."""
     link = RunLink(socket.socket(fileno=int(sys.argv[1])))
 
+    came: list[int] = []
+
     def break_off(number: int) -> NoReturn:
+        came.append(number)
         raise BrokenOffError(f"{signal.Signals(number).name} came before the robot was touched; arm again")
+
+    def check() -> None:  # Python swallows what a handler raises within a callback of its own, as imports have them
+        if came:
+            break_off(came[0])
 
     try:
         with answered(break_off, *STOP_SIGNALS):
             link.begin()
-            code = drive(link)
+            code = drive(link, check)
     except SpotRlError as error:
         link.ended(operator_pb2.Outcome(outcome=type(error).__name__, exit_code=error.exit_code, sentence=str(error)))
         code = error.exit_code

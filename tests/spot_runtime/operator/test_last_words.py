@@ -204,10 +204,25 @@ def test_the_last_word_is_one() -> None:
     peer.close()
 
 
-def begun(told: int) -> tuple[ChildProcess, RunProcess]:
+SWALLOWED = """
+import os, signal, sys, weakref
+from spot_runtime.operator.run import run_child
+class Thing: pass
+def begin(link, first=run_child.RunLink.begin):
+    first(link)
+    thing = Thing()
+    watched = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGTERM) or sum(range(10)))
+    del thing
+run_child.RunLink.begin = begin
+run_child.main()
+"""
+
+
+def begun(told: int, *program: str) -> tuple[ChildProcess, RunProcess]:
     """A control process whose spec comes through this descriptor, once it has said its first word."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    words = [sys.executable, "-m", "spot_runtime.operator.run.run_child", str(theirs.fileno())]
+    program = program or ("-m", "spot_runtime.operator.run.run_child")
+    words = [sys.executable, *program, str(theirs.fileno())]
     process = ChildProcess(subprocess.Popen(words, pass_fds=(theirs.fileno(),), stdin=told))
     theirs.close()
     run = RunProcess(process, ours)
@@ -230,6 +245,17 @@ def test_a_control_process_that_is_ended_while_it_still_starts_has_a_last_word(n
     wait_until(is_over, "it ends")
     assert (told[-1].ended.outcome, told[-1].ended.exit_code, run.exit_code()) == ("BrokenOffError", 10, 10)
     assert f"{number.name} came before the robot was touched" in told[-1].ended.sentence
+    run.close()
+    os.close(reading)
+    os.close(writing)
+
+
+def test_a_signal_that_python_swallows_ends_the_start_too(capfd: pytest.CaptureFixture[str]) -> None:
+    reading, writing = os.pipe()  # the spec does not come
+    _, run = begun(reading, "-c", SWALLOWED)
+    wait_until(lambda: not run.read(0.05) and run.exit_code() is not None, "it ends")
+    assert run.exit_code() == 10
+    assert "Exception ignored" in capfd.readouterr().err
     run.close()
     os.close(reading)
     os.close(writing)

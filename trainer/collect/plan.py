@@ -24,12 +24,14 @@ from spot_model.text import counted
 from trainer.collect.collect_run import PAPER_SEQUENCES, PlannedRun, plan_runs, sequence_sources
 from trainer.signals.policy_ticks import Script, fall_stamp_ns
 from trainer.signals.recording import Recording, record
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 from trainer.sysid.config import SysidConfig
 from trainer.sysid.logs import run_from_log
 from trainer.sysid.measured import ResultPart
-from trainer.sysid.torque_fit import TorqueFit, fit_torque
+from trainer.sysid.torque_errors import FitErrors
+from trainer.sysid.torque_fit import fit_torque
 from trainer.sysid.torque_model import TorqueModel, torque_samples
-from trainer.sysid.verdict import judge_parameters
+from trainer.sysid.verdict import ParameterVerdict, judge_parameters
 
 PLAN_NAME: Final = "plan.json"
 OTHER_GAINS: Final = (50.0, 1.0)
@@ -64,15 +66,6 @@ class ExpectedParameter(ResultPart):
     """The motions, of those, with which it would be determined."""
 
 
-class Confounded(ResultPart):
-    """Two parameters of which the recording will show little more than a combination."""
-
-    first: str
-    second: str
-    correlation: float
-    """Of their estimates."""
-
-
 class Plan(ResultPart):
     """What a planned recording is expected to determine: ``plan.json``."""
 
@@ -81,7 +74,8 @@ class Plan(ResultPart):
     sequences: tuple[str, ...]
     repeats: int
     parameters: tuple[ExpectedParameter, ...]
-    confounded: tuple[Confounded, ...]
+    confounded: tuple[tuple[str, str, float], ...]
+    """Pairs of parameters of which the recording shows little more than a combination, and their correlation."""
     notes: tuple[str, ...]
     """Falls of simulated robots, and runs that were too short to use."""
 
@@ -89,9 +83,12 @@ class Plan(ResultPart):
 class _Rehearsal(NamedTuple):
     """One identification of simulated recordings."""
 
-    fit: TorqueFit
-    reasons: tuple[str, ...]
-    is_determined: tuple[bool, ...]
+    errors: FitErrors
+    verdicts: tuple[ParameterVerdict, ...]
+
+    def deviation(self, i: int) -> float | None:
+        value = float(self.errors.standard_error[i])
+        return value if np.isfinite(value) else None
 
 
 def make_plan(
@@ -99,8 +96,6 @@ def make_plan(
     config: SysidConfig,
     sequences: str,
     repeats: int,
-    *,
-    seed: int = 0,
     say: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Rehearse the identification from motions and model alone.
@@ -110,47 +105,45 @@ def make_plan(
         config: Parameters, bounds and model; the parameters' initial values are taken for true.
         sequences: As ``spot-rl collect --sequences`` takes them.
         repeats: Runs of each; a further motion has as many.
-        seed: Of sensor noise and delays.
         say: Is told what begins.
 
     Raises:
         BadInputError: A sequence is unknown, or no simulated robot keeps on its feet for long enough.
     """
-    model, rng = TorqueModel(config.space()), np.random.default_rng(seed)
+    model, rng, notes = TorqueModel(config.space()), np.random.default_rng(0), list[str]()
+    truth = model.space.model_with(model.space.initial)
     planned = plan_runs(sequence_sources(sequences), repeats, policy)
     names = tuple(dict.fromkeys(run.sequence.name for run in planned))
-    say(f"simulating {counted(len(planned), 'run')} of {', '.join(names)} …")
-    notes: list[str] = []
 
     def recorded(runs: Sequence[PlannedRun], under: Policy) -> list[Recording]:
-        truth = model.space.model_with(model.space.initial)
-        return _usable(simulate_scripts(truth, under, _scripts(runs, under), rng, UsualNoise()), under, notes)
+        say(f"simulating {counted(len(runs), 'run')} …")
+        made = simulate_scripts(truth, under, _scripts(runs, under), rng, UsualNoise()) if runs else []
+        return _usable(made, under, notes)
 
-    own = recorded(planned, policy)
+    own, further = recorded(planned, policy), dict[str, list[Recording]]()
     if not own:
-        raise BadInputError(f"--plan {sequences}: no simulated run can be used:\n" + "\n".join(notes))
-    base, further = _rehearsed(model, own), dict[str, _Rehearsal]()
-    if not all(base.is_determined):
-        available = plan_runs(sequence_sources(",".join((*PAPER_SEQUENCES, "standing"))), repeats, policy)
-        others = [run for run in available if run.sequence.name not in names]
-        say(f"simulating {counted(len(others) + repeats, 'run')} of further motions …")
+        raise BadInputError(f"--sequences {sequences}: no simulated run can be used:\n" + "\n".join(notes))
+    base = _rehearsed(model, own)
+    if not all(v.identified for v in base.verdicts):
         kp, kd = ((gain,) * facts.N_JOINTS for gain in OTHER_GAINS)
         softer = policy.contract.model_copy(update={"kp_nm_per_rad": kp, "kd_nm_s_per_rad": kd})
         first = [run for run in planned if run.sequence.name == names[0]]
-        added = {
-            "{} at other gains {:g},{:g}".format(names[0], *OTHER_GAINS): recorded(
-                first, replace(policy, contract=softer)
-            )
-        }
-        for recording in recorded(others, policy):
-            added.setdefault(recording.sequence, []).append(recording)
-        further = {name: _rehearsed(model, [*own, *some]) for name, some in added.items() if some}
+        name = f"{names[0]} at other gains {OTHER_GAINS[0]:g},{OTHER_GAINS[1]:g}"
+        further[name] = recorded(first, replace(policy, contract=softer))
+        available = plan_runs(sequence_sources(",".join((*PAPER_SEQUENCES, "standing"))), repeats, policy)
+        for recording in recorded([run for run in available if run.sequence.name not in names], policy):
+            further.setdefault(recording.sequence, []).append(recording)
+    with_motion = {name: _rehearsed(model, [*own, *some]) for name, some in further.items() if some}
+    correlation = np.triu(base.errors.correlation, 1)
     return Plan(
         policy_sha256=policy.sha256,
         sequences=names,
         repeats=repeats,
-        parameters=_expected(model, base, further),
-        confounded=_confounded(model, base),
+        parameters=tuple(_expected(model, i, base, with_motion) for i in range(model.space.n)),
+        confounded=tuple(
+            (model.space.names[i], model.space.names[j], float(correlation[i, j]))
+            for i, j in np.argwhere(np.abs(correlation) > CONFOUNDED)
+        ),
         notes=tuple(notes),
     )
 
@@ -184,36 +177,22 @@ def _usable(runs: Iterable[Run], policy: Policy, notes: list[str]) -> list[Recor
 def _rehearsed(model: TorqueModel, recordings: Sequence[Recording]) -> _Rehearsal:
     space, samples = model.space, torque_samples(recordings)
     fit = fit_torque(model, samples, [space.initial], np.random.default_rng(0))
-    verdicts = judge_parameters(model, samples, fit, space.initial, None)
-    reasons = (v.reason if covered else UNCOVERED for v, covered in zip(verdicts, model.covered, strict=True))
-    return _Rehearsal(fit, tuple(reasons), tuple(v.identified for v in verdicts))
+    return _Rehearsal(fit.errors, judge_parameters(model, samples, fit, space.initial, None))
 
 
-def _expected(model: TorqueModel, base: _Rehearsal, further: Mapping[str, _Rehearsal]) -> tuple[ExpectedParameter, ...]:
-    def deviation(rehearsal: _Rehearsal, i: int) -> float | None:
-        value = float(rehearsal.fit.errors.standard_error[i])
-        return value if np.isfinite(value) else None
-
-    return tuple(
-        ExpectedParameter(
-            name=p.name,
-            unit=p.unit,
-            low=p.low,
-            high=p.high,
-            standard_deviation=deviation(base, i),
-            is_determined=base.is_determined[i],
-            reason=base.reasons[i],
-            with_motion={name: deviation(other, i) for name, other in further.items() if model.covered[i]},
-            determined_with=tuple(name for name, other in further.items() if other.is_determined[i]),
-        )
-        for i, p in enumerate(model.space.parameters)
+def _expected(model: TorqueModel, i: int, base: _Rehearsal, further: Mapping[str, _Rehearsal]) -> ExpectedParameter:
+    p, is_covered = model.space.parameters[i], bool(model.covered[i])
+    return ExpectedParameter(
+        name=p.name,
+        unit=p.unit,
+        low=p.low,
+        high=p.high,
+        standard_deviation=base.deviation(i),
+        is_determined=base.verdicts[i].identified,
+        reason=base.verdicts[i].reason if is_covered else UNCOVERED,
+        with_motion={name: other.deviation(i) for name, other in further.items() if is_covered},
+        determined_with=tuple(name for name, other in further.items() if other.verdicts[i].identified),
     )
-
-
-def _confounded(model: TorqueModel, base: _Rehearsal) -> tuple[Confounded, ...]:
-    names, found = model.space.names, np.triu(base.fit.errors.correlation, 1)
-    pairs = np.argwhere(np.abs(found) > CONFOUNDED)
-    return tuple(Confounded(first=names[i], second=names[j], correlation=found[i, j]) for i, j in pairs)
 
 
 def plan_text(plan: Plan) -> str:
@@ -224,10 +203,7 @@ def plan_text(plan: Plan) -> str:
     for p in plan.parameters:
         what = f"{p.name}: ± {_size(p)} (before: {p.low:g} to {p.high:g})"
         lines.append(f"{what}, {'determined' if p.is_determined else 'not determined: ' + p.reason}")
-    lines += [
-        f"{pair.first} and {pair.second} are confounded (correlation {pair.correlation:+.2f})."
-        for pair in plan.confounded
-    ]
+    lines += [f"{a} and {b} are confounded (correlation {both:+.2f})." for a, b, both in plan.confounded]
     return "\n".join((*lines, *filter(None, map(_advice, plan.parameters)), *plan.notes))
 
 

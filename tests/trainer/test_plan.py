@@ -12,11 +12,12 @@ from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import save_sequence, sequence_of
 from spot_model.policy.built_in import policy_file
 from spot_model.policy.policy import Policy, load_policy
+from trainer.collect.collect import collect
+from trainer.collect.plan import Plan, make_plan, plan_text, standing_start
 from trainer.signals.policy_ticks import Script
 from trainer.signals.recording import record
-from trainer.sysid.command import sysid
+from trainer.simulate.recorded_runs import UsualNoise, simulate_scripts
 from trainer.sysid.config import SysidConfig
-from trainer.sysid.plan import Plan, make_plan, plan_text, standing_start
 from trainer.sysid.torque_fit import fit_torque
 from trainer.sysid.torque_model import TorqueModel, torque_samples
 
@@ -84,31 +85,20 @@ def test_a_knee_that_does_not_move_tells_no_friction_and_a_motion_that_would_is_
 def test_parameters_that_only_show_together_are_named_as_a_pair(baseline: Policy, run_and_turn: str) -> None:
     config = expected(torque_min_nm=-70.0, speed_min_rad_s=-20.0, intersect_min_rad_s=0.0)
     plan = make_plan(baseline, config, run_and_turn, 1)
-    (pair,) = plan.confounded
     torque, _, corner = plan.parameters
-    assert (pair.first, pair.second) == (torque.name, corner.name)
+    assert [pair[:2] for pair in plan.confounded] == [(torque.name, corner.name)]
     assert not torque.is_determined
     assert f"{torque.name} and {corner.name} are confounded (correlation " in plan_text(plan)
 
 
 def test_the_command_says_what_will_be_determined_and_writes_it(run_and_turn: str, tmp_path: Path) -> None:
     config, out, app = tmp_path / "friction.yaml", tmp_path / "out", typer.Typer()
-    app.command()(sysid)
+    app.command()(collect)
     data = expected(hips=0.1).model_dump(mode="json", by_alias=True, include={"schema_name", "parameters"})
     config.write_text(yaml.safe_dump(data))
-    words = [
-        "--policy",
-        "baseline",
-        "--config",
-        str(config),
-        "--out",
-        str(out),
-        "--repeats",
-        "2",
-        "--plan",
-        run_and_turn,
-    ]
-    result = CliRunner().invoke(app, words)
+    words = ["--policy", "baseline", "--parameters", str(config), "--out", str(out), "--repeats", "2"]
+    words += ["--sequences", run_and_turn]
+    result = CliRunner().invoke(app, [*words, "--plan"])
     assert result.exit_code == 0, result.output
     assert "2 runs each of run and turn would determine 1 of 1 parameter." in result.output
     (hips,) = Plan.model_validate_json((out / "plan.json").read_text()).parameters
@@ -116,9 +106,8 @@ def test_the_command_says_what_will_be_determined_and_writes_it(run_and_turn: st
     assert hips.is_determined
     assert 0.0 < (hips.standard_deviation or 0.0) < 0.05
     assert hips.with_motion == {}
-    assert "exists; nothing is overwritten" in str(CliRunner().invoke(app, words).exception)
-    both = CliRunner().invoke(app, [*words, "logs"])
-    assert "give either LOGS to identify from, or --plan" in str(both.exception)
+    assert "exists; nothing is overwritten" in str(CliRunner().invoke(app, [*words, "--plan"]).exception)
+    assert "give --robot HOST to record, or --plan" in str(CliRunner().invoke(app, words).exception)
 
 
 def test_motions_that_cannot_be_walked_are_refused(baseline: Policy, tmp_path: Path) -> None:
