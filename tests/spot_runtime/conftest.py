@@ -19,7 +19,8 @@ from spot_model.policy.contract import METADATA_KEY, PolicyContract, StoredPair
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.state import JointCommand, RobotState, SlowState
-from spot_protos import fake_admin_pb2_grpc
+from spot_protos import fake_admin_pb2
+from spot_protos.stub import stub
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.stops import Stop
 
@@ -237,4 +238,4 @@ def fake(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def admin(fake: FakeAddress) -> Iterator[Any]:
     """That robot's admin service."""
     with grpc.insecure_channel(fake.admin) as channel:
-        yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield stub(channel, fake_admin_pb2)
