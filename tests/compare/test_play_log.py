@@ -165,6 +165,7 @@ def test_only_what_is_wanted_last_is_simulated_to_its_end_and_errors_are_told() 
     assert simulations.news() == [None, None]
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no headless Chromium is installed")
 def test_a_browser_shows_a_log_and_switches_a_finding_on(tmp_path: Path) -> None:

@@ -85,6 +85,7 @@ def test_a_policy_is_evaluated_on_a_slope_and_in_grass() -> None:
     assert speeds[2] < speeds[0] - 0.02
 
 
+@pytest.mark.slow
 def test_a_whole_evaluation_and_its_page() -> None:
     setting = Setting(load_policy(POLICY), n_threads=1)
     contract = setting.policy.contract.model_copy(

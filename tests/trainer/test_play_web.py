@@ -174,6 +174,7 @@ def test_a_browser_that_never_comes(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no headless Chromium is installed")
 def test_a_browser_watches_and_steers(tmp_path) -> None:

@@ -115,6 +115,7 @@ def test_one_that_does_not_is_told_its_own_folders_alone(
     assert cpu_s > 0.0
 
 
+@pytest.mark.slow
 def test_each_fault_is_measured_by_leaving_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("withheld.blind.execution.TWIN_REPEATS", 1)
     double = job(tmp_path, "stand_in:StandIn", "double")
