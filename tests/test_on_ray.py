@@ -54,8 +54,8 @@ def cluster() -> Iterator[Any]:
         for name, value in {**SETTINGS, "RAY_TMPDIR": folder}.items():
             patch.setenv(name, value)
         patch.delenv("RAY_ADDRESS", raising=False)
+        ray = pytest.importorskip("ray")  # psutil comes with it
         import psutil
-        import ray
         from ray.cluster_utils import Cluster
 
         before = psutil.Process().children(recursive=True)

@@ -205,7 +205,7 @@ def test_lock_step_stands_without_waiting(fake_spot_factory: Callable[..., FakeS
 
 
 def command(*words: str) -> list[str]:
-    return [sys.executable, "-m", "fake_robot", *words]
+    return [sys.executable, "-m", "spot_model", "fake-robot", *words]
 
 
 def test_exec_runs_a_program_and_passes_its_code_on(fake_spot_state_folder: Path) -> None:
