@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import ast
 import contextlib
+import dis
 import importlib.abc
 import importlib.machinery
 import inspect
@@ -68,16 +69,19 @@ class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 # A mutant within a function takes the place of that function's code in a process that has collected the tests. For any
-# other, the module, all that may import it and its tests are loaded anew, which takes a second or two.
+# other, and for a function that has run while its module was loaded, the module, all that may import it and its tests
+# are loaded anew, which takes a second or two.
 ABOVE = ("spot_runtime", "spot_tools", "fake_robot", "proof", "tests")
 
 
 def changed_functions(mutant: Mutant) -> dict[str, types.CodeType] | None:
-    """The code of each function that differs, by qualified name; None where something outside functions differs."""
+    """The code of each function that differs, by qualified name; None where what loading does differs."""
     text = (REPOSITORY / mutant.file).read_text(encoding="utf-8")
     before = compile(ast.unparse(ast.parse(text)), mutant.file, "exec")
     changed: dict[str, types.CodeType] = {}
-    return changed if _compare(before, compile(mutant.source, mutant.file, "exec"), changed) else None
+    is_in_functions = _compare(before, compile(mutant.source, mutant.file, "exec"), changed)
+    read = {step.argval for step in dis.get_instructions(before) if step.opname == "LOAD_NAME"}
+    return changed if is_in_functions and not read & changed.keys() else None
 
 
 def _compare(before: types.CodeType, after: types.CodeType, changed: dict[str, types.CodeType]) -> bool:

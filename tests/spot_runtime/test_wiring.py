@@ -177,23 +177,30 @@ def test_squares_of_the_soles_speeds_fade_and_add_up_and_none_counts_as_more_tha
     assert long.felt_s == 1.0
 
 
-def judged(felt_s: float, reported: float, best: float, windows: int = 3) -> int:
-    """Windows in a row after one more, in which nothing moved; sums are given as they are after it."""
-    fade = 1.0 - 0.018 / 0.5
+def judged(felt_s: float, reported: float, best: float) -> int:
+    """Windows in a row, after three, in one that adds nothing to these sums."""
     slid = np.full(STATES, reported)
     slid[7] = best
-    seen = window(position_rad=facts.DEFAULT_POSITION_RAD)
-    return after_window(WiringMemory((felt_s - 0.018) / fade, slid / fade, windows), seen, CARRIED_N).windows
+    seen = window(position_rad=facts.DEFAULT_POSITION_RAD)._replace(duration_s=0.0)
+    return after_window(WiringMemory(felt_s, slid, 3), seen, CARRIED_N).windows
 
 
 def test_an_error_counts_once_enough_was_felt_slid_and_explained() -> None:
-    slid = 0.05**2 * 0.4
-    assert judged(0.4, 1.001 * slid, 0.33 * slid) == 4
-    assert judged(0.4, 0.999 * slid, 0.33 * slid) == 0
-    assert judged(0.4, 3.003 * slid, slid) == 4
-    assert judged(0.4, 2.997 * slid, slid) == 0
-    assert judged(0.2501, slid, 0.0) == 4
-    assert judged(0.2499, slid, 0.0) == 0
+    enough_s, most = 0.25, 0.05**2 * 0.4
+    assert judged(enough_s, most, 0.0) == 4
+    assert judged(np.nextafter(enough_s, 0.0), most, 0.0) == 0
+    assert judged(0.4, np.nextafter(most, 1.0), 0.33 * most) == 4
+    assert judged(0.4, most, 0.33 * most) == 0
+    share = bounds.MISREAD_SHARE * 0.1
+    assert judged(0.4, 0.1, share) == 4
+    assert judged(0.4, 0.1, np.nextafter(share, 1.0)) == 0
+
+
+def test_counting_begins_with_the_window_that_makes_enough_time_felt() -> None:
+    """Nothing is remembered before the first window, which lasts just as long as is asked for."""
+    *_, last = swaying(np.random.default_rng(0), error("fl_kn and fr_kn exchanged"))
+    enough_s = 0.5 * bounds.FOOT_MEMORY_S
+    assert after_window(WiringMemory(), last._replace(duration_s=enough_s), CARRIED_N).windows == 1
 
 
 def test_the_likeliest_error_is_named_and_the_reported_joints_are_none() -> None:

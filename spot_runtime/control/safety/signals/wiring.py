@@ -41,15 +41,15 @@ def _errors() -> Iterator[tuple[str, NDArray[np.int64], NDArray[np.int64]]]:
 NAMES: Final = tuple(name for name, _, _ in _errors())
 """The errors in words."""
 _ORDER: Final = np.tile(_JOINTS.ravel(), (len(NAMES), 1))
-_SIGN: Final = np.ones(_ORDER.shape)
+_IS_MIRRORED: Final = np.full(_ORDER.shape, False)
 for _row, (_, _one, _other) in enumerate(_errors()):
     _ORDER[_row, [*_one, *_other]] = [*_other, *_one]
-    _SIGN[_row, [] if len(_other) else _one] = -1.0
+    _IS_MIRRORED[_row, [] if len(_other) else _one] = True
 
 
 def readings(joints: Array) -> Array:
     """What joints of shape (12,) would be without each of the errors. Shape (number of :data:`NAMES`, 12)."""
-    return joints[_ORDER] * _SIGN
+    return np.where(_IS_MIRRORED, -joints, joints[_ORDER])
 
 
 def explanations(window: Window) -> tuple[str, ...]:
@@ -102,6 +102,6 @@ def after_window(memory: WiringMemory, window: Window, carried_n: Array | None) 
 def standing(window: Window, carried_n: Array | None) -> NDArray[np.bool_]:
     """Feet that touched the ground throughout and carry something, shape (4,); none where loads are not known."""
     if carried_n is None:
-        return np.zeros(facts.N_LEGS, dtype=np.bool_)
+        return np.full(facts.N_LEGS, False)
     is_loaded = carried_n > bounds.FOOT_LEAST_SHARE * bounds.WEIGHT_N
     return np.asarray(window.first.foot_contact & window.last.foot_contact & is_loaded)
