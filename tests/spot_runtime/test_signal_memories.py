@@ -23,14 +23,20 @@ def wxyz(rotation: Rotation) -> np.ndarray:
     return np.roll(rotation.as_quat(), 1)
 
 
-def window(**changes: object) -> Window:
-    """18 ms of a robot at rest whose last state differs by these."""
+def states_at_rest() -> list[RobotState]:
     still = {"position_rad": ZERO, "velocity_rad_s": ZERO, "odom_from_body_wxyz": LEVEL, "imu": ()}
     still |= {"linear_vel_of_body_in_odom_m_s": np.zeros(3), "angular_vel_of_body_in_odom_rad_s": np.zeros(3)}
     still |= {"foot_contact": np.ones(4, dtype=np.bool_)}
-    states: list[RobotState] = [replace(WalkingRobot(noise=0.0).state(i), **still) for i in range(7)]
-    states[-1] = replace(states[-1], **changes)
-    found = window_of(states)
+    return [replace(WalkingRobot(noise=0.0).state(i), **still) for i in range(7)]
+
+
+AT_REST = states_at_rest()
+
+
+def window(**changes: object) -> Window:
+    """18 ms of a robot at rest whose last state differs by these."""
+    *states, last = AT_REST
+    found = window_of([*states, replace(last, **changes)])
     assert found is not None
     return found
 

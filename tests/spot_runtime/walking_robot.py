@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -30,9 +31,10 @@ class WalkingRobot:
     def state(self, index: int, key: int = 0) -> RobotState:
         """The state so many periods after the start."""
         t, stamp_ns = index * 0.003, START_NS + index * facts.STATE_PERIOD_NS
-        motion = self._motion(t)
+        walk = partial(_motion, turn_rate_rad_s=self.turn_rate_rad_s, is_walking=self.is_walking)
+        motion = walk(t)
         rotation = _matrix(motion.attitude)
-        gained = (self._motion(t + 5e-4).linear - self._motion(t - 5e-4).linear) / 1e-3
+        gained = (walk(t + 5e-4).linear - walk(t - 5e-4).linear) / 1e-3
         n = self.noise * self.rng.standard_normal(64)
         packets = tuple(
             ImuPacket(
@@ -59,27 +61,6 @@ class WalkingRobot:
             imu=packets,
         )
 
-    def _motion(self, t: float) -> _Motion:
-        rate = 2.0 * np.pi * STRIDE_HZ
-        walks = 1.0 if self.is_walking else 0.0
-        phases = rate * t + np.array([0.0, np.pi, np.pi, 0.0])
-        position, velocity = facts.DEFAULT_POSITION_RAD.copy(), np.zeros(12)
-        for joint, swing_rad in enumerate((0.05, SWING_RAD, 0.06)):
-            position[joint::3] += walks * swing_rad * np.sin(phases)
-            velocity[joint::3] = walks * swing_rad * rate * np.cos(phases)
-        # A leg that swings backwards stands.
-        contact = np.cos(phases) > 0.0 if self.is_walking else np.ones(4, dtype=np.bool_)
-        heading = HEADING_RAD + walks * self.turn_rate_rad_s * t
-        attitude = _product(_about(2, heading), _about(0, walks * 0.04 * np.sin(rate * t)))
-        ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
-        turn_rate = walks * (0.04 * rate * np.cos(rate * t) * ahead + np.array([0.0, 0.0, self.turn_rate_rad_s]))
-        rotation = _matrix(attitude)
-        legs, in_body = feet(position, velocity), rotation.T @ turn_rate
-        relative = legs.velocity_m_s + np.cross(in_body, legs.position_m)
-        relative -= facts.FOOT_RADIUS_M * np.cross(in_body + legs.turn_rate_rad_s, rotation[2])
-        linear = rotation @ -relative[contact].mean(axis=0) if self.is_walking and contact.any() else np.zeros(3)
-        return _Motion(position, velocity, attitude, linear, turn_rate, contact)
-
 
 class _Motion(NamedTuple):
     position: np.ndarray
@@ -88,6 +69,30 @@ class _Motion(NamedTuple):
     linear: np.ndarray
     turn_rate: np.ndarray
     contact: np.ndarray
+
+
+@lru_cache(maxsize=20_000)
+def _motion(t: float, *, turn_rate_rad_s: float, is_walking: bool) -> _Motion:
+    """What it does at a time, s; every test asks for the same few."""
+    rate = 2.0 * np.pi * STRIDE_HZ
+    walks = 1.0 if is_walking else 0.0
+    phases = rate * t + np.array([0.0, np.pi, np.pi, 0.0])
+    position, velocity = facts.DEFAULT_POSITION_RAD.copy(), np.zeros(12)
+    for joint, swing_rad in enumerate((0.05, SWING_RAD, 0.06)):
+        position[joint::3] += walks * swing_rad * np.sin(phases)
+        velocity[joint::3] = walks * swing_rad * rate * np.cos(phases)
+    # A leg that swings backwards stands.
+    contact = np.cos(phases) > 0.0 if is_walking else np.ones(4, dtype=np.bool_)
+    heading = HEADING_RAD + walks * turn_rate_rad_s * t
+    attitude = _product(_about(2, heading), _about(0, walks * 0.04 * np.sin(rate * t)))
+    ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
+    turn_rate = walks * (0.04 * rate * np.cos(rate * t) * ahead + np.array([0.0, 0.0, turn_rate_rad_s]))
+    rotation = _matrix(attitude)
+    legs, in_body = feet(position, velocity), rotation.T @ turn_rate
+    relative = legs.velocity_m_s + np.cross(in_body, legs.position_m)
+    relative -= facts.FOOT_RADIUS_M * np.cross(in_body + legs.turn_rate_rad_s, rotation[2])
+    linear = rotation @ -relative[contact].mean(axis=0) if is_walking and contact.any() else np.zeros(3)
+    return _Motion(position, velocity, attitude, linear, turn_rate, contact)
 
 
 def _about(axis: int, angle_rad: float) -> np.ndarray:
