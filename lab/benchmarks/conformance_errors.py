@@ -1,6 +1,6 @@
 """How many planted errors the conformance suite finds.
 
-Each of tests/fake_robot/planted_errors.py is planted alone, in a server that passes every call on to a fake robot.
+Each error of ``proof.planted`` is planted alone, in a server that passes every call on to a fake robot.
 
     python lab/benchmarks/conformance_errors.py [--with-motion] [--source SOURCE] [NAME ...]
 
@@ -14,24 +14,20 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import tempfile
 import time
 from collections import defaultdict
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
-
-from fake_robot.conformance.check import CheckOutcome, Needs  # noqa: E402
-from fake_robot.conformance.command import connect, run_checks  # noqa: E402
-from fake_robot.robot.robot import Robot  # noqa: E402
-from fake_robot.scenario.scenario import scenario_from_data  # noqa: E402
-from fake_robot.services.auth import Credentials  # noqa: E402
-from fake_robot.start.certificates import ensure_certificates  # noqa: E402
-from fake_robot.start.server import FakeServer  # noqa: E402
-from tests.fake_robot.planted_errors import ERRORS  # noqa: E402
-from tests.fake_robot.planted_server import RIGHT, PlantedServer  # noqa: E402
+from fake_robot.conformance.check import CheckOutcome, Needs
+from fake_robot.conformance.command import connect, run_checks
+from fake_robot.robot.robot import Robot
+from fake_robot.scenario.scenario import scenario_from_data
+from fake_robot.services.auth import Credentials
+from fake_robot.start.certificates import ensure_certificates
+from fake_robot.start.server import FakeServer
+from proof.planted.errors import ERRORS
+from proof.planted.server import RIGHT, PlantedServer
 
 SCENARIO = {
     "power": {"power_on_s": 0.3, "power_off_s": 0.1},

@@ -49,10 +49,11 @@ from fake_robot.scenario.scenario import scenario_from_data
 from fake_robot.services.auth import Credentials
 from fake_robot.start.commands import app
 from fake_robot.start.server import FakeServer
+from proof.planted.errors import ERRORS
+from proof.planted.planting import STATE, STREAM, PlantedError
+from proof.planted.server import RIGHT, PlantedServer
 from spot_model.errors import BadInputError
 from spot_model.robot.facts import STAND_KD_NM_S_PER_RAD, STAND_KP_NM_PER_RAD
-from tests.fake_robot.planted_errors import ERRORS, STATE, STREAM, PlantedError
-from tests.fake_robot.planted_server import RIGHT, PlantedServer
 
 BRISK: dict[str, Any] = {
     "power": {"power_on_s": 0.2, "power_off_s": 0.1},

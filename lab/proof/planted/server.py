@@ -1,4 +1,4 @@
-"""A server that passes every call on to a fake robot, with one error of ``planted_errors`` at a time."""
+"""A server that passes every call on to a fake robot, with one error of ``errors`` at a time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import grpc
 from google.protobuf import descriptor_pool, message_factory
 
 from fake_robot.start.certificates import ServerCertificates
-from tests.fake_robot.planted_errors import ANY, PlantedError
+from proof.planted.planting import ANY, PlantedError
 
 RIGHT = PlantedError("right", "Nothing is wrong.", "own", needs_motion=False)
 _THREADS = 48
