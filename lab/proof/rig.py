@@ -113,6 +113,8 @@ class Rig(FakeRobot):
     """What every run's configuration begins with."""
     wakes_at_every_state: bool = True
     """In lock-step, as in real time; otherwise only where a tick is due, which is quicker."""
+    make_sink: SinkFactory | None = None
+    """What opens the log of a run that names nothing else; None: the log's own process, as in a real run."""
     loggers: list[LoggerProcess] = field(default_factory=list)
     """The log's process of each run, oldest first."""
     _names: int = 0
@@ -166,7 +168,7 @@ class Rig(FakeRobot):
 
         console = Console(io.StringIO())
         try:
-            summary = run_once(request, make_hal, make_sink or self.start_logger, console)
+            summary = run_once(request, make_hal, make_sink or self.make_sink or self.start_logger, console)
         finally:
             console.close()
         return Drive(summary, made[0], path)

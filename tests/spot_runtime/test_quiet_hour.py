@@ -14,7 +14,7 @@ from spot_runtime.control.safety.states import StateMemory, screen_state
 from spot_runtime.safety_limits import SafetyLimits
 from tests.spot_runtime.resting_robot import QuietRobot
 
-QUIET_MINUTES = 10.0
+QUIET_MINUTES = 4.0
 """All robots together."""
 SEEDS = range(12)
 LIMITS = SafetyLimits()
