@@ -117,7 +117,7 @@ def measured(stand: Stand, rng: np.random.Generator) -> Array:
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_a_robot_that_stands_is_believed(ground: str) -> None:
     rng = np.random.default_rng(2)
-    for _ in range(40):
+    for _ in range(15):
         stand = drawn_stand(rng, **GROUNDS[ground])
         assert not is_stance_wrong(seen(stand.position_rad, measured(stand, rng), stand.up))
 

@@ -87,7 +87,7 @@ def test_a_run(held_s: float, tmp_path: Path, fake: FakeAddress, admin: Any, thi
     assert not notes(tmp_path)
 
 
-@pytest.mark.parametrize("held_s", HOLDS_S)
+@pytest.mark.parametrize("held_s", [HOLDS_S[0], HOLDS_S[-1]])
 def test_a_service(held_s: float, tmp_path: Path, fake: FakeAddress, admin: Any, thief: Thief) -> None:
     service = Service(tmp_path, fake, is_lock_step=False)
     try:
