@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.ndimage import binary_dilation, uniform_filter1d
+from scipy.ndimage import binary_dilation
 from scipy.signal import lfilter
 
-from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
+from diagnosis.channels import Array, Channel, ChannelView, Flags
 from diagnosis.channels.load_lag import load_lag_s, set_point_steps
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect, TorqueEffect
@@ -31,14 +31,8 @@ COMMANDED: Final = ("position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad"
 STOP_MARGIN_RAD: Final = 0.02
 BEFORE_FLAG, AFTER_FLAG = 5, 2
 """States around a change of the contact flag that are left out: flags come late."""
-RATTLE_REACH: Final = 9
-"""States over which rattling is averaged, the reach of the smoothing filter."""
-RATTLE_RAD_S: Final = 0.25
-"""Root mean square of a velocity's second difference between states; a new set-point's step makes at most 0.2."""
 ONE_PHASE: Final = 0.05
 """Share of a period within which commands always come, if a recording has them row by row with its states."""
-TIMES_USUAL: Final = 3.0
-"""Noisy velocities rattle all the time: only so many times the usual counts."""
 
 
 @dataclass(frozen=True)
@@ -150,15 +144,11 @@ class ActuatorSignals:
 
 def actuator_view(
     stack: Stack, effects: Sequence[Effect], limits_rad: tuple[Array, Array] | None = None
-) -> ChannelView | ChannelOff:
+) -> ChannelView:
     """Build the channel *set-point to load*, with the nominal model's effects.
 
     A load at a joint's stop is not the motor's: ``limits_rad`` are the stops, low and high, shape (J,), where known.
     """
-    if missing := stack.missing({"load_nm": "torque", "position_rad": "position", "velocity_rad_s": "velocity"}):
-        return ChannelOff(Channel.SET_POINT_TO_LOAD, f"no measured joint {missing}")
-    if any(len(r.commands) == 0 for r in stack.recordings):
-        return ChannelOff(Channel.SET_POINT_TO_LOAD, "no commands")
     lag_s, note = load_lag_s(stack)
     signals = _signals(stack, effects, lag_s)
     raw = signals.load_nm - signals.torque_nm
@@ -215,24 +205,11 @@ def _losses_nm(effects: Sequence[Effect], motion: LossMotion) -> Array | float:
     return joint_losses_nm(losing, motion) if losing else 0.0
 
 
-def rattling(stack: Stack) -> Flags:
-    """Where a joint's velocity rattles, by impacts or a foot that skips over the ground; shape (N, J).
-
-    The load of one instant says little there of the mean acceleration between states, and no filter mends that.
-    """
-    velocity = stack.filled(lambda r: r.velocity_rad_s)
-    second = np.zeros_like(velocity)
-    second[1:-1] = velocity[2:] - 2.0 * velocity[1:-1] + velocity[:-2]
-    size = np.sqrt(uniform_filter1d(second**2, RATTLE_REACH, axis=0))
-    usual = np.median(size[stack.used], axis=0) if stack.used.any() else np.zeros(velocity.shape[1])
-    return np.asarray(size > np.maximum(RATTLE_RAD_S, TIMES_USUAL * usual))
-
-
 def _impacts(stack: Stack) -> Flags:
     """States at which a joint rattles, or its foot touches down or lifts off, shape (N, J)."""
-    hit, legs = rattling(stack), stack.legs
+    hit, legs = stack.rattles.copy(), stack.legs
     if stack.has("foot_contact"):
-        contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+        contact = stack.states.foot_contact
         change = np.zeros_like(contact)
         change[1:] = contact[1:] != contact[:-1]
         reach = np.zeros((2 * BEFORE_FLAG + 1, 1), dtype=np.bool_)
@@ -265,13 +242,15 @@ def _between_states(stack: Stack, lag_s: float) -> Array:
 
 def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:
     """Signals a lag before each state: joints interpolated, and the servo law of the command in effect then."""
-    step_s, now = stack.step_s(), stack.filled(lambda r: r.velocity_rad_s)
+    now = stack.states.velocity_rad_s
+    steps_s = np.concatenate([np.diff(r.time_s, prepend=-r.period_s) for r in stack.recordings])
+    step_s = np.maximum(steps_s, 1e-9)[:, None]
 
     def before(values: Array, by_s: float) -> Array:
         earlier = np.concatenate([values[:1], values[:-1]])
-        return values + np.minimum(by_s / step_s, 1.0) * (earlier - values)
+        return np.asarray(values + np.minimum(by_s / step_s, 1.0) * (earlier - values))
 
-    position, velocity = before(stack.filled(lambda r: r.position_rad), lag_s), before(now, lag_s)
+    position, velocity = before(stack.states.position_rad, lag_s), before(now, lag_s)
     commands: dict[str, list[Array]] = {name: [] for name in COMMANDED}
     ages: list[Array] = []
     for recording in stack.recordings:
@@ -301,7 +280,7 @@ def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorS
         kd_nm_s_per_rad=asked["kd_nm_s_per_rad"],
         request_nm=request,
         torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.run, stack.period_s),
-        load_nm=stack.filled(lambda r: r.load_nm),
+        load_nm=stack.states.load_nm,
         command_age_s=np.concatenate(ages),
         lag_s=lag_s,
         effects=tuple(effects),

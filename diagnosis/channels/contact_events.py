@@ -61,8 +61,6 @@ Events = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 
 def contact_view(dynamics: DynamicsSignals, stance: StanceSignals) -> ChannelView | ChannelOff:
     """Build the channel *contact events*."""
-    if not dynamics.stack.has("foot_contact"):
-        return ChannelOff(Channel.CONTACT_EVENTS, "no contact flags")
     slip_rows, slip_legs, ratios = _slips(dynamics, stance)
     stop_rows, stop_legs, stop_s = _stop_times(stance, dynamics.contact)
     kinds: tuple[Events, ...] = (

@@ -26,9 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags
-from diagnosis.channels.actuator import rattling
-from diagnosis.channels.body_model import GRAVITY_M_S2, BodyInputs, BodyModel, full_rate_inputs, imu_gravity_m_s2
-from diagnosis.channels.stack import Stack, white_noise
+from diagnosis.channels.body_model import BodyInputs, BodyModel, full_rate_inputs
+from diagnosis.channels.stack import GRAVITY_M_S2, Stack, white_noise
 from spot_model.effects.base import Effect
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
@@ -38,12 +37,6 @@ from trainer.signals.smoothing import REACH, smooth
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
-NEEDED: Final = {
-    "position_rad": "joint positions",
-    "velocity_rad_s": "joint velocities",
-    "odom_from_body_wxyz": "attitude",
-    "angular_vel_of_body_in_odom_rad_s": "turn rate",
-}
 CARRIES: Final = 0.1
 """Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
 
@@ -91,8 +84,6 @@ class DynamicsSignals:
     """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
     place: tuple[Array, Array]
     """As :func:`place_of_feet` has it; like the force the same for many changes of inputs."""
-    imu_gravity_m_s2: float | None
-    """In the inertial unit's readings; None where accelerations are not by one."""
     drive: ChannelView | None = None
     """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
@@ -166,23 +157,10 @@ def _of_rows(values: Any, keep: Flags) -> Any:
     return values[keep]
 
 
-def missing_for_dynamics(stack: Stack) -> str:
-    """What logs lack for channels *load to motion* and *base wrench*, loads apart; empty if nothing."""
-    if stack.joint_names != facts.JOINT_NAMES:
-        return "no body model of this robot"
-    if stack.too_coarse():
-        return stack.too_coarse()
-    if missing := stack.missing(NEEDED):
-        return f"no {missing}"
-    if not stack.has("linear_vel_of_body_in_odom_m_s") and not stack.has("imu.acceleration_m_s2"):
-        return "neither the body's velocity nor an inertial unit"
-    return ""
-
-
 def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
     """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
     rows = kept_rows(stack)
-    raw = full_rate_inputs(stack, stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm)
+    raw = full_rate_inputs(stack, stack.states.load_nm if drive is None else drive.signals.load_nm)
     inputs = BodyInputs(**{f.name: smooth(getattr(raw, f.name), rows) for f in fields(BodyInputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
@@ -192,8 +170,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     nominal = Residuals(*(smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
     place = place_of_feet(inputs, model.foot_radius_m)
-    has_flags = stack.has("foot_contact")
-    contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(raw, full.foot_force_n)
+    contact = stack.states.foot_contact if stack.has("foot_contact") else carrying(raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
         effects=tuple(effects),
@@ -203,12 +180,11 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         load_rate_nm_s=stack.rate(raw.load_nm, rows),
         position_rate_rad_s=position_rate[rows],
         position_curvature_rad_s2=stack.rate(position_rate, rows),
-        contact=contact.astype(np.bool_),
+        contact=contact,
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),
         force=force,
         place=place,
-        imu_gravity_m_s2=imu_gravity_m_s2(stack),
         drive=drive,
     )
 
@@ -322,7 +298,7 @@ def motion_views(signals: DynamicsSignals, lag_s: float) -> tuple[ChannelView, C
     calm = np.all(steady[signals.rows], axis=1)
     _, _, residuals = realigned(signals, swinging, calm, lag_s)
     # A foot that skips over the ground is carried by no flag, and shakes its whole leg.
-    rattles = rattling(stack)[signals.rows].reshape(-1, facts.N_LEGS, 3).any(axis=2)
+    rattles = stack.rattles[signals.rows].reshape(-1, facts.N_LEGS, 3).any(axis=2)
     usable = np.repeat(swinging & ~rattles, 3, axis=1)
     load = signals.inputs.load_nm
     moved = [float(np.sqrt(np.mean(load[rows, i] ** 2))) if rows.any() else 0.0 for i, rows in enumerate(usable.T)]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
-from diagnosis.channels.body_model import BodyModel, imu_gravity_m_s2
+from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.dynamics import STRIDE, DynamicsSignals, contact_point_and_jacobian, kept_rows
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect
@@ -111,32 +111,17 @@ class StanceSignals:
         return np.pad(velocities, ((0, 0), (0, facts.N_LEGS)))
 
 
-def stance_view(
-    stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSignals | None = None
-) -> ChannelView | ChannelOff:
+def stance_view(stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSignals | None = None) -> ChannelView:
     """Build the channel *stance kinematics*; ``dynamics`` gives the feet's forces to what depends on them."""
-    if stack.joint_names != facts.JOINT_NAMES:
-        return ChannelOff(Channel.STANCE_KINEMATICS, "no body model of this robot")
-    needed = {"position_rad": "joint positions", "velocity_rad_s": "joint velocities"}
-    needed |= {"foot_contact": "contact flags"} if dynamics is None else {}
-    needed |= {"odom_from_body_wxyz": "attitude", "linear_vel_of_body_in_odom_m_s": "body velocity"}
-    if missing := stack.missing({**needed, "angular_vel_of_body_in_odom_rad_s": "turn rate"}):
-        return ChannelOff(Channel.STANCE_KINEMATICS, f"no {missing}")
-    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
-    attitude = np.where(np.abs(attitude).sum(axis=1, keepdims=True) > 0.5, attitude, np.array([1.0, 0.0, 0.0, 0.0]))
-    linear, angular = (
-        rotate_inverse_wxyz(attitude, stack.filled(of))
-        for of in (lambda r: r.linear_vel_of_body_in_odom_m_s, lambda r: r.angular_vel_of_body_in_odom_rad_s)
-    )
     inputs = Kinematics(
-        odom_from_body_wxyz=attitude,
-        linear_vel_in_body_m_s=linear,
-        angular_vel_in_body_rad_s=angular,
-        position_rad=stack.filled(lambda r: r.position_rad),
-        velocity_rad_s=stack.filled(lambda r: r.velocity_rad_s),
+        odom_from_body_wxyz=stack.states.odom_from_body_wxyz,
+        linear_vel_in_body_m_s=stack.linear_vel_in_body_m_s,
+        angular_vel_in_body_rad_s=stack.angular_vel_in_body_rad_s,
+        position_rad=stack.states.position_rad,
+        velocity_rad_s=stack.states.velocity_rad_s,
         foot_radius_m=BodyModel(effects).foot_radius_m,
     )
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_) if dynamics is None else dynamics.contact
+    contact = stack.states.foot_contact if dynamics is None else dynamics.contact
     standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)
     rows = kept_rows(stack)
     heading, height = motion_of_feet(inputs)
@@ -149,7 +134,7 @@ def stance_view(
     velocities = np.stack([steady, steady, settled], axis=2).reshape(len(rows), -1)
     usable = np.concatenate([velocities, several], axis=1)
     legs = np.arange(facts.N_LEGS)
-    acceleration, load = _acceleration_in_body(stack, inputs), stack.filled(lambda r: r.load_nm)
+    acceleration, load = _acceleration_in_body(stack, inputs), stack.states.load_nm
     floor = np.concatenate([np.tile(VELOCITY_FLOOR_M_S, facts.N_LEGS), np.full(4, HEIGHT_FLOOR_M)])
     return stack.view(
         Channel.STANCE_KINEMATICS,
@@ -202,11 +187,11 @@ def _rows_of(heading: Array, height: Array, standing: Flags) -> Array:
 
 def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
     """Derivative of the velocity's components in the body frame, shape (N, 3), m/s²."""
-    gravity = imu_gravity_m_s2(stack)
+    gravity = stack.imu_gravity_m_s2
     if gravity is None:
         return np.asarray(np.gradient(k.linear_vel_in_body_m_s, stack.period_s, axis=0))
     upright = np.broadcast_to([0.0, 0.0, gravity], (stack.n, 3))
-    felt = stack.filled(lambda r: r.imu.acceleration_m_s2) - rotate_inverse_wxyz(k.odom_from_body_wxyz, upright)
+    felt = stack.imu.acceleration_m_s2 - rotate_inverse_wxyz(k.odom_from_body_wxyz, upright)
     return np.asarray(felt - np.cross(k.angular_vel_in_body_rad_s, k.linear_vel_in_body_m_s))
 
 
@@ -218,11 +203,6 @@ def _in_heading(odom_from_body_wxyz: Array, in_body: Array) -> Array:
     return np.asarray(rotate_inverse_wxyz(np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1), odom))
 
 
-INERTIAL_NEEDED: Final = {
-    "imu.acceleration_m_s2": "inertial unit",
-    "odom_from_body_wxyz": "attitude",
-    "linear_vel_of_body_in_odom_m_s": "body velocity",
-}
 INERTIAL_ROWS: Final = ("acceleration_x", "acceleration_y", "acceleration_z", "turn_x", "turn_y", "turn_z")
 INERTIAL_FLOOR: Final = np.array([0.3, 0.3, 0.5, 0.03, 0.03, 0.03])
 """What impacts and soft mounts leave at least, m/s² and rad/s."""
@@ -234,11 +214,6 @@ class InertialSignals:
 
     stack: Stack
     rows: NDArray[np.intp]
-    odom_from_body_wxyz: Array
-    reading_m_s2: Array
-    """In the link's frame, gravity in it or not as the unit reports."""
-    linear_vel_in_odom_m_s: Array
-    angular_vel_in_body_rad_s: Array
     velocity_rate_in_body_m_s2: Array
     """Rate of the velocity's components in the body frame, by the unit, at its own stamps."""
 
@@ -260,36 +235,18 @@ class InertialSignals:
 
 def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     """Build the channel *inertial unit*."""
-    if stack.too_coarse():
-        return ChannelOff(Channel.INERTIAL_UNIT, stack.too_coarse())
-    if missing := stack.missing(INERTIAL_NEEDED):
-        return ChannelOff(Channel.INERTIAL_UNIT, f"no {missing}")
-    gravity = imu_gravity_m_s2(stack)
+    gravity = stack.imu_gravity_m_s2
     if gravity is None:
         return ChannelOff(Channel.INERTIAL_UNIT, "the inertial unit's mean reading is neither gravity nor none")
-    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
-    rows = kept_rows(stack, 2 * REACH)
-    reading = stack.filled(lambda r: r.imu.acceleration_m_s2)
-    age_s = stack.recordings[0].imu.age_s
-    felt = np.asarray(rotate_wxyz(attitude, reading))
-    velocity = stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s)
-    turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
-    signals = InertialSignals(
-        stack=stack,
-        rows=rows,
-        odom_from_body_wxyz=attitude,
-        reading_m_s2=reading,
-        angular_vel_in_body_rad_s=turn,
-        velocity_rate_in_body_m_s2=np.asarray(
-            rotate_inverse_wxyz(attitude, felt - np.array([0.0, 0.0, gravity]))
-            - np.cross(turn, rotate_inverse_wxyz(attitude, velocity))
-        ),
-        linear_vel_in_odom_m_s=velocity,
-    )
-    felt_now = signals.finish(felt) + age_s * signals.finish_rate(felt)
+    attitude, rows = stack.states.odom_from_body_wxyz, kept_rows(stack, 2 * REACH)
+    felt = np.asarray(rotate_wxyz(attitude, stack.imu.acceleration_m_s2))
+    pushed = rotate_inverse_wxyz(attitude, felt - np.array([0.0, 0.0, gravity]))
+    turning = np.cross(stack.angular_vel_in_body_rad_s, stack.linear_vel_in_body_m_s)
+    signals = InertialSignals(stack, rows, velocity_rate_in_body_m_s2=np.asarray(pushed - turning))
+    felt_now = signals.finish(felt) + stack.imu.age_s * signals.finish_rate(felt)
     upright = np.array([0.0, 0.0, gravity, 0.0, 0.0, 0.0])
-    acceleration = felt_now - upright - signals.finish_rate(signals.linear_vel_in_odom_m_s)
-    response = acceleration + _turns(signals, age_s)
+    acceleration = felt_now - upright - signals.finish_rate(stack.states.linear_vel_of_body_in_odom_m_s)
+    response = acceleration + _turns(stack, rows)
     usable = np.ones(response.shape, dtype=np.bool_)
     return stack.view(
         Channel.INERTIAL_UNIT,
@@ -303,12 +260,10 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     )
 
 
-def _turns(signals: InertialSignals, age_s: float) -> Array:
-    """Turn rate by the unit less that of the attitude, body frame, in the last three of six columns."""
-    stack = signals.stack
-    attitude = signals.odom_from_body_wxyz
-    gyro = stack.filled(lambda r: r.imu.angular_vel_rad_s)
-    read = smooth(smooth(gyro)) + age_s * smooth(stack.rate(gyro))
+def _turns(stack: Stack, rows: NDArray[np.intp]) -> Array:
+    """Turn rate by the unit less that of the attitude, body frame, in the last three of six columns, at some rows."""
+    gyro, attitude = stack.imu.angular_vel_rad_s, stack.states.odom_from_body_wxyz
+    read = smooth(smooth(gyro)) + stack.imu.age_s * smooth(stack.rate(gyro))
     change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), stack.rate(attitude))
-    turn = (read - smooth(2.0 * np.asarray(change)[:, 1:]))[signals.rows]
+    turn = (read - smooth(2.0 * np.asarray(change)[:, 1:]))[rows]
     return np.concatenate([np.zeros_like(turn), turn], axis=1)

@@ -141,12 +141,12 @@ class VelocityEstimateEntry(LibraryEffect):
         """
         if view.name == Channel.INERTIAL_UNIT:
             s: InertialSignals = view.signals
-            scale = -s.finish_rate(s.linear_vel_in_odom_m_s)
+            scale = -s.finish_rate(s.stack.states.linear_vel_of_body_in_odom_m_s)
             # The estimator's filter works on the components in the body frame.
             rate = s.velocity_rate_in_body_m_s2
             passed = s.stack.low_pass(rate, shape["lag_s"])
-            turning = np.cross(s.angular_vel_in_body_rad_s, shape["lag_s"] * passed)
-            late = s.finish(rotate_wxyz(s.odom_from_body_wxyz, rate - passed + turning))
+            turning = np.cross(s.stack.angular_vel_in_body_rad_s, shape["lag_s"] * passed)
+            late = s.finish(rotate_wxyz(s.stack.states.odom_from_body_wxyz, rate - passed + turning))
             return np.stack([scale, np.zeros_like(scale), np.zeros_like(scale), late], axis=2)
         k: StanceSignals = view.signals
         velocity = k.raw.linear_vel_in_body_m_s
@@ -203,8 +203,9 @@ class ImuTiltEntry(LibraryEffect):
             i: InertialSignals = view.signals
             if packets_are_tilted:
                 return np.zeros((view.n, len(view.rows)))
-            tilted, right = i.odom_from_body_wxyz, turned_back(i.odom_from_body_wxyz)
-            return i.finish(rotate_wxyz(tilted, i.reading_m_s2) - rotate_wxyz(right, i.reading_m_s2)) / TILT_STEP_RAD
+            tilted, reading = i.stack.states.odom_from_body_wxyz, i.stack.imu.acceleration_m_s2
+            change = rotate_wxyz(tilted, reading) - rotate_wxyz(turned_back(tilted), reading)
+            return i.finish(change) / TILT_STEP_RAD
         if view.name == Channel.STANCE_KINEMATICS:
             k: StanceSignals = view.signals
             change = k.correction(
@@ -218,9 +219,9 @@ class ImuTiltEntry(LibraryEffect):
         s: DynamicsSignals = view.signals
         tilted, acceleration = s.inputs.world_from_body_wxyz, s.inputs.linear_acc_in_world_m_s2
         right = turned_back(tilted)
-        if not packets_are_tilted and s.imu_gravity_m_s2 is not None:
+        if not packets_are_tilted and s.stack.imu_gravity_m_s2 is not None:
             # An untilted packet was turned by the tilted attitude, gravity with it.
-            felt = acceleration + np.array([0.0, 0.0, s.imu_gravity_m_s2])
+            felt = acceleration + np.array([0.0, 0.0, s.stack.imu_gravity_m_s2])
             acceleration = acceleration + rotate_wxyz(right, rotate_wxyz(tilted * CONJUGATE, felt)) - felt
         change = s.correction(
             view.name,

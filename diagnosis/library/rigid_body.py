@@ -10,8 +10,9 @@ import numpy as np
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
-from diagnosis.channels.body_model import GRAVITY_M_S2, full_rate_inputs
+from diagnosis.channels.body_model import full_rate_inputs
 from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.stack import GRAVITY_M_S2
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library import WIDE_STEPS, Coefficient, LibraryEffect, Location, ShapeGrid
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
@@ -258,7 +259,7 @@ class SwingingMassEntry(PayloadEntry):
     def show(self, views: Views) -> tuple[Channel, ...]:
         """Only by an inertial unit's acceleration: that of a differentiated velocity is ten times as noisy."""
         view = views.get(Channel.BASE_WRENCH)
-        return super().show(views) if view is not None and view.signals.imu_gravity_m_s2 is not None else ()
+        return super().show(views) if view is not None and view.signals.stack.imu_gravity_m_s2 is not None else ()
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """Force of one kilogram at the body's origin, and moments of one kilogram-metre along each axis."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.channels import Array, Channel, ChannelView
+from diagnosis.channels import Array, Channel
 from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.environment import Surroundings
@@ -120,9 +120,8 @@ def diagnose_runs(
         around = trials.surroundings.overall
         corrected = around.around(corrected)
         logs = stack([record(run) for run in trials.runs[NOMINAL]])
-        loads = actuator_view(logs, nominal.effects)
         real = GapSide(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
-        made = GapSide(logs, loads if isinstance(loads, ChannelView) else None)
+        made = GapSide(logs, actuator_view(logs, nominal.effects))
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
         shrink = measure_shrink(trials, belief.stated, rng)
         measured = measured_by_simulation(trials, best, belief.stated, rng) or measured

@@ -172,7 +172,7 @@ def test_channel_k_standing_feet_stand(null):
 
 
 def test_channel_i_knows_gravity_and_the_age_of_packets(null, null_runs):
-    assert null[Channel.BASE_WRENCH].signals.imu_gravity_m_s2 == 9.81
+    assert null[Channel.BASE_WRENCH].signals.stack.imu_gravity_m_s2 == 9.81
     wrong = [
         dataclasses.replace(
             r,
@@ -200,7 +200,7 @@ def test_channel_i_takes_a_unit_without_gravity_for_what_it_is(null_runs):
         return dataclasses.replace(run, states=dataclasses.replace(run.states, imu=changed))
 
     views, _ = views_of([without(r) for r in null_runs])
-    assert views[Channel.BASE_WRENCH].signals.imu_gravity_m_s2 == 0.0
+    assert views[Channel.BASE_WRENCH].signals.stack.imu_gravity_m_s2 == 0.0
     assert np.max(robust_scale(views[Channel.INERTIAL_UNIT])) < 1.6
     assert abs(median(views[Channel.BASE_WRENCH], "force_z")) < 2.0
 
