@@ -16,14 +16,14 @@ from scipy.ndimage import binary_dilation
 from scipy.signal import lfilter
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags
-from diagnosis.channels.load_lag import load_lag_s, set_point_steps
+from diagnosis.channels.load_lag import between_states, load_lag_s
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.plant.model_fields import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import N_JOINTS
 from trainer.signals.motor_torque import check_joints, direction, nominal_torque_nm, torque_after_nm
-from trainer.signals.smoothing import smooth, smooth_windows, windows
+from trainer.signals.smoothing import rate, smooth, smooth_windows, windows
 
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
@@ -31,8 +31,6 @@ COMMANDED: Final = ("position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad"
 STOP_MARGIN_RAD: Final = 0.02
 BEFORE_FLAG, AFTER_FLAG = 5, 2
 """States around a change of the contact flag that are left out: flags come late."""
-ONE_PHASE: Final = 0.05
-"""Share of a period within which commands always come, if a recording has them row by row with its states."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,7 @@ class ActuatorSignals:
 
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of a raw column, likewise."""
-        return self.stack.rate(raw, self.kept)
+        return rate(raw, self.period_s, self.kept)
 
     def loss_motion(self) -> LossMotion:
         """The motion as the channel's rows have it, for losses between motor and load cell."""
@@ -150,6 +148,7 @@ def actuator_view(
     A load at a joint's stop is not the motor's: ``limits_rad`` are the stops, low and high, shape (J,), where known.
     """
     lag_s, note = load_lag_s(stack)
+    between = between_states(stack, lag_s)
     signals = _signals(stack, effects, lag_s)
     raw = signals.load_nm - signals.torque_nm
     response = signals.finish(raw) + _losses_nm(effects, signals.loss_motion())
@@ -167,7 +166,7 @@ def actuator_view(
         unit="N·m",
         usable=kept,
         noise=white_noise(raw, usable),
-        nuisance=signals.finish(_between_states(stack, lag_s))[:, :, None],
+        nuisance=signals.finish(between)[:, :, None],
         signals=signals,
         notes=(note,) if note else (),
     )
@@ -181,7 +180,7 @@ def stand_in_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView:
     """
     bare = _signals(stack, effects, 0.0)
     still = bare.still_velocity_rad_s
-    motion = LossMotion(still, stack.rate(bare.velocity_rad_s), direction(still))
+    motion = LossMotion(still, rate(bare.velocity_rad_s, stack.period_s), direction(still))
     load = bare.torque_nm - _losses_nm(effects, motion)
     nothing = np.zeros_like(load[bare.kept])
     return stack.joint_view(
@@ -217,27 +216,6 @@ def _impacts(stack: Stack) -> Flags:
         around = np.asarray(binary_dilation(change, reach))
         hit[:, legs >= 0] |= around[:, legs[legs >= 0]]
     return hit
-
-
-def _between_states(stack: Stack, lag_s: float) -> Array:
-    """What a rotor takes of a set-point's step within the period in which it comes, as far as states cannot tell.
-
-    A load is measured at the end of a period, when the step is in it or not yet; the mean acceleration over the period
-    has the part of it since it came. What a rotor's inertia makes of the difference is a nuisance. Shape (N, J), N·m.
-    A recording of commands row by row with its states does not say when in a period they came: nothing is taken off.
-    """
-    parts: list[Array] = []
-    for recording in stack.recordings:
-        out = np.zeros((len(recording), recording.n_joints))
-        step, received_ns, state, later = set_point_steps(recording)
-        inside = (received_ns > recording.start_ns) & (state < len(recording)) & (later < 1.0)
-        if not recording.has_receipts and inside.any() and np.ptp(later[inside]) < ONE_PHASE:
-            inside[:] = False
-        share = later[inside]
-        seen = (share * recording.period_s >= lag_s).astype(np.float64)
-        np.add.at(out, state[inside], (seen - share)[:, None] * np.nan_to_num(step[inside]))
-        parts.append(out)
-    return np.concatenate(parts)
 
 
 def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:

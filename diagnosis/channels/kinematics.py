@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
-from diagnosis.channels.body_model import BodyModel
-from diagnosis.channels.dynamics import STRIDE, DynamicsSignals, contact_point_and_jacobian, kept_rows
-from diagnosis.channels.stack import Stack, white_noise
+from diagnosis.channels.body_model import BodyModel, contact_point_and_jacobian
+from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.stack import STRIDE, Stack, white_noise
 from spot_model.effects.base import Effect
 from spot_model.robot import facts
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
-from trainer.signals.smoothing import REACH, smooth
+from trainer.signals.smoothing import REACH, rate, smooth
 
 AFTER_TOUCH_DOWN: Final = 9
 BEFORE_LIFT_OFF: Final = 7
@@ -123,7 +123,7 @@ def stance_view(stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSigna
     )
     contact = stack.states.foot_contact if dynamics is None else dynamics.contact
     standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)
-    rows = kept_rows(stack)
+    rows = stack.kept_rows()
     heading, height = motion_of_feet(inputs)
     response = smooth(_rows_of(heading, height, standing), rows)
     steady = stack.inner(standing)[rows]
@@ -152,8 +152,8 @@ def stance_view(stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSigna
             raw=inputs,
             inputs=inputs.of(lambda x: smooth(x, rows)),
             load_nm=smooth(load, rows),
-            load_rate_nm_s=stack.rate(load, rows),
-            position_rate_rad_s=stack.rate(inputs.position_rad, rows),
+            load_rate_nm_s=rate(load, stack.period_s, rows),
+            position_rate_rad_s=rate(inputs.position_rad, stack.period_s, rows),
             standing=standing,
             nominal=response,
             rising_m_s=heading[..., 2],
@@ -229,7 +229,7 @@ class InertialSignals:
 
     def finish_rate(self, in_odom: Array) -> Array:
         """The derivative of a velocity, likewise."""
-        once = smooth(self.stack.rate(in_odom), self.rows)
+        once = smooth(rate(in_odom, self.stack.period_s), self.rows)
         return np.concatenate([once, np.zeros_like(once)], axis=1)
 
 
@@ -238,7 +238,7 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     gravity = stack.imu_gravity_m_s2
     if gravity is None:
         return ChannelOff(Channel.INERTIAL_UNIT, "the inertial unit's mean reading is neither gravity nor none")
-    attitude, rows = stack.states.odom_from_body_wxyz, kept_rows(stack, 2 * REACH)
+    attitude, rows = stack.states.odom_from_body_wxyz, stack.kept_rows(2 * REACH)
     felt = np.asarray(rotate_wxyz(attitude, stack.imu.acceleration_m_s2))
     pushed = rotate_inverse_wxyz(attitude, felt - np.array([0.0, 0.0, gravity]))
     turning = np.cross(stack.angular_vel_in_body_rad_s, stack.linear_vel_in_body_m_s)
@@ -263,7 +263,7 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
 def _turns(stack: Stack, rows: NDArray[np.intp]) -> Array:
     """Turn rate by the unit less that of the attitude, body frame, in the last three of six columns, at some rows."""
     gyro, attitude = stack.imu.angular_vel_rad_s, stack.states.odom_from_body_wxyz
-    read = smooth(smooth(gyro)) + stack.imu.age_s * smooth(stack.rate(gyro))
-    change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), stack.rate(attitude))
+    read = smooth(smooth(gyro)) + stack.imu.age_s * smooth(rate(gyro, stack.period_s))
+    change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), rate(attitude, stack.period_s))
     turn = (read - smooth(2.0 * np.asarray(change)[:, 1:]))[rows]
     return np.concatenate([np.zeros_like(turn), turn], axis=1)

@@ -18,10 +18,12 @@ from spot_model.errors import BadInputError
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
 from spot_model.robot.state import Measured
 from trainer.signals.recording import Imu, Recording
-from trainer.signals.smoothing import NOISE_GAIN, REACH, Rows, eroded, rate
+from trainer.signals.smoothing import NOISE_GAIN, REACH, eroded
 
 MIN_NOISE: Final = 1e-6
 """No channel's noise counts as less than this, in its own unit: simulated logs may have none."""
+STRIDE: Final = 4
+"""Channels of the body keep every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
 GRAVITY_M_S2: Final = 9.81
 GRAVITY_TOLERANCE_M_S2: Final = 2.0
 """The mean vertical reading must be this near to gravity, or to none, to know whether it is in."""
@@ -53,6 +55,54 @@ class Stack:
     used: Flags
     """What the segmentation leaves, shape (n,)."""
     period_s: float
+
+    @staticmethod
+    def of(recordings: Sequence[Recording]) -> Stack:
+        """Segment the recordings and put them end to end.
+
+        Raises:
+            BadInputError: There are none, or they are of different robots or state rates.
+        """
+        if not recordings:
+            raise BadInputError("no recording to diagnose; give at least one log")
+        first = recordings[0]
+        for other in recordings[1:]:
+            if other.joint_names != first.joint_names:
+                raise BadInputError(
+                    f"log {other.run_id} has joints {', '.join(other.joint_names)}; log {first.run_id} has "
+                    f"{', '.join(first.joint_names)}; diagnose logs of one robot at a time"
+                )
+            if abs(other.period_s - first.period_s) > 0.01 * first.period_s:
+                raise BadInputError(
+                    f"log {other.run_id} has a state every {1e3 * other.period_s:.3f} ms, log {first.run_id} every "
+                    f"{1e3 * first.period_s:.3f} ms; diagnose logs of one state rate at a time"
+                )
+        segmentations = tuple(cut(r) for r in recordings)
+        sizes = [len(r) for r in recordings]
+
+        def filled(each: Sequence[Any]) -> Array:
+            return np.asarray(np.nan_to_num(np.concatenate(each)))
+
+        signals = {f.name: [getattr(r, f.name) for r in recordings] for f in fields(Measured)}
+        contacts = signals.pop("foot_contact")
+        n_feet = min(contact.shape[1] for contact in contacts)
+        return Stack(
+            recordings=tuple(recordings),
+            segmentations=segmentations,
+            states=Measured(
+                **{name: filled(each) for name, each in signals.items()},
+                foot_contact=np.concatenate([contact[:, :n_feet] for contact in contacts]),
+            ),
+            imu=Imu(
+                filled([r.imu.acceleration_m_s2 for r in recordings]),
+                filled([r.imu.angular_vel_rad_s for r in recordings]),
+                first.imu.age_s,
+            ),
+            run=np.repeat(np.arange(len(sizes), dtype=np.intp), sizes),
+            state=np.concatenate([np.arange(s, dtype=np.intp) for s in sizes]),
+            used=np.concatenate([s.used for s in segmentations]),
+            period_s=first.period_s,
+        )
 
     @property
     def n(self) -> int:
@@ -99,13 +149,13 @@ class Stack:
         rows = {"rows": self.joint_names, "row_joint": np.arange(len(legs)), "row_leg": legs, "leg_of_joint": legs}
         return self.view(name, at, response, **rows, **rest)
 
-    def rate(self, values: Array, at: Rows | None = None) -> Array:
-        """Derivative of the smoothed values along time, per second."""
-        return rate(values, self.period_s, at)
-
     def inner(self, flags: Flags, before: int = REACH, after: int = REACH) -> Flags:
         """Flags of shape (n, ...) that hold throughout the filter's reach, within one recording."""
         return self.by_run(lambda part: eroded(part, before, after), flags)
+
+    def kept_rows(self, reach: int = REACH) -> Ints:
+        """One of :data:`STRIDE` rows, where the filter reaches nothing that is not used; shape (m,)."""
+        return np.flatnonzero((np.arange(self.n) % STRIDE == 0) & self.inner(self.used, reach, reach))
 
     def by_run(self, compute: Callable[[NDArray[Any]], NDArray[Any]], values: NDArray[Any]) -> NDArray[Any]:
         """What a function of the same shape makes of (n, ...), each recording by itself."""
@@ -161,54 +211,6 @@ class Stack:
         size = np.sqrt(uniform_filter1d(second**2, RATTLE_REACH, axis=0))
         usual = np.median(size[self.used], axis=0) if self.used.any() else np.zeros(velocity.shape[1])
         return np.asarray(size > np.maximum(RATTLE_RAD_S, TIMES_USUAL * usual))
-
-
-def stack(recordings: Sequence[Recording]) -> Stack:
-    """Segment the recordings and put them end to end.
-
-    Raises:
-        BadInputError: There are none, or they are of different robots or state rates.
-    """
-    if not recordings:
-        raise BadInputError("no recording to diagnose; give at least one log")
-    first = recordings[0]
-    for other in recordings[1:]:
-        if other.joint_names != first.joint_names:
-            raise BadInputError(
-                f"log {other.run_id} has joints {', '.join(other.joint_names)}; log {first.run_id} has "
-                f"{', '.join(first.joint_names)}; diagnose logs of one robot at a time"
-            )
-        if abs(other.period_s - first.period_s) > 0.01 * first.period_s:
-            raise BadInputError(
-                f"log {other.run_id} has a state every {1e3 * other.period_s:.3f} ms, log {first.run_id} every "
-                f"{1e3 * first.period_s:.3f} ms; diagnose logs of one state rate at a time"
-            )
-    segmentations = tuple(cut(r) for r in recordings)
-    sizes = [len(r) for r in recordings]
-
-    def filled(each: Sequence[Any]) -> Array:
-        return np.asarray(np.nan_to_num(np.concatenate(each)))
-
-    signals = {f.name: [getattr(r, f.name) for r in recordings] for f in fields(Measured)}
-    contacts = signals.pop("foot_contact")
-    n_feet = min(contact.shape[1] for contact in contacts)
-    return Stack(
-        recordings=tuple(recordings),
-        segmentations=segmentations,
-        states=Measured(
-            **{name: filled(each) for name, each in signals.items()},
-            foot_contact=np.concatenate([contact[:, :n_feet] for contact in contacts]),
-        ),
-        imu=Imu(
-            filled([r.imu.acceleration_m_s2 for r in recordings]),
-            filled([r.imu.angular_vel_rad_s for r in recordings]),
-            first.imu.age_s,
-        ),
-        run=np.repeat(np.arange(len(sizes), dtype=np.intp), sizes),
-        state=np.concatenate([np.arange(s, dtype=np.intp) for s in sizes]),
-        used=np.concatenate([s.used for s in segmentations]),
-        period_s=first.period_s,
-    )
 
 
 def white_noise(residual: Array, usable: Flags, *, is_smoothed: bool = False) -> Array:
