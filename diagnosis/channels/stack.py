@@ -56,54 +56,6 @@ class Stack:
     """What the segmentation leaves, shape (n,)."""
     period_s: float
 
-    @staticmethod
-    def of(recordings: Sequence[Recording]) -> Stack:
-        """Segment the recordings and put them end to end.
-
-        Raises:
-            BadInputError: There are none, or they are of different robots or state rates.
-        """
-        if not recordings:
-            raise BadInputError("no recording to diagnose; give at least one log")
-        first = recordings[0]
-        for other in recordings[1:]:
-            if other.joint_names != first.joint_names:
-                raise BadInputError(
-                    f"log {other.run_id} has joints {', '.join(other.joint_names)}; log {first.run_id} has "
-                    f"{', '.join(first.joint_names)}; diagnose logs of one robot at a time"
-                )
-            if abs(other.period_s - first.period_s) > 0.01 * first.period_s:
-                raise BadInputError(
-                    f"log {other.run_id} has a state every {1e3 * other.period_s:.3f} ms, log {first.run_id} every "
-                    f"{1e3 * first.period_s:.3f} ms; diagnose logs of one state rate at a time"
-                )
-        segmentations = tuple(cut(r) for r in recordings)
-        sizes = [len(r) for r in recordings]
-
-        def filled(each: Sequence[Any]) -> Array:
-            return np.asarray(np.nan_to_num(np.concatenate(each)))
-
-        signals = {f.name: [getattr(r, f.name) for r in recordings] for f in fields(Measured)}
-        contacts = signals.pop("foot_contact")
-        n_feet = min(contact.shape[1] for contact in contacts)
-        return Stack(
-            recordings=tuple(recordings),
-            segmentations=segmentations,
-            states=Measured(
-                **{name: filled(each) for name, each in signals.items()},
-                foot_contact=np.concatenate([contact[:, :n_feet] for contact in contacts]),
-            ),
-            imu=Imu(
-                filled([r.imu.acceleration_m_s2 for r in recordings]),
-                filled([r.imu.angular_vel_rad_s for r in recordings]),
-                first.imu.age_s,
-            ),
-            run=np.repeat(np.arange(len(sizes), dtype=np.intp), sizes),
-            state=np.concatenate([np.arange(s, dtype=np.intp) for s in sizes]),
-            used=np.concatenate([s.used for s in segmentations]),
-            period_s=first.period_s,
-        )
-
     @property
     def n(self) -> int:
         """Number of rows."""
@@ -211,6 +163,54 @@ class Stack:
         size = np.sqrt(uniform_filter1d(second**2, RATTLE_REACH, axis=0))
         usual = np.median(size[self.used], axis=0) if self.used.any() else np.zeros(velocity.shape[1])
         return np.asarray(size > np.maximum(RATTLE_RAD_S, TIMES_USUAL * usual))
+
+
+def stacked(recordings: Sequence[Recording]) -> Stack:
+    """Segment the recordings and put them end to end.
+
+    Raises:
+        BadInputError: There are none, or they are of different robots or state rates.
+    """
+    if not recordings:
+        raise BadInputError("no recording to diagnose; give at least one log")
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.joint_names != first.joint_names:
+            raise BadInputError(
+                f"log {other.run_id} has joints {', '.join(other.joint_names)}; log {first.run_id} has "
+                f"{', '.join(first.joint_names)}; diagnose logs of one robot at a time"
+            )
+        if abs(other.period_s - first.period_s) > 0.01 * first.period_s:
+            raise BadInputError(
+                f"log {other.run_id} has a state every {1e3 * other.period_s:.3f} ms, log {first.run_id} every "
+                f"{1e3 * first.period_s:.3f} ms; diagnose logs of one state rate at a time"
+            )
+    segmentations = tuple(cut(r) for r in recordings)
+    sizes = [len(r) for r in recordings]
+
+    def filled(each: Sequence[Any]) -> Array:
+        return np.asarray(np.nan_to_num(np.concatenate(each)))
+
+    signals = {f.name: [getattr(r, f.name) for r in recordings] for f in fields(Measured)}
+    contacts = signals.pop("foot_contact")
+    n_feet = min(contact.shape[1] for contact in contacts)
+    return Stack(
+        recordings=tuple(recordings),
+        segmentations=segmentations,
+        states=Measured(
+            **{name: filled(each) for name, each in signals.items()},
+            foot_contact=np.concatenate([contact[:, :n_feet] for contact in contacts]),
+        ),
+        imu=Imu(
+            filled([r.imu.acceleration_m_s2 for r in recordings]),
+            filled([r.imu.angular_vel_rad_s for r in recordings]),
+            first.imu.age_s,
+        ),
+        run=np.repeat(np.arange(len(sizes), dtype=np.intp), sizes),
+        state=np.concatenate([np.arange(s, dtype=np.intp) for s in sizes]),
+        used=np.concatenate([s.used for s in segmentations]),
+        period_s=first.period_s,
+    )
 
 
 def white_noise(residual: Array, usable: Flags, *, is_smoothed: bool = False) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from diagnosis.channels import Array, Channel
 from diagnosis.channels.actuator import actuator_view
-from diagnosis.channels.stack import Stack
+from diagnosis.channels.stack import stacked
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.gap_map import GapSide, gap_map
 from diagnosis.closed_loop.simulation import RolloutEngine, rollouts_under
@@ -119,7 +119,7 @@ def diagnose_runs(
         say("weighing what was found")
         around = trials.surroundings.overall
         corrected = around.around(corrected)
-        logs = Stack.of([record(run) for run in trials.runs[NOMINAL]])
+        logs = stacked([record(run) for run in trials.runs[NOMINAL]])
         real = GapSide(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
         made = GapSide(logs, actuator_view(logs, nominal.effects))
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)

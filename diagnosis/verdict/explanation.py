@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from diagnosis.channels import Array, Channel, ChannelOff, Views
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import Stack
+from diagnosis.channels.stack import Stack, stacked
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import JointGroups, LibraryEffect
 from diagnosis.library.held import less_held
@@ -85,7 +85,7 @@ def evidence_of(
     Raises:
         BadInputError: Nothing of the logs can be used, or they feed no channel at all.
     """
-    logs = Stack.of([record(run) for run in runs])
+    logs = stacked([record(run) for run in runs])
     if not logs.used.any():
         cuts = dict.fromkeys(s.reason for own in logs.segmentations for s in own.segments if s.is_cut)
         told = "record the robot while commands move it, on its feet"

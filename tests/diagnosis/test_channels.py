@@ -12,7 +12,7 @@ from diagnosis.channels.body_model import residuals
 from diagnosis.channels.build import build_views
 from diagnosis.channels.dynamics import DynamicsSignals, realigned
 from diagnosis.channels.kinematics import StanceSignals, standing_feet
-from diagnosis.channels.stack import Stack
+from diagnosis.channels.stack import stacked
 from diagnosis.library.drive import ViscousEntry
 from diagnosis.library.rigid_body import LegMassEntry
 from spot_log.read.run import CommandTable, StateTable
@@ -33,7 +33,7 @@ WALK_POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
 
 def views_of(runs, model=NOMINAL, **options):
-    return build_views(Stack.of([record(r) for r in runs]), model, **options)
+    return build_views(stacked([record(r) for r in runs]), model, **options)
 
 
 def median(view, row):
@@ -289,7 +289,7 @@ def test_missing_signals_switch_off_the_channels_that_need_them(null_runs):
 def test_logs_of_two_robots_are_refused(null_runs):
     other = cropped(null_runs[1], (1, 2, 5), ("shoulder", "elbow", "wrist"))
     with pytest.raises(BadInputError, match="diagnose logs of one robot at a time"):
-        Stack.of([record(null_runs[0]), record(other)])
+        stacked([record(null_runs[0]), record(other)])
 
 
 def test_long_logs_are_thinned_and_tell_what_all_rows_tell(null_runs, monkeypatch):
@@ -318,7 +318,7 @@ def test_long_logs_are_thinned_and_tell_what_all_rows_tell(null_runs, monkeypatc
 @pytest.fixture(scope="module")
 def signals() -> tuple[DynamicsSignals, StanceSignals]:
     views, _ = build_views(
-        Stack.of([record(run) for run in planted_runs(Truth(), 1, sequence=walk_sequence(3.0))]), NOMINAL
+        stacked([record(run) for run in planted_runs(Truth(), 1, sequence=walk_sequence(3.0))]), NOMINAL
     )
     return views[Channel.LOAD_TO_MOTION].signals, views[Channel.STANCE_KINEMATICS].signals
 

@@ -12,7 +12,7 @@ import pytest
 
 from diagnosis.channels import Array, Views
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import Stack
+from diagnosis.channels.stack import stacked
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import JointGroups, LibraryEffect, Location
 from diagnosis.library.held import OF_CHANNEL_ONLY, groups_of
@@ -280,7 +280,7 @@ A simulated filter takes a reading to have held since the one before, and so lag
 @cache
 def planted_views(effects: tuple[Effect, ...]) -> Views:
     runs = planted_runs(Truth(effects), 1, sequence=walk_sequence(2.0))
-    return build_views(Stack.of([record(r) for r in runs]), NOMINAL)[0]
+    return build_views(stacked([record(r) for r in runs]), NOMINAL)[0]
 
 
 def fitted(entry: LibraryEffect, shape: Mapping[str, float], views: Views) -> Array:
