@@ -74,6 +74,7 @@ class BodyModel:
         model.opt.disableflags |= (
             off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT | off.mjDSBL_SENSOR | off.mjDSBL_ACTUATION | off.mjDSBL_LIMIT
         )
+        self.effects = tuple(effects)
         self._model = model
         self._data = mujoco.MjData(model)
         mujoco.mj_setConst(model, self._data)

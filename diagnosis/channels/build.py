@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Sequence
+
 import numpy as np
 
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, thinned_views
 from diagnosis.channels.actuator import ActuatorSignals, actuator_view, stand_in_view
+from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.contact_events import contact_view
 from diagnosis.channels.dynamics import dynamics_signals, motion_views
 from diagnosis.channels.kinematics import inertial_view, stance_view
 from diagnosis.channels.program import Actor, replay_view, timing_view
 from diagnosis.channels.sensors import noise_view, power_view, rate_view
 from diagnosis.channels.stack import Stack
+from spot_model.effects.base import Effect
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 from trainer.signals.smoothing import too_coarse
@@ -32,7 +36,8 @@ def build_views(
         The channels that are on, by name in the order of ``Channel``, and those that are off with their reasons.
     """
     effects, lacks = model.effects, lacking(stack)
-    if limits_rad is None and stack.joint_names == facts.JOINT_NAMES:
+    is_spot = stack.joint_names == facts.JOINT_NAMES
+    if limits_rad is None and is_spot:
         limits_rad = (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
     found: list[ChannelView | ChannelOff] = [ChannelOff(name, reason) for name, reason in lacks.items()]
     drive: ActuatorSignals | None = None
@@ -50,19 +55,29 @@ def build_views(
         found.append(inertial_view(stack))
     if Channel.BATTERY_POWER not in lacks:
         found.append(power_view(stack))
-    dynamics = None
-    if Channel.BASE_WRENCH not in lacks:
-        dynamics = dynamics_signals(stack, effects, None if stack.has("load_nm") else stand_in_view(stack, effects))
-        found += motion_views(dynamics, lag_s)
-    if Channel.STANCE_KINEMATICS not in lacks:
-        stance = stance_view(stack, effects, dynamics)
-        found.append(stance)
-        if dynamics and Channel.CONTACT_EVENTS not in lacks:
-            found.append(contact_view(dynamics, stance.signals))
+    if is_spot:
+        found += _body_views(stack, effects, lacks, lag_s)
     by_name = {view.name: view for view in found}
     on = {name: view for name in Channel if isinstance(view := by_name[name], ChannelView)}
     off = tuple(view for name in Channel if isinstance(view := by_name[name], ChannelOff))
     return thinned_views(on, stack.n), off
+
+
+def _body_views(
+    stack: Stack, effects: Sequence[Effect], lacks: Container[Channel], lag_s: float
+) -> list[ChannelView | ChannelOff]:
+    """Channels of Spot's body and feet; ``lag_s`` is the load's."""
+    found: list[ChannelView | ChannelOff] = []
+    dynamics, model = None, BodyModel(effects)
+    if Channel.BASE_WRENCH not in lacks:
+        dynamics = dynamics_signals(stack, model, None if stack.has("load_nm") else stand_in_view(stack, effects))
+        found += motion_views(dynamics, lag_s)
+    if Channel.STANCE_KINEMATICS not in lacks:
+        stance = stance_view(stack, model, dynamics)
+        found.append(stance)
+        if dynamics and Channel.CONTACT_EVENTS not in lacks:
+            found.append(contact_view(dynamics, stance.signals))
+    return found
 
 
 def lacking(stack: Stack) -> dict[Channel, str]:

@@ -14,7 +14,7 @@ instant, or a load that is older by the lag that channel *set-point to load* mea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
@@ -46,9 +46,8 @@ class DynamicsSignals:
     """Signals of channels *load to motion* and *base wrench*."""
 
     stack: Stack
-    effects: tuple[Effect, ...]
-    """Effects of the nominal model."""
     model: BodyModel
+    """The nominal one."""
     rows: NDArray[np.intp]
     """Rows of the stack that are kept, shape (n,)."""
     inputs: BodyInputs
@@ -97,7 +96,7 @@ class DynamicsSignals:
         """The same for a nominal model with one more model effect."""
 
         def computed() -> Residuals:
-            model = BodyModel((*self.effects, effect))
+            model = BodyModel((*self.model.effects, effect))
             same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
             return residuals(model, self.inputs, place=self.place if same else None)
 
@@ -141,7 +140,7 @@ def _of_rows(values: Any, keep: Flags) -> Any:
     return values[keep]
 
 
-def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
+def dynamics_signals(stack: Stack, model: BodyModel, drive: ChannelView | None) -> DynamicsSignals:
     """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
     rows = stack.kept_rows()
     raw = full_rate_inputs(stack, stack.states.load_nm if drive is None else drive.signals.load_nm)
@@ -149,7 +148,6 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
     position_rate = rate(raw.position_rad, stack.period_s)
-    model = BodyModel(effects)
     full = residuals(model, raw)
     nominal = Residuals(*(smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
@@ -157,7 +155,6 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
     contact = stack.states.foot_contact if stack.has("foot_contact") else carrying(raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
-        effects=tuple(effects),
         model=model,
         rows=rows,
         inputs=inputs,

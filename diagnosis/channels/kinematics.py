@@ -14,7 +14,7 @@ that lags, which need a second derivative, keep their size.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
@@ -25,7 +25,6 @@ from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
 from diagnosis.channels.body_model import BodyModel, contact_point_and_jacobian
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.stack import STRIDE, Stack, white_noise
-from spot_model.effects.base import Effect
 from spot_model.robot import facts
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
 from trainer.signals.smoothing import REACH, rate, smooth
@@ -111,7 +110,7 @@ class StanceSignals:
         return np.pad(velocities, ((0, 0), (0, facts.N_LEGS)))
 
 
-def stance_view(stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSignals | None = None) -> ChannelView:
+def stance_view(stack: Stack, model: BodyModel, dynamics: DynamicsSignals | None) -> ChannelView:
     """Build the channel *stance kinematics*; ``dynamics`` gives the feet's forces to what depends on them."""
     inputs = Kinematics(
         odom_from_body_wxyz=stack.states.odom_from_body_wxyz,
@@ -119,7 +118,7 @@ def stance_view(stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSigna
         angular_vel_in_body_rad_s=stack.angular_vel_in_body_rad_s,
         position_rad=stack.states.position_rad,
         velocity_rad_s=stack.states.velocity_rad_s,
-        foot_radius_m=BodyModel(effects).foot_radius_m,
+        foot_radius_m=model.foot_radius_m,
     )
     contact = stack.states.foot_contact if dynamics is None else dynamics.contact
     standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)

@@ -139,7 +139,7 @@ def test_channel_q_sees_a_velocity_that_is_one_state_late(null_runs):
     ]
     now, then = views_of(null_runs)[0][Channel.JOINT_RATES], views_of(late)[0][Channel.JOINT_RATES]
     signals = now.signals
-    column = signals.finish_rate(signals.velocity_rad_s)
+    column = signals.finish_rate(signals.stack.states.velocity_rad_s)
 
     def age_s(view):
         good = view.usable[:, 2]
