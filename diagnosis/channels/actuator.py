@@ -134,11 +134,6 @@ class ActuatorSignals:
         taps = [*np.zeros(int(whole)), 1.0 - share, share]
         return self.stack.by_run(lambda part: lfilter(taps, 1.0, part, axis=0), raw)
 
-    def integrated(self, raw: Array, decay_s: float) -> Array:
-        """Solution of dy/dt = raw − y/decay from zero at each recording's start, shape of ``raw``."""
-        keep = float(np.exp(-self.period_s / decay_s))
-        return self.stack.by_run(lambda part: lfilter([self.period_s], [1.0, -keep], part, axis=0), raw)
-
 
 def actuator_view(
     stack: Stack, effects: Sequence[Effect], limits_rad: tuple[Array, Array] | None = None
