@@ -119,9 +119,10 @@ def full_rate_inputs(stack: Stack, load_nm: Array) -> BodyInputs:
     attitude = stack.states.odom_from_body_wxyz
     length = np.linalg.norm(attitude, axis=1, keepdims=True)
     attitude = np.where(length > 0.5, attitude / np.maximum(length, 0.5), np.array([1.0, 0.0, 0.0, 0.0]))
-    turn = rotate_inverse_wxyz(attitude, stack.states.angular_vel_of_body_in_odom_rad_s)
     if stack.has("imu.angular_vel_rad_s"):
         turn = forward(stack.imu.angular_vel_rad_s, stack)
+    else:
+        turn = np.asarray(rotate_inverse_wxyz(attitude, stack.states.angular_vel_of_body_in_odom_rad_s))
     gravity = stack.imu_gravity_m_s2
     if gravity is None:
         acceleration = central_slope(stack.states.linear_vel_of_body_in_odom_m_s, stack.period_s)

@@ -237,9 +237,8 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     gravity = stack.imu_gravity_m_s2
     if gravity is None:
         return ChannelOff(Channel.INERTIAL_UNIT, "the inertial unit's mean reading is neither gravity nor none")
-    attitude, rows = stack.states.odom_from_body_wxyz, stack.kept_rows(2 * REACH)
-    felt = np.asarray(rotate_wxyz(attitude, stack.imu.acceleration_m_s2))
-    pushed = rotate_inverse_wxyz(attitude, felt - np.array([0.0, 0.0, gravity]))
+    felt, rows = stack.imu_in_odom_m_s2, stack.kept_rows(2 * REACH)
+    pushed = rotate_inverse_wxyz(stack.states.odom_from_body_wxyz, felt - np.array([0.0, 0.0, gravity]))
     turning = np.cross(stack.angular_vel_in_body_rad_s, stack.linear_vel_in_body_m_s)
     signals = InertialSignals(stack, rows, velocity_rate_in_body_m_s2=np.asarray(pushed - turning))
     felt_now = signals.finish(felt) + stack.imu.age_s * signals.finish_rate(felt)

@@ -140,6 +140,11 @@ class Stack:
         )
 
     @cached_property
+    def imu_in_odom_m_s2(self) -> Array:
+        """The inertial unit's accelerations in odom, shape (n, 3)."""
+        return np.asarray(rotate_wxyz(self.states.odom_from_body_wxyz, self.imu.acceleration_m_s2))
+
+    @cached_property
     def imu_gravity_m_s2(self) -> float | None:
         """Gravity in the inertial unit's readings: 9.81 where it reports the specific force, 0 where the acceleration.
 
@@ -147,8 +152,7 @@ class Stack:
         """
         if not self.has("imu.acceleration_m_s2") or not self.used.any():
             return None
-        reading = rotate_wxyz(self.states.odom_from_body_wxyz, self.imu.acceleration_m_s2)
-        mean = float(np.mean(reading[self.used, 2]))
+        mean = float(np.mean(self.imu_in_odom_m_s2[self.used, 2]))
         return next((g for g in (GRAVITY_M_S2, 0.0) if abs(mean - g) < GRAVITY_TOLERANCE_M_S2), None)
 
     @cached_property

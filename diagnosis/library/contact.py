@@ -204,8 +204,8 @@ class ImuTiltEntry(LibraryEffect):
             i: InertialSignals = view.signals
             if packets_are_tilted:
                 return np.zeros((view.n, len(view.rows)))
-            tilted, reading = i.stack.states.odom_from_body_wxyz, i.stack.imu.acceleration_m_s2
-            change = rotate_wxyz(tilted, reading) - rotate_wxyz(turned_back(tilted), reading)
+            right = turned_back(i.stack.states.odom_from_body_wxyz)
+            change = i.stack.imu_in_odom_m_s2 - rotate_wxyz(right, i.stack.imu.acceleration_m_s2)
             return i.finish(change) / TILT_STEP_RAD
         if view.name == Channel.STANCE_KINEMATICS:
             k: StanceSignals = view.signals
