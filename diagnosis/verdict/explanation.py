@@ -87,7 +87,7 @@ def evidence_of(
     """
     logs = stacked([record(run) for run in runs])
     if not logs.used.any():
-        cuts = dict.fromkeys(s.reason for own in logs.segmentations for s in own.segments if s.is_cut)
+        cuts = dict.fromkeys(s.reason for own in logs.segmentations for s in own.segments)
         told = "record the robot while commands move it, on its feet"
         raise BadInputError(f"nothing of these logs can be used: {'; '.join(cuts)}; {told}")
     views, off = build_views(logs, nominal, policy=policy, limits_rad=limits_rad)

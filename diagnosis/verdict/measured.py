@@ -37,6 +37,8 @@ class Measurements:
     left: tuple[GapLeft, ...]
 
 
+LESS: Final = "without "
+"""How the name of the model without something begins."""
 MOST_KINDS: Final = 4
 """Kinds of ordinary numbers that are taken out of the corrected model one at a time: those farthest from nominal."""
 LEAST_SIZE: Final = 1.0
@@ -55,7 +57,7 @@ def compared_models(board: Evidence, best: Scored, stated: str) -> dict[str, Sco
         nothing = without_effect(board, nothing, name)
     models[CALIBRATED] = nothing
     for name in (*(names if len(names) > 1 else ()), *largest_kinds(board, best)):
-        models.setdefault(_less(name), without_effect(board, best, name))
+        models.setdefault(LESS + name, without_effect(board, best, name))
     return models
 
 
@@ -111,13 +113,6 @@ def measured_by_prediction(board: Evidence, best: Scored) -> Measurements:
         each,
         left,
     )
-
-
-LESS: Final = "without "
-
-
-def _less(effect: str) -> str:
-    return LESS + effect
 
 
 SIGNALS: Final = {Channel.SET_POINT_TO_LOAD: "load error", Channel.LOAD_TO_MOTION: "torque error of swinging legs"}
