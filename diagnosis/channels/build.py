@@ -6,7 +6,7 @@ from collections.abc import Container, Sequence
 
 import numpy as np
 
-from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, thinned_views
+from diagnosis.channels import Channel, ChannelOff, ChannelView, thinned_views
 from diagnosis.channels.actuator import ActuatorSignals, actuator_view, stand_in_view
 from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.contact_events import contact_view
@@ -15,6 +15,7 @@ from diagnosis.channels.kinematics import inertial_view, stance_view
 from diagnosis.channels.program import Actor, replay_view, timing_view
 from diagnosis.channels.sensors import noise_view, power_view, rate_view
 from diagnosis.channels.stack import Stack
+from diagnosis.read.robot_file import SPOT, RobotFile
 from spot_model.effects.base import Effect
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
@@ -22,7 +23,7 @@ from trainer.signals.smoothing import too_coarse
 
 
 def build_views(
-    stack: Stack, model: RobotModel, *, policy: Actor | None = None, limits_rad: tuple[Array, Array] | None = None
+    stack: Stack, model: RobotModel, *, policy: Actor | None = None, robot: RobotFile = SPOT
 ) -> tuple[dict[Channel, ChannelView], tuple[ChannelOff, ...]]:
     """Build every channel.
 
@@ -30,15 +31,13 @@ def build_views(
         stack: The recordings.
         model: The nominal model.
         policy: The policy that ran, for its set-points; without it the logs' contracts give them.
-        limits_rad: Joint stops of a robot other than Spot, low and high; Spot's are known.
+        robot: That the recordings are of, for its joint stops.
 
     Returns:
         The channels that are on, by name in the order of ``Channel``, and those that are off with their reasons.
     """
     effects, lacks = model.effects, lacking(stack)
-    is_spot = stack.joint_names == facts.JOINT_NAMES
-    if limits_rad is None and is_spot:
-        limits_rad = (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+    limits_rad = robot.limits_rad if robot.joint_names == stack.joint_names else None
     found: list[ChannelView | ChannelOff] = [ChannelOff(name, reason) for name, reason in lacks.items()]
     drive: ActuatorSignals | None = None
     if Channel.SET_POINT_TO_LOAD not in lacks:
@@ -55,7 +54,7 @@ def build_views(
         found.append(inertial_view(stack))
     if Channel.BATTERY_POWER not in lacks:
         found.append(power_view(stack))
-    if is_spot:
+    if stack.joint_names == facts.JOINT_NAMES:
         found += _body_views(stack, effects, lacks, lag_s)
     by_name = {view.name: view for view in found}
     on = {name: view for name in Channel if isinstance(view := by_name[name], ChannelView)}
