@@ -75,7 +75,7 @@ def _body_views(
         stance = stance_view(stack, model, dynamics)
         found.append(stance)
         if dynamics and Channel.CONTACT_EVENTS not in lacks:
-            found.append(contact_view(dynamics, stance.signals))
+            found.append(contact_view(dynamics, stance))
     return found
 
 

@@ -76,8 +76,6 @@ class StanceSignals:
     position_rate_rad_s: Array
     standing: Flags
     """Well within a stance, at the full rate. Shape (N, 4)."""
-    nominal: Array
-    """Smoothed response, shape (n, 16)."""
     rising_m_s: Array
     """Vertical velocity of the contact points, at the full rate. Shape (N, 4)."""
     acceleration_in_body_m_s2: Array
@@ -89,7 +87,7 @@ class StanceSignals:
     def thinned(self, apart: int) -> tuple[StanceSignals, Flags]:
         """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
         keep = self.rows % max(STRIDE, apart - apart % STRIDE) == 0
-        names = ("rows", "load_nm", "load_rate_nm_s", "position_rate_rad_s", "nominal")
+        names = ("rows", "load_nm", "load_rate_nm_s", "position_rate_rad_s")
         rows = {name: getattr(self, name)[keep] for name in names}
         return replace(self, **rows, inputs=self.inputs.of(lambda x: x[keep]), cache={}), keep
 
@@ -154,7 +152,6 @@ def stance_view(stack: Stack, model: BodyModel, dynamics: DynamicsSignals | None
             load_rate_nm_s=rate(load, stack.period_s, rows),
             position_rate_rad_s=rate(inputs.position_rad, stack.period_s, rows),
             standing=standing,
-            nominal=response,
             rising_m_s=heading[..., 2],
             acceleration_in_body_m_s2=acceleration,
             dynamics=dynamics,

@@ -341,7 +341,7 @@ def test_what_smoothed_signals_change_is_what_the_signals_change(
     _, k = signals
     step = 0.01 * (np.arange(getattr(k.raw, name).shape[-1]) == 2)
     raw, new = (replace(x, **{name: getattr(x, name) + step}) for x in (k.raw, k.inputs))
-    afresh = k.nominal - smooth(standing_feet(raw, k.standing), k.rows)
+    afresh = smooth(standing_feet(k.raw, k.standing), k.rows) - smooth(standing_feet(raw, k.standing), k.rows)
     got = k.correction(Channel.STANCE_KINEMATICS, name, **{name: getattr(new, name)})
     stands = np.repeat(k.stack.inner(k.standing)[k.rows], 3, axis=1)
     afresh, got = afresh[:, :12][stands], got[:, :12][stands]
