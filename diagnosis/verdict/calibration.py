@@ -22,7 +22,7 @@ from diagnosis.document import CalibratedNumber, Number
 from diagnosis.library import JointGroups, LibraryEffect, Location, lacks_loads
 from diagnosis.selection.evidence import Evidence, key_of
 from diagnosis.selection.ordinary_errors import ErrorKind
-from diagnosis.selection.robot_models import held_of
+from diagnosis.selection.robot_models import within
 from diagnosis.selection.scoring import Scored, Scorer, posterior_covariance
 from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import ComOffset, PayloadMass
@@ -370,10 +370,12 @@ def with_formula_error(value: float, low: float, high: float, null: float) -> tu
 def held_sentences(board: Evidence, scored: Scored) -> tuple[str, ...]:
     """Numbers of the differences that lie at the end of what is physically possible, a sentence each."""
     out = []
-    for held in held_of(board, scored):
-        effect = next(t.effect for t in scored.terms if t.effect.name == held.effect)
-        known = next(p for p in effect.effect.parameters() if p.name == held.parameter)
-        size = f"{held.bound:.4g} {_unit(known)}".rstrip()
-        what = f"{effect.title} at {held.where}: the {parameter_words(held.parameter)}"
-        out.append(f"{what} is held at {size}, the end of what can be")
+    for term, own in zip(scored.terms, scored.coefficients, strict=True):
+        known, values = {p.name: p for p in term.effect.effect.parameters()}, term.effect.values(own, term.shape)
+        at_end = {n: v for n, v in values.items() if n in known and known[n].null != v in (known[n].low, known[n].high)}
+        where = ", ".join(board.robot.named(board.robot.joints_of(term.effect, term.place)))
+        for name, bound in {**at_end, **within(term.effect, values)[1]}.items():
+            size = f"{bound:.4g} {_unit(known[name])}".rstrip()
+            what = f"{term.effect.title} at {where}: the {parameter_words(name)}"
+            out.append(f"{what} is held at {size}, the end of what can be")
     return tuple(out)

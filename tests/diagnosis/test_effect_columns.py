@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.channels import Array, Channel, ChannelView
 from diagnosis.channels.actuator import ActuatorSignals, actuator_view
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.library import acts_last, effect_columns
 from diagnosis.library.limits import added_by_sag_nm
 from diagnosis.library.registry import LIBRARY, library_entry
@@ -37,7 +37,7 @@ def runs():
 
 @pytest.fixture(scope="module")
 def view(runs) -> ChannelView:
-    found = actuator_view(stack([record(r) for r in runs]), ())
+    found = actuator_view(stacked([record(r) for r in runs]), ())
     assert isinstance(found, ChannelView)
     return found
 
@@ -86,7 +86,7 @@ def test_a_faster_formula_is_that_of_the_effect(name, view):
 
 def test_a_lower_voltage_takes_torque_of_joints_that_the_nominal_model_bounds_by_speed(runs, view):
     knees = next(e for e in paper_model(PAPER_IDENTIFIED).effects if isinstance(e, TorqueSpeedCurve))
-    bounded = actuator_view(stack([record(r) for r in runs]), (knees,))
+    bounded = actuator_view(stacked([record(r) for r in runs]), (knees,))
     assert isinstance(bounded, ChannelView)
     entry, is_knee = LIBRARY["bus_sag"], select_joints(("kn",))
     shape = entry.shapes({Channel.SET_POINT_TO_LOAD: bounded}, ALL)[-1]
@@ -121,7 +121,7 @@ class Grease(ModelEffect):
 
 
 def test_a_persons_effect_in_a_nominal_model_predicts_what_it_takes(runs, view):
-    with_it = actuator_view(stack([record(r) for r in runs]), (Grease(joints=("kn",), drag_nm_s_per_rad=0.3),))
+    with_it = actuator_view(stacked([record(r) for r in runs]), (Grease(joints=("kn",), drag_nm_s_per_rad=0.3),))
     assert isinstance(with_it, ChannelView)
     taken = with_it.response - view.response
     expected = view.signals.finish(0.3 * view.signals.velocity_rad_s) * select_joints(("kn",))
