@@ -16,7 +16,8 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from spot_log.format.records import EventRecord, RunHeader, Severity
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.state import RobotState, SlowState
 from spot_protos import log_pb2
 
@@ -83,6 +84,22 @@ def state_to_proto(state: RobotState) -> log_pb2.State:
     return log_pb2.State(**{**fields, "imu": [log_pb2.ImuPacket(**_fields(packet)) for packet in state.imu]})
 
 
+def command_to_proto(record: CommandRecord) -> log_pb2.Command:
+    """Convert a command. Raises ValueError: an array has another length than 12."""
+    command = record.command
+    fields = {**_fields(command), **_fields(command.gains), **record._asdict()}
+    del fields["command"], fields["gains"]
+    fields["requested_position_rad"] = record.requested_position_rad.tolist()
+    if any(len(value) != N_JOINTS for value in fields.values() if isinstance(value, list)):
+        raise ValueError(f"arrays of other lengths than {N_JOINTS} in a command")
+    return log_pb2.Command(**fields)
+
+
+def tick_to_proto(record: TickRecord) -> log_pb2.Tick:
+    """Convert a tick."""
+    return log_pb2.Tick(**_fields(record))
+
+
 def slow_state_to_proto(state: SlowState) -> log_pb2.SlowState:
     """Convert a slow state."""
     return log_pb2.SlowState(**_fields(state))
@@ -122,5 +139,5 @@ def footer_to_proto(
 
 def _fields(record: Any) -> dict[str, Any]:
     """A dataclass' fields, which are named as the message's; arrays become lists."""
-    values = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
+    values = ((name, getattr(record, name)) for name in record.__dataclass_fields__)
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values}
