@@ -26,7 +26,7 @@ from fake_robot.network.status import (
 )
 from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.auth import Credentials
-from fake_robot.start.certificates import ServerCertificates, ensure_certificates
+from fake_robot.start.certificates import ServerCertificates, make_certificates
 from fake_robot.start.server import Endpoints, FakeServer
 from spot_model.errors import BadInputError
 
@@ -305,7 +305,7 @@ class ServedStub:
 @pytest.fixture(scope="session")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> ServerCertificates:
     """Certificates for the whole session."""
-    return ensure_certificates(tmp_path_factory.mktemp("certificates"))
+    return make_certificates(tmp_path_factory.mktemp("certificates"))
 
 
 @pytest.fixture
