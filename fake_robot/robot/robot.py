@@ -18,9 +18,9 @@ from fake_robot.body.clock import RobotClock
 from fake_robot.body.truth import Truth
 from fake_robot.eyes.eyes import Eyes
 from fake_robot.faults.fault import ServiceFault
-from fake_robot.faults.registry import fault_kinds, make_fault
+from fake_robot.faults.registry import make_fault
 from fake_robot.network.requests import CameraView, StandPose, WalkPlan
-from fake_robot.network.status import EstopLevel, FaultKind, Snapshot, StreamFailure
+from fake_robot.network.status import EstopLevel, Snapshot, StreamFailure
 from fake_robot.network.streams import StateSubscription, spoil
 from fake_robot.robot.joint_control import Stream
 from fake_robot.robot.real_time import RealTimeLoop
@@ -240,10 +240,6 @@ class Robot:
 
     # Faults -----------------------------------------------------------------------------------------------------------
 
-    def fault_kinds(self) -> tuple[FaultKind, ...]:
-        """The faults that :meth:`inject` knows."""
-        return fault_kinds(of_services=False)
-
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
         """Make a fault happen now, for a while or until it is cleared; returns its number. Raises BadInputError."""
         fault = make_fault(name, parameters)
@@ -260,7 +256,7 @@ class Robot:
     def active_faults(self) -> Mapping[int, str]:
         """Number and name of every injected fault that is not over."""
         with self._changed:
-            return {fault.fault_id: fault.name for fault in self._simulation.faults.active}
+            return {active.fault_id: active.fault.name for active in self._simulation.faults.active}
 
     # Seen from outside ------------------------------------------------------------------------------------------------
 

@@ -17,7 +17,6 @@ from fake_robot.network.requests import CameraView, StandPose, WalkPlan
 from fake_robot.network.status import (
     BehaviorFault,
     EstopLevel,
-    FaultKind,
     Mode,
     MotorPower,
     Snapshot,
@@ -28,7 +27,6 @@ from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.auth import Credentials
 from fake_robot.start.certificates import ServerCertificates, make_certificates
 from fake_robot.start.server import Endpoints, FakeServer
-from spot_model.errors import BadInputError
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -244,12 +242,7 @@ class StubRobot:
     def wait_for_command_key(self, key: int, timeout_s: float, *, beyond: int = 0) -> bool:
         return self.last_command_key >= key and self.commands_submitted > beyond
 
-    def fault_kinds(self) -> tuple[FaultKind, ...]:
-        return (FaultKind("stub_fault", "Nothing happens.", {"size": "How much."}),)
-
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
-        if not set(parameters) <= {"size"}:
-            raise BadInputError(f"fault {name} has no such parameter; allowed: size")
         self.injected[len(self.injected) + 1] = name
         return len(self.injected)
 

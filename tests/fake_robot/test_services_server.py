@@ -277,20 +277,20 @@ def test_lasting_faults_end_by_time_or_by_hand(stub: Any) -> None:
     assert not robot.is_estopped()
     assert stub.robot.calls[-1] == "estop none"
     unlicensed = faults.inject("license_invalid", {"state": "missing"}, None)
-    stub_fault = faults.inject("stub_fault", {"size": 1.0}, None)
-    assert set(faults.active()) == {unlicensed, stub_fault}
-    assert set(faults.clear()) == {unlicensed, stub_fault}
+    weakened = faults.inject("weak_motor", {"gain": 0.5}, None)
+    assert set(faults.active()) == {unlicensed, weakened}
+    assert set(faults.clear()) == {unlicensed, weakened}
     assert stub.server.world.license.state == "valid"
 
 
 @pytest.mark.parametrize(
     ("name", "parameters", "duration_s", "message"),
     [
-        ("gremlin", {}, None, r"no fault 'gremlin'; allowed: .*estop_pressed.*stub_fault"),
+        ("gremlin", {}, None, r"no fault 'gremlin'; allowed: .*estop_pressed.*weak_motor"),
         ("lease_stolen", {"thief": "x"}, None, "thief = 'x': unknown key; allowed: owner"),
         ("license_invalid", {"state": "eaten"}, None, "state = 'eaten': Input should be 'expired' or 'missing'"),
         ("estop_pressed", {}, -1.0, "duration_s = -1"),
-        ("stub_fault", {"weight": 1.0}, None, "allowed: size"),
+        ("weak_motor", {"weight": 1.0}, None, "allowed: joint, gain"),
     ],
 )
 def test_faults_that_do_not_exist(
@@ -418,11 +418,11 @@ def test_faults_truth_and_status_over_the_admin_service(stub: Any) -> None:
     channel, admin = admin_of(stub)
     with channel:
         names = [fault.name for fault in admin.ListFaults(fake_admin_pb2.ListFaultsRequest()).faults]
-        assert "stub_fault" in names
+        assert {"estop_pressed", "weak_motor"} <= set(names)
         assert names == sorted(names)
-        injected = admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="stub_fault", numbers={"size": 2.0}))
+        injected = admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="weak_motor", numbers={"gain": 0.5}))
         status = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
-        assert status.active_faults[0].name == "stub_fault"
+        assert status.active_faults[0].name == "weak_motor"
         assert status.motor_power == "off"
         cleared = admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest(fault_ids=[injected.fault_id]))
         assert list(cleared.cleared_fault_ids) == [injected.fault_id]
