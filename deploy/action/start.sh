@@ -12,7 +12,7 @@ if [ ! -x "$folder/venv/bin/spot-rl" ]; then
 fi
 
 nohup "$folder/venv/bin/spot-rl" fake-robot --scenario "$SCENARIO" --port "$PORT" --json \
-  --state-dir "$folder/state" --ready-file "$folder/ready.json" > "$folder/log" 2>&1 &
+  --state-dir "$folder/state" > "$folder/ready.json" 2> "$folder/log" &
 robot=$!
 echo "$robot" > "$folder/pid"
 

@@ -40,11 +40,7 @@ def check_path(path: str) -> None:
         message = about.message_type if about.type == FieldDescriptor.TYPE_MESSAGE else None
 
 
-LIVE_ALONE = {"/gait"}
-"""Worked out by the live view, and in no log."""
-
-
-@pytest.mark.parametrize("path", sorted(set(paths()) - LIVE_ALONE))
+@pytest.mark.parametrize("path", sorted(set(paths())))
 def test_the_layout_names_what_logs_have(path: str) -> None:
     check_path(path)
 
