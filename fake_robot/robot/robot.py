@@ -20,7 +20,7 @@ from fake_robot.eyes.eyes import Eyes
 from fake_robot.faults.fault import ServiceFault
 from fake_robot.faults.registry import make_fault
 from fake_robot.network.requests import CameraView, StandPose, WalkPlan
-from fake_robot.network.status import EstopLevel, Snapshot, StreamFailure
+from fake_robot.network.status import EstopLevel, Snapshot
 from fake_robot.network.streams import StateSubscription, spoil
 from fake_robot.robot.joint_control import Stream
 from fake_robot.robot.real_time import RealTimeLoop
@@ -224,12 +224,43 @@ class Robot:
 
     # Streams ----------------------------------------------------------------------------------------------------------
 
-    def open_command_stream(self, on_failure: Callable[[], None]) -> CommandStream:
+    def open_command_stream(self, on_failure: Callable[[], None]) -> Stream:
         """Open a joint-control stream; ``on_failure`` is called, and must not block, when it has to end."""
         with self._changed:
             stream = Stream(self._simulation.now_ns, on_failure, self._simulation.n_joints)
             self._simulation.joint_control.streams.append(stream)
-        return CommandStream(self, stream)
+        return stream
+
+    def submit(self, stream: Stream, request: Any) -> None:
+        """Take a ``JointControlStreamRequest`` that was sent now: check it, and let it travel to the servos."""
+        with self._changed:
+            if stream.failure is not None:
+                return
+            now_ns = self.clock.elapsed_ns()
+            try:
+                command = stream.grammar.read(request)
+                self.last_command_key = command.key
+                self.commands_submitted += 1
+                # What is over by now is so when it arrives, too; told now, a client that has closed its end hears it.
+                self._simulation.joint_control.check_end_time(command, now_ns)
+            except CommandRefusedError as error:
+                stream.fail(error.failure)
+                self.close_stream(stream)
+            else:
+                self._simulation.send_command(stream, command, now_ns)
+            self._changed.notify_all()
+
+    def submit_to_open_stream(self, request: Any) -> None:
+        """Take a request as if it came on the stream that was opened last; where none is open, it is lost."""
+        with self._changed:
+            streams = self._simulation.joint_control.streams
+            if streams:
+                self.submit(streams[-1], request)
+
+    def close_stream(self, stream: Stream) -> None:
+        """The client ended a stream, or is gone. Its last command stays in effect until its end time."""
+        with self._changed:
+            self._simulation.joint_control.forget(stream)
 
     def subscribe_state(self) -> StateSubscription:
         """Open a state stream: every message that reaches the client from now on."""
@@ -282,37 +313,6 @@ class Robot:
 
     # Private ----------------------------------------------------------------------------------------------------------
 
-    def submit(self, stream: Stream, request: Any) -> None:
-        """A request has reached the robot's end of a stream; see :meth:`CommandStream.submit`."""
-        with self._changed:
-            if stream.failure is not None:
-                return
-            now_ns = self.clock.elapsed_ns()
-            try:
-                command = stream.grammar.read(request)
-                self.last_command_key = command.key
-                self.commands_submitted += 1
-                # What is over by now is so when it arrives, too; told now, a client that has closed its end hears it.
-                self._simulation.joint_control.check_end_time(command, now_ns)
-            except CommandRefusedError as error:
-                stream.fail(error.failure)
-                self.close_stream(stream)
-            else:
-                self._simulation.send_command(stream, command, now_ns)
-            self._changed.notify_all()
-
-    def submit_to_open_stream(self, request: Any) -> None:
-        """Take a request as if it came on the stream that was opened last; where none is open, it is lost."""
-        with self._changed:
-            streams = self._simulation.joint_control.streams
-            if streams:
-                self.submit(streams[-1], request)
-
-    def close_stream(self, stream: Stream) -> None:
-        """Forget a stream."""
-        with self._changed:
-            self._simulation.joint_control.forget(stream)
-
     def _deliver(self, stamp_ns: int, message: bytes) -> None:
         self.states_sent += 1
         self.last_state_stamp_ns = stamp_ns
@@ -335,22 +335,3 @@ class Robot:
     def _check_lock_step(self) -> None:
         if not self.is_lock_step:
             raise TimeModeError("the robot runs in real time; set time_mode: lock_step in the scenario to step it")
-
-
-class CommandStream:
-    """One open joint-control stream."""
-
-    def __init__(self, robot: Robot, stream: Stream) -> None:
-        self._robot, self._stream = robot, stream
-
-    def submit(self, request: Any) -> None:
-        """Take a ``JointControlStreamRequest`` that was sent now: check it, and let it travel to the servos."""
-        self._robot.submit(self._stream, request)
-
-    def failure(self) -> StreamFailure | None:
-        """Why the stream has to end; None while all is well."""
-        return self._stream.failure
-
-    def close(self) -> None:
-        """The client ended the stream, or is gone. Its last command stays in effect until its end time."""
-        self._robot.close_stream(self._stream)

@@ -77,29 +77,16 @@ class StubSubscription:
 class StubCommandStream:
     """Remembers what was submitted, and fails when a test says so."""
 
-    def __init__(self, robot: StubRobot, on_failure: Callable[[], None]) -> None:
+    def __init__(self, on_failure: Callable[[], None]) -> None:
         self.requests: list[Any] = []
         self.is_closed = False
-        self._robot = robot
         self._on_failure = on_failure
-        self._failure: StreamFailure | None = None
+        self.failure: StreamFailure | None = None
         self.arrived = threading.Semaphore(0)
 
-    def submit(self, request: Any) -> None:
-        self.requests.append(request)
-        self._robot.last_command_key = request.joint_command.user_command_key
-        self._robot.commands_submitted += 1
-        self.arrived.release()
-
-    def failure(self) -> StreamFailure | None:
-        return self._failure
-
     def fail(self, status: int, message: str) -> None:
-        self._failure = StreamFailure(status, message)
+        self.failure = StreamFailure(status, message)
         self._on_failure()
-
-    def close(self) -> None:
-        self.is_closed = True
 
 
 class StubRobot:
@@ -219,12 +206,21 @@ class StubRobot:
         self.set(system_faults=(*self.state.system_faults, fault))
 
     def open_command_stream(self, on_failure: Callable[[], None]) -> StubCommandStream:
-        self.streams.append(StubCommandStream(self, on_failure))
+        self.streams.append(StubCommandStream(on_failure))
         return self.streams[-1]
+
+    def submit(self, stream: StubCommandStream, request: Any) -> None:
+        stream.requests.append(request)
+        self.last_command_key = request.joint_command.user_command_key
+        self.commands_submitted += 1
+        stream.arrived.release()
+
+    def close_stream(self, stream: StubCommandStream) -> None:
+        stream.is_closed = True
 
     def submit_to_open_stream(self, request: Any) -> None:
         if self.streams:
-            self.streams[-1].submit(request)
+            self.submit(self.streams[-1], request)
 
     def subscribe_state(self) -> StubSubscription:
         self.subscriptions.append(StubSubscription())

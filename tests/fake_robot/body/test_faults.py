@@ -89,7 +89,7 @@ def test_command_delay_and_jitter_reach_the_echo(controlled):
         assert (received.seconds * NS + received.nanos - sent_ns) % 21_000_000 > 0
         driver.robot.clear_faults((fault,))
         driver.hold(0.1, pose)
-    assert driver.stream.failure() is None
+    assert driver.stream.failure is None
 
 
 def test_command_drops_are_never_received(controlled):
@@ -207,7 +207,7 @@ def test_power_loss_cuts_the_motors(controlled):
     inject(driver, "power_loss")
     driver.run(0.5)
     assert driver.robot.snapshot().motor_power is MotorPower.OFF
-    assert "lost power" in driver.stream.failure().message
+    assert "lost power" in driver.stream.failure.message
 
 
 def test_a_push_moves_the_body(standing):
