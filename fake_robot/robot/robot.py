@@ -212,11 +212,6 @@ class Robot:
         with self._changed:
             self._simulation.modes.set_estop_level(level)
 
-    def add_behavior_fault(self, cause: str) -> None:
-        """Raise a behaviour fault: joint control ends, and the robot sinks to the ground."""
-        with self._changed:
-            self._simulation.modes.add_behavior_fault(cause)
-
     def clear_behavior_fault(self, fault_id: int) -> bool:
         """Clear a behaviour fault; False if it is not there or cannot be cleared."""
         with self._changed:

@@ -128,7 +128,7 @@ class RunWriter:
         self._put(HEADER, self.message, 0, started_ns)
         self._is_spot = self._joint_names == JOINT_NAMES
         if self._is_spot:
-            self._put(SCENE, viewer.scene(started_ns), 0, started_ns)
+            self._put(SCENE, viewer.spot_scene(started_ns), 0, started_ns)
         try:
             self._file.flush()
             self._file.attach(HEADER_ATTACHMENT, "application/x-protobuf", data, started_ns)

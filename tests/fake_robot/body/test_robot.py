@@ -85,7 +85,7 @@ def test_what_it_cannot_do_is_refused_with_the_reason(make):
         driver.robot.power_on()
     driver.robot.set_estop_level(EstopLevel.NONE)
     driver.stand_up()
-    driver.robot.add_behavior_fault("hardware")
+    driver.robot.inject("behavior_fault", {"cause": "hardware"}, None)
     with pytest.raises(MotionRefusedError, match=r"joint control: behaviour faults are active: hardware \(1\)"):
         driver.robot.enter_joint_control()
     assert not driver.robot.clear_behavior_fault(9)

@@ -174,9 +174,3 @@ def test_a_port_that_is_taken_is_said_in_words() -> None:
             LiveProcess(port),
         ):
             pass
-
-
-def test_no_view_is_the_default() -> None:
-    with LiveProcess.if_wanted(0) as live:
-        assert live.url == ""
-        assert SOCKET_VARIABLE not in os.environ
