@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -60,6 +60,9 @@ VIEWER_TOPICS: Final = (JOINT_STATES, TRANSFORMS, ODOMETRY, EVENT_TEXT, SCENE)
 
 ALL_TOPICS: Final = OWN_TOPICS + VIEWER_TOPICS
 
+
+OwnRecord: TypeAlias = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
+"""What a run consists of, between its header and its footer."""
 
 _SEVERITIES: Final = frozenset(int(severity) for severity in Severity)
 

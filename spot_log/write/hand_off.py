@@ -11,10 +11,8 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
-from google.protobuf.message import Message
-
 from spot_log.format import codec
-from spot_log.format.records import CommandRecord, EventRecord, Record, TickRecord, WireState
+from spot_log.format.records import TOPIC_OF_RECORD, CommandRecord, EventRecord, Record, TickRecord, WireState
 from spot_log.format.vendor_state import state_record_from_wire
 from spot_model.robot.state import RobotState, SlowState
 from spot_protos import log_pb2
@@ -32,14 +30,6 @@ class Kind(IntEnum):
     CLOSE = 7
 
 
-TOPIC_OF_KIND: Final = {
-    Kind.STATE_WIRE: "state",
-    Kind.STATE: "state",
-    Kind.COMMAND: "command",
-    Kind.TICK: "tick",
-    Kind.SLOW_STATE: "slow_state",
-    Kind.EVENT: "event",
-}
 MAX_DATAGRAM_BYTES: Final = 192 * 1024
 _HEAD: Final = struct.Struct("<BI")
 _STATE_HEAD: Final = struct.Struct("<BIq")
@@ -50,32 +40,34 @@ class Datagram(NamedTuple):
 
     kind: Kind
     sequence: int
-    message: log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event | log_pb2.Footer
+    message: codec.OwnRecord | log_pb2.Footer
 
 
-_OWN: Final[dict[type[Record], tuple[Kind, Callable[[Any], Message]]]] = {
-    RobotState: (Kind.STATE, codec.state_to_proto),
-    CommandRecord: (Kind.COMMAND, codec.command_to_proto),
-    TickRecord: (Kind.TICK, codec.tick_to_proto),
-    SlowState: (Kind.SLOW_STATE, codec.slow_state_to_proto),
-    EventRecord: (Kind.EVENT, codec.event_to_proto),
+_FORMS: Final[dict[type[Record], tuple[Kind, Callable[[Any], Any], type[Any]]]] = {
+    RobotState: (Kind.STATE, codec.state_to_proto, log_pb2.State),
+    CommandRecord: (Kind.COMMAND, codec.command_to_proto, log_pb2.Command),
+    TickRecord: (Kind.TICK, codec.tick_to_proto, log_pb2.Tick),
+    SlowState: (Kind.SLOW_STATE, codec.slow_state_to_proto, log_pb2.SlowState),
+    EventRecord: (Kind.EVENT, codec.event_to_proto, log_pb2.Event),
 }
-_PARSED: Final = {
-    Kind.STATE: log_pb2.State,
-    Kind.COMMAND: log_pb2.Command,
-    Kind.TICK: log_pb2.Tick,
-    Kind.SLOW_STATE: log_pb2.SlowState,
-    Kind.EVENT: log_pb2.Event,
-    Kind.CLOSE: log_pb2.Footer,
-}
+"""What a record is in a datagram, what converts it, and to which message."""
+_MESSAGES: Final = {kind: message for kind, _, message in _FORMS.values()} | {Kind.CLOSE: log_pb2.Footer}
+TOPIC_OF_KIND: Final = {kind: TOPIC_OF_RECORD[of] for of, (kind, *_) in _FORMS.items()} | {Kind.STATE_WIRE: "state"}
+
+
+def message_of(record: Record) -> codec.OwnRecord:
+    """A record as it stands in the file. Raises what :func:`pack` and :func:`unpack` raise."""
+    if isinstance(record, WireState):
+        return state_record_from_wire(record.wire, record.host_stamp_ns)
+    message: codec.OwnRecord = _FORMS[type(record)][1](record)
+    return message
 
 
 def pack(sequence: int, record: Record) -> bytes:
     """Pack a record. Raises ValueError: an array of a command has another length than 12."""
     if isinstance(record, WireState):
         return _STATE_HEAD.pack(Kind.STATE_WIRE, sequence, record.host_stamp_ns) + record.wire
-    kind, to_proto = _OWN[type(record)]
-    return _HEAD.pack(kind, sequence) + to_proto(record).SerializeToString()
+    return _HEAD.pack(_FORMS[type(record)][0], sequence) + message_of(record).SerializeToString()
 
 
 def pack_close(footer: log_pb2.Footer) -> bytes:
@@ -101,6 +93,6 @@ def unpack(datagram: bytes) -> Datagram:
     if kind is Kind.STATE_WIRE:
         _, _, host_stamp_ns = _STATE_HEAD.unpack_from(datagram)
         return Datagram(kind, sequence, state_record_from_wire(datagram[_STATE_HEAD.size :], host_stamp_ns))
-    message = _PARSED[kind]()
+    message = _MESSAGES[kind]()
     message.ParseFromString(datagram[_HEAD.size :])
     return Datagram(kind, sequence, message)

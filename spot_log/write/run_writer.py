@@ -29,6 +29,7 @@ from spot_log.format.codec import (
     STATE,
     TICK,
     TRANSFORMS,
+    OwnRecord,
     Topic,
 )
 from spot_log.format.records import RunHeader
@@ -40,8 +41,6 @@ ACTIVE_SUFFIX: Final = ".active"
 MIN_FREE_BYTES_TO_START: Final = 200_000_000
 MIN_FREE_BYTES_TO_WRITE: Final = 20_000_000
 HEADER_ATTACHMENT: Final = "spot-rl header"
-
-OwnRecord = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
 
 
 def active_path(path: Path) -> Path:
