@@ -28,7 +28,7 @@ from fake_robot.conformance.command import connect, run_checks  # noqa: E402
 from fake_robot.robot.robot import Robot  # noqa: E402
 from fake_robot.scenario.scenario import scenario_from_data  # noqa: E402
 from fake_robot.services.auth import Credentials  # noqa: E402
-from fake_robot.start.certificates import ensure_certificates  # noqa: E402
+from fake_robot.start.certificates import make_certificates  # noqa: E402
 from fake_robot.start.server import FakeServer  # noqa: E402
 from tests.fake_robot.planted_errors import ERRORS  # noqa: E402
 from tests.fake_robot.planted_server import RIGHT, PlantedServer  # noqa: E402
@@ -54,7 +54,7 @@ def main(words: list[str] | None = None) -> None:
     allowed = Needs.MOTION if given.with_motion else Needs.LEASE
     missed, counts = [], defaultdict[str, list[int]](lambda: [0, 0])
     with tempfile.TemporaryDirectory() as folder:
-        certificates = ensure_certificates(Path(folder))
+        certificates = make_certificates(Path(folder))
         for error in errors:
             start_s = time.monotonic()
             scenario = scenario_from_data(SCENARIO)
