@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ import numpy as np
 from compare.cause import Cause, cause_in_words, causes
 from compare.differences import SIGNALS, Differences, differences
 from compare.ghost import write_ghosts
+from compare.layout import foxglove_layout
 from compare.page import comparison_page, difference_sentence, stretch
 from compare.tracks import STEP_S, CompareError, Track, aligned_tracks, track_of
 from diagnosis.document import Verdict
@@ -200,7 +200,7 @@ def write_comparison(found: Comparison, out: Path, beside_m: float = 0.7) -> dic
         OSError: They cannot be written.
     """
     paths = {name: out / name for name in FILES}
-    layout = files("compare").joinpath("layout.foxglove.json").read_text(encoding="utf-8")
+    layout = json.dumps(foxglove_layout(), indent=1, ensure_ascii=False) + "\n"
     page = comparison_page(found.tracks, found.differences, found.causes, found.cause, found.notes)
     with whole_folder(out) as part:
         write_ghosts(part / LOG_NAME, found.tracks, found.differences, found.causes, beside_m)

@@ -9,19 +9,17 @@ from typing import Any, Final
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.JointState_pb2 import JointState
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
-from google.protobuf.timestamp_pb2 import Timestamp
 
 from compare.cause import Cause
 from compare.differences import Differences
 from compare.tracks import STEP_S, Track
 from spot_log.format.codec import Topic
-from spot_log.format.viewer import BODY_FRAME, ODOM_FRAME, joint_states, odometry, spot_scene, transforms
+from spot_log.format.viewer import BODY_FRAME, ODOM_FRAME, joint_states, odometry, spot_scene, timestamp, transforms
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
@@ -90,7 +88,7 @@ def _messages(
         stamp_ns = int(reference.stamp_ns[row])
         while waiting and waiting[0].start_s <= row * STEP_S:
             cause = waiting.pop(0)
-            yield stamp_ns, "/log", Log(timestamp=_stamp(stamp_ns), level=Log.Level.WARNING, message=cause.text)
+            yield stamp_ns, "/log", Log(timestamp=timestamp(stamp_ns), level=Log.Level.WARNING, message=cause.text)
         frames: list[FrameTransform] = []
         for i, (track, at) in enumerate(zip(tracks, placed, strict=True)):
             start = "" if i == 0 else f"{prefix(i - 1)}/"
@@ -100,7 +98,8 @@ def _messages(
             yield stamp_ns, f"/{start}joint_states", joint_states(state, facts.JOINT_NAMES, stamp_ns)
             yield stamp_ns, f"/{start}odometry", odometry(state, stamp_ns)
             if i:
-                yield stamp_ns, f"/{start}difference", _difference(found[i - 1], row, stamp_ns)
+                difference = _difference(found[i - 1], row)
+                yield stamp_ns, f"/{start}difference", joint_states(difference, facts.JOINT_NAMES, stamp_ns)
         yield stamp_ns, "/tf", FrameTransforms(transforms=frames)
         yield stamp_ns, "/command", _command(reference, row, stamp_ns)
         if row % 100 == 0:
@@ -131,26 +130,15 @@ def _state(track: Track, place: tuple[Array, Array], row: int) -> log_pb2.State:
     )
 
 
-def _difference(found: Differences, row: int, stamp_ns: int) -> JointStates:
-    """Other less reference, as joint states: position, velocity, and load as effort."""
-    signals = found.signals
-    return JointStates(
-        timestamp=_stamp(stamp_ns),
-        joints=[
-            JointState(
-                name=name,
-                position=signals["position_rad"].over_time[row, j],
-                velocity=signals["velocity_rad_s"].over_time[row, j],
-                effort=signals["load_nm"].over_time[row, j],
-            )
-            for j, name in enumerate(facts.JOINT_NAMES)
-        ],
-    )
+def _difference(found: Differences, row: int) -> log_pb2.State:
+    """Other less reference, as a state: positions, velocities, and loads, which become efforts."""
+    names = ("position_rad", "velocity_rad_s", "load_nm")
+    return log_pb2.State(**{name: found.signals[name].over_time[row].tolist() for name in names})
 
 
 def _command(reference: Track, row: int, stamp_ns: int) -> Odometry:
     """The commanded velocity, in the form in which the measured one is given, so that one plot shows both."""
-    message = Odometry(timestamp=_stamp(stamp_ns), frame_id=ODOM_FRAME, body_frame_id=BODY_FRAME)
+    message = Odometry(timestamp=timestamp(stamp_ns), frame_id=ODOM_FRAME, body_frame_id=BODY_FRAME)
     v_x, v_y, yaw_rate = np.nan_to_num(reference.velocity_command[row])
     message.linear_velocity.x, message.linear_velocity.y, message.angular_velocity.z = v_x, v_y, yaw_rate
     return message
@@ -164,9 +152,9 @@ def _renamed(transform: FrameTransform, start: str) -> FrameTransform:
 
 
 def _scene(n_ghosts: int, stamp_ns: int) -> SceneUpdate:
-    scene = spot_scene(_stamp(stamp_ns))
+    scene = spot_scene(stamp_ns)
     for i in range(n_ghosts):
-        ghost = spot_scene(_stamp(stamp_ns))
+        ghost = spot_scene(stamp_ns)
         for entity in ghost.entities:
             entity.frame_id, entity.id = f"{prefix(i)}/{entity.frame_id}", f"{prefix(i)}/{entity.id}"
             shapes: list[Any] = [*entity.cubes, *entity.spheres, *entity.cylinders]
@@ -175,7 +163,3 @@ def _scene(n_ghosts: int, stamp_ns: int) -> SceneUpdate:
                 shape.color.a = 0.45
         scene.entities.extend(ghost.entities)
     return scene
-
-
-def _stamp(stamp_ns: int) -> Timestamp:
-    return Timestamp(seconds=stamp_ns // 1_000_000_000, nanos=stamp_ns % 1_000_000_000)

@@ -1,4 +1,4 @@
-"""The verdict: what ``verdict.json`` holds. Its JSON Schema lies beside it."""
+"""The verdict: what ``verdict.json`` holds."""
 
 from __future__ import annotations
 

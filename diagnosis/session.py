@@ -173,9 +173,8 @@ def run_session(
             say.at,
             library=library,
             nominal_name=inputs.nominal,
-            limits_rad=robot.limits_rad,
+            robot=robot,
             engine=engine,
-            is_from_motion=robot.load == "from_motion",
         )
     told = {"notes": tuple(dict.fromkeys((*notes, *result.verdict.notes))), "since": inputs.since}
     verdict = result.verdict.model_copy(update=told | {"robot": robot_of(runs)})
@@ -202,7 +201,7 @@ def _drives(verdict: Verdict, runs: Sequence[Run], robot: RobotFile) -> fixed_ba
     """
     late_ns = np.concatenate([run.commands.robot_stamp_ns - run.commands.host_stamp_ns for run in runs])
     delay_s = float(np.median(late_ns)) * 1e-9 if late_ns.size else 0.0
-    each = [drives_of(run)[0] for run in runs if robot.load == "from_motion" and np.isfinite(run.states.load_nm).all()]
+    each = [drives_of(run)[0] for run in runs if robot.is_from_motion and np.isfinite(run.states.load_nm).all()]
     if each:
         found = {name: np.mean([getattr(own, name) for own in each], axis=0) for name in fixed_base.EACH}
     else:

@@ -61,7 +61,7 @@ class RobotConfig(Settings):
         default="spot",
         min_length=1,
         max_length=200,
-        description="Adapter: 'spot', 'replay', the name of an installed one, or module:function.",
+        description="Adapter: 'spot', the name of an installed one, or module:function.",
     )
     ca_file: Path | None = Field(default=None, description="PEM file to trust in addition to the vendor's certificate.")
     credentials_file: Path | None = Field(

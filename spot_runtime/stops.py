@@ -40,7 +40,6 @@ class StopReason(Enum):
     """Every reason for which a run ends. The values are the rows of the table in the documentation."""
 
     COMPLETED = StopRule(Reaction.HAND_BACK, 0, "the command sequence is done", "")
-    RECORDING_OVER = StopRule(Reaction.EXPIRE, 0, "the recording is over", "")
     OPERATOR_STOP = StopRule(
         Reaction.HAND_BACK, 10, "the operator asked to stop", "when ready, 'spot-rl ctl arm' or 'spot-rl run'"
     )

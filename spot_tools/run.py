@@ -31,9 +31,7 @@ def run(
         Path | None,
         typer.Option(help="In place of a policy: a joint experiment (YAML), which the standing robot follows."),
     ] = None,
-    hal: Annotated[
-        str | None, typer.Option(help="Adapter: spot, replay (--robot is a log), or one of your own.")
-    ] = None,
+    hal: Annotated[str | None, typer.Option(help="Adapter: spot, or one of your own.")] = None,
     sequence: Annotated[str | None, typer.Option(help="Velocity commands: a built-in name or a YAML file.")] = None,
     keyboard: Annotated[bool, typer.Option("--keyboard", help="Velocity commands from the keyboard.")] = False,
     gamepad: Annotated[bool, typer.Option("--gamepad", help="Velocity commands from a gamepad.")] = False,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,8 +68,9 @@ def serve(
     console = Console()
     try:
         recover_at_start(settings.log.directory, console)
-        with exit_on_termination(), LiveProcess.if_wanted(service.live_port) as live:
-            if live.url:
+        with exit_on_termination(), ExitStack() as stack:
+            if service.live_port:
+                live = stack.enter_context(LiveProcess(service.live_port))
                 console.say(f"live view: open {live.url} in Foxglove, with the layout deploy/spot-rl.foxglove.json")
             _serve(robot, settings, console, lock_step or "")
     finally:

@@ -12,18 +12,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from scipy.ndimage import binary_dilation, uniform_filter1d
+from scipy.ndimage import binary_dilation
 from scipy.signal import lfilter
 
-from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
-from diagnosis.channels.load_lag import load_lag_s, set_point_steps
+from diagnosis.channels import Array, Channel, ChannelView, Flags
+from diagnosis.channels.load_lag import between_states, load_lag_s
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.plant.model_fields import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import N_JOINTS
 from trainer.signals.motor_torque import check_joints, direction, nominal_torque_nm, torque_after_nm
-from trainer.signals.smoothing import smooth, smooth_windows, windows
+from trainer.signals.smoothing import rate, smooth, smooth_windows, windows
 
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
@@ -31,14 +31,6 @@ COMMANDED: Final = ("position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad"
 STOP_MARGIN_RAD: Final = 0.02
 BEFORE_FLAG, AFTER_FLAG = 5, 2
 """States around a change of the contact flag that are left out: flags come late."""
-RATTLE_REACH: Final = 9
-"""States over which rattling is averaged, the reach of the smoothing filter."""
-RATTLE_RAD_S: Final = 0.25
-"""Root mean square of a velocity's second difference between states; a new set-point's step makes at most 0.2."""
-ONE_PHASE: Final = 0.05
-"""Share of a period within which commands always come, if a recording has them row by row with its states."""
-TIMES_USUAL: Final = 3.0
-"""Noisy velocities rattle all the time: only so many times the usual counts."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +97,7 @@ class ActuatorSignals:
 
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of a raw column, likewise."""
-        return self.stack.rate(raw, self.kept)
+        return rate(raw, self.period_s, self.kept)
 
     def loss_motion(self) -> LossMotion:
         """The motion as the channel's rows have it, for losses between motor and load cell."""
@@ -142,24 +134,16 @@ class ActuatorSignals:
         taps = [*np.zeros(int(whole)), 1.0 - share, share]
         return self.stack.by_run(lambda part: lfilter(taps, 1.0, part, axis=0), raw)
 
-    def integrated(self, raw: Array, decay_s: float) -> Array:
-        """Solution of dy/dt = raw − y/decay from zero at each recording's start, shape of ``raw``."""
-        keep = float(np.exp(-self.period_s / decay_s))
-        return self.stack.by_run(lambda part: lfilter([self.period_s], [1.0, -keep], part, axis=0), raw)
-
 
 def actuator_view(
     stack: Stack, effects: Sequence[Effect], limits_rad: tuple[Array, Array] | None = None
-) -> ChannelView | ChannelOff:
+) -> ChannelView:
     """Build the channel *set-point to load*, with the nominal model's effects.
 
     A load at a joint's stop is not the motor's: ``limits_rad`` are the stops, low and high, shape (J,), where known.
     """
-    if missing := stack.missing({"load_nm": "torque", "position_rad": "position", "velocity_rad_s": "velocity"}):
-        return ChannelOff(Channel.SET_POINT_TO_LOAD, f"no measured joint {missing}")
-    if any(len(r.commands) == 0 for r in stack.recordings):
-        return ChannelOff(Channel.SET_POINT_TO_LOAD, "no commands")
     lag_s, note = load_lag_s(stack)
+    between = between_states(stack, lag_s)
     signals = _signals(stack, effects, lag_s)
     raw = signals.load_nm - signals.torque_nm
     response = signals.finish(raw) + _losses_nm(effects, signals.loss_motion())
@@ -177,7 +161,7 @@ def actuator_view(
         unit="N·m",
         usable=kept,
         noise=white_noise(raw, usable),
-        nuisance=signals.finish(_between_states(stack, lag_s))[:, :, None],
+        nuisance=signals.finish(between)[:, :, None],
         signals=signals,
         notes=(note,) if note else (),
     )
@@ -191,7 +175,7 @@ def stand_in_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView:
     """
     bare = _signals(stack, effects, 0.0)
     still = bare.still_velocity_rad_s
-    motion = LossMotion(still, stack.rate(bare.velocity_rad_s), direction(still))
+    motion = LossMotion(still, rate(bare.velocity_rad_s, stack.period_s), direction(still))
     load = bare.torque_nm - _losses_nm(effects, motion)
     nothing = np.zeros_like(load[bare.kept])
     return stack.joint_view(
@@ -215,24 +199,11 @@ def _losses_nm(effects: Sequence[Effect], motion: LossMotion) -> Array | float:
     return joint_losses_nm(losing, motion) if losing else 0.0
 
 
-def rattling(stack: Stack) -> Flags:
-    """Where a joint's velocity rattles, by impacts or a foot that skips over the ground; shape (N, J).
-
-    The load of one instant says little there of the mean acceleration between states, and no filter mends that.
-    """
-    velocity = stack.filled(lambda r: r.velocity_rad_s)
-    second = np.zeros_like(velocity)
-    second[1:-1] = velocity[2:] - 2.0 * velocity[1:-1] + velocity[:-2]
-    size = np.sqrt(uniform_filter1d(second**2, RATTLE_REACH, axis=0))
-    usual = np.median(size[stack.used], axis=0) if stack.used.any() else np.zeros(velocity.shape[1])
-    return np.asarray(size > np.maximum(RATTLE_RAD_S, TIMES_USUAL * usual))
-
-
 def _impacts(stack: Stack) -> Flags:
     """States at which a joint rattles, or its foot touches down or lifts off, shape (N, J)."""
-    hit, legs = rattling(stack), stack.legs
+    hit, legs = stack.rattles.copy(), stack.legs
     if stack.has("foot_contact"):
-        contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+        contact = stack.states.foot_contact
         change = np.zeros_like(contact)
         change[1:] = contact[1:] != contact[:-1]
         reach = np.zeros((2 * BEFORE_FLAG + 1, 1), dtype=np.bool_)
@@ -242,36 +213,17 @@ def _impacts(stack: Stack) -> Flags:
     return hit
 
 
-def _between_states(stack: Stack, lag_s: float) -> Array:
-    """What a rotor takes of a set-point's step within the period in which it comes, as far as states cannot tell.
-
-    A load is measured at the end of a period, when the step is in it or not yet; the mean acceleration over the period
-    has the part of it since it came. What a rotor's inertia makes of the difference is a nuisance. Shape (N, J), N·m.
-    A recording of commands row by row with its states does not say when in a period they came: nothing is taken off.
-    """
-    parts: list[Array] = []
-    for recording in stack.recordings:
-        out = np.zeros((len(recording), recording.n_joints))
-        step, received_ns, state, later = set_point_steps(recording)
-        inside = (received_ns > recording.start_ns) & (state < len(recording)) & (later < 1.0)
-        if not recording.has_receipts and inside.any() and np.ptp(later[inside]) < ONE_PHASE:
-            inside[:] = False
-        share = later[inside]
-        seen = (share * recording.period_s >= lag_s).astype(np.float64)
-        np.add.at(out, state[inside], (seen - share)[:, None] * np.nan_to_num(step[inside]))
-        parts.append(out)
-    return np.concatenate(parts)
-
-
 def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:
     """Signals a lag before each state: joints interpolated, and the servo law of the command in effect then."""
-    step_s, now = stack.step_s(), stack.filled(lambda r: r.velocity_rad_s)
+    now = stack.states.velocity_rad_s
+    steps_s = np.concatenate([np.diff(r.time_s, prepend=-r.period_s) for r in stack.recordings])
+    step_s = np.maximum(steps_s, 1e-9)[:, None]
 
     def before(values: Array, by_s: float) -> Array:
         earlier = np.concatenate([values[:1], values[:-1]])
-        return values + np.minimum(by_s / step_s, 1.0) * (earlier - values)
+        return np.asarray(values + np.minimum(by_s / step_s, 1.0) * (earlier - values))
 
-    position, velocity = before(stack.filled(lambda r: r.position_rad), lag_s), before(now, lag_s)
+    position, velocity = before(stack.states.position_rad, lag_s), before(now, lag_s)
     commands: dict[str, list[Array]] = {name: [] for name in COMMANDED}
     ages: list[Array] = []
     for recording in stack.recordings:
@@ -301,7 +253,7 @@ def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorS
         kd_nm_s_per_rad=asked["kd_nm_s_per_rad"],
         request_nm=request,
         torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.run, stack.period_s),
-        load_nm=stack.filled(lambda r: r.load_nm),
+        load_nm=stack.states.load_nm,
         command_age_s=np.concatenate(ages),
         lag_s=lag_s,
         effects=tuple(effects),

@@ -1,29 +1,30 @@
-"""How the logged body moves, and the nominal model's rigid body that tells what forces this takes.
+"""How the logged body moves, what forces this takes by the nominal model's rigid body, and what loads say of them.
 
 Accelerations are the inertial unit's where there is one; its packets are older than their state by their own stamps,
 and are brought forward. The model is without contact, friction and rotors: inverse dynamics seen from the links.
+
+With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). The feet's
+forces come from the loads of all four legs, whatever their contact flags say; force and moment are in the body's frame,
+about its origin.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import mujoco
 import numpy as np
 
-from diagnosis.channels import Array
+from diagnosis.channels import Array, Channel
 from diagnosis.channels.stack import Stack
 from spot_model.effects.base import Effect
 from spot_model.plant.model_fields import FIRST_JOINT_DOF, edit_model
 from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
 
-GRAVITY_M_S2: Final = 9.81
-GRAVITY_TOLERANCE_M_S2: Final = 2.0
-"""The mean vertical reading must be this near to gravity, or to none, to know whether it is in."""
 N_DOFS = FIRST_JOINT_DOF + facts.N_JOINTS
 
 
@@ -39,6 +40,22 @@ class BodyInputs:
     velocity_rad_s: Array
     acceleration_rad_s2: Array
     load_nm: Array
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the model and the loads disagree on."""
+
+    joint_nm: Array
+    """Load less what the model needs if no foot touches. Shape (n, 12)."""
+    base: Array
+    """Force (N) and moment (N·m) by which the feet's forces exceed what the body needs, body frame. Shape (n, 6)."""
+    foot_force_n: Array
+    """Ground's force on each foot by the loads, body frame. Shape (n, 4, 3)."""
+
+    def of(self, channel: Channel) -> Array:
+        """What channel *load to motion* or *base wrench* shows."""
+        return self.joint_nm if channel == Channel.LOAD_TO_MOTION else self.base
 
 
 class BodyModel:
@@ -57,6 +74,7 @@ class BodyModel:
         model.opt.disableflags |= (
             off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT | off.mjDSBL_SENSOR | off.mjDSBL_ACTUATION | off.mjDSBL_LIMIT
         )
+        self.effects = tuple(effects)
         self._model = model
         self._data = mujoco.MjData(model)
         mujoco.mj_setConst(model, self._data)
@@ -93,43 +111,31 @@ class BodyModel:
         return out
 
 
-def imu_gravity_m_s2(stack: Stack) -> float | None:
-    """Gravity in the inertial unit's readings: 9.81 where it reports the specific force, 0 where the acceleration.
-
-    None where there is no unit, or its mean is neither.
-    """
-    if not stack.has("imu.acceleration_m_s2") or not stack.used.any():
-        return None
-    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
-    reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
-    mean = float(np.mean(reading[stack.used, 2]))
-    return next((g for g in (GRAVITY_M_S2, 0.0) if abs(mean - g) < GRAVITY_TOLERANCE_M_S2), None)
-
-
 def full_rate_inputs(stack: Stack, load_nm: Array) -> BodyInputs:
     """The motion at the states' stamps, not smoothed, its accelerations without gravity.
 
     The body's acceleration is the inertial unit's where there is one, else the derivative of the estimator's velocity.
     """
-    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
+    attitude = stack.states.odom_from_body_wxyz
     length = np.linalg.norm(attitude, axis=1, keepdims=True)
     attitude = np.where(length > 0.5, attitude / np.maximum(length, 0.5), np.array([1.0, 0.0, 0.0, 0.0]))
-    turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
     if stack.has("imu.angular_vel_rad_s"):
-        turn = forward(stack.filled(lambda r: r.imu.angular_vel_rad_s), stack)
-    gravity = imu_gravity_m_s2(stack)
-    if gravity is None:
-        acceleration = central_slope(stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s), stack.period_s)
+        turn = forward(stack.imu.angular_vel_rad_s, stack)
     else:
-        reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
+        turn = np.asarray(rotate_inverse_wxyz(attitude, stack.states.angular_vel_of_body_in_odom_rad_s))
+    gravity = stack.imu_gravity_m_s2
+    if gravity is None:
+        acceleration = central_slope(stack.states.linear_vel_of_body_in_odom_m_s, stack.period_s)
+    else:
+        reading = rotate_wxyz(attitude, stack.imu.acceleration_m_s2)
         acceleration = forward(np.asarray(reading), stack) - np.array([0.0, 0.0, gravity])
-    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    velocity = stack.states.velocity_rad_s
     return BodyInputs(
         world_from_body_wxyz=attitude,
         angular_vel_in_body_rad_s=turn,
         linear_acc_in_world_m_s2=acceleration,
         angular_acc_in_body_rad_s2=central_slope(turn, stack.period_s),
-        position_rad=stack.filled(lambda r: r.position_rad),
+        position_rad=stack.states.position_rad,
         velocity_rad_s=velocity,
         acceleration_rad_s2=central_slope(velocity, stack.period_s),
         load_nm=load_nm,
@@ -138,7 +144,7 @@ def full_rate_inputs(stack: Stack, load_nm: Array) -> BodyInputs:
 
 def forward(values: Array, stack: Stack) -> Array:
     """Readings of the inertial unit brought forward by their age, by the straight line to the next; same shape."""
-    share = stack.recordings[0].imu.age_s / stack.period_s
+    share = stack.imu.age_s / stack.period_s
     following = np.concatenate([values[1:], values[-1:]])
     return np.asarray(values + share * (following - values))
 
@@ -148,3 +154,57 @@ def central_slope(values: Array, period_s: float) -> Array:
     near = np.roll(values, -1, axis=0) - np.roll(values, 1, axis=0)
     far = np.roll(values, -2, axis=0) - np.roll(values, 2, axis=0)
     return np.asarray((8.0 * near - far) / (12.0 * period_s))
+
+
+def residuals(
+    model: BodyModel, inputs: BodyInputs, *, force: Array | None = None, place: tuple[Array, Array] | None = None
+) -> Residuals:
+    """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
+    if force is None:
+        force = model.inverse_dynamics(inputs)
+    joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
+    wrench = feet_wrench(place or place_of_feet(inputs, model.foot_radius_m), joint)
+    needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
+    return Residuals(joint_nm=joint, base=wrench.sum(axis=1) - needed, foot_force_n=wrench[:, :, :3])
+
+
+def feet_wrench(place: tuple[Array, Array], joint_nm: Array) -> Array:
+    """Force and moment on the body of the feet's forces that a joint residual (n, 12) stands for, leg by leg.
+
+    Shape (n, 4, 6), body frame, about the body's origin; ``place`` as :func:`place_of_feet` has it.
+    """
+    point, lever = place
+    torque = -joint_nm.reshape(len(joint_nm), facts.N_LEGS, 3, 1)
+    force = (lever @ torque)[..., 0]
+    return np.concatenate([force, np.cross(point, force)], axis=2)
+
+
+def place_of_feet(inputs: BodyInputs, foot_radius_m: Array) -> tuple[Array, Array]:
+    """Contact points (n, 4, 3), m, and what makes forces on them of their legs' torques (n, 4, 3, 3), 1/m."""
+    point, jacobian = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m)
+    # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
+    return point, np.asarray(np.linalg.inv(np.swapaxes(jacobian, -1, -2) + 1e-6 * np.eye(3)), dtype=np.float64)
+
+
+def contact_point_and_jacobian(
+    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array
+) -> tuple[Array, Array]:
+    """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
+
+    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad.
+    """
+    centre, jacobian = foot_position_and_jacobian(position_rad)
+    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (len(position_rad), 3)))
+    arm = foot_radius_m[None, :, None] * down[:, None, :]
+    axes = leg_axes(position_rad)
+    turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
+    return centre + arm, jacobian + turned
+
+
+def leg_axes(position_rad: Array) -> Array:
+    """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
+    hx = position_rad[:, 0::3]
+    zero, one = np.zeros_like(hx), np.ones_like(hx)
+    along = np.stack([one, zero, zero], axis=-1)
+    across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)
+    return np.stack([along, across, across], axis=2)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
 from diagnosis.channels.dynamics import DynamicsSignals
-from diagnosis.channels.kinematics import StanceSignals
 from spot_model.robot import facts
 from spot_model.robot.mjcf_options import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
@@ -59,12 +58,10 @@ Events = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 """Rows of the stack, legs, and what was found of each."""
 
 
-def contact_view(dynamics: DynamicsSignals, stance: StanceSignals) -> ChannelView | ChannelOff:
-    """Build the channel *contact events*."""
-    if not dynamics.stack.has("foot_contact"):
-        return ChannelOff(Channel.CONTACT_EVENTS, "no contact flags")
-    slip_rows, slip_legs, ratios = _slips(dynamics, stance)
-    stop_rows, stop_legs, stop_s = _stop_times(stance, dynamics.contact)
+def contact_view(dynamics: DynamicsSignals, stance: ChannelView) -> ChannelView | ChannelOff:
+    """Build the channel *contact events*, with what channel *stance kinematics* has of the feet's motion."""
+    slip_rows, slip_legs, ratios = _slips(dynamics, stance.response)
+    stop_rows, stop_legs, stop_s = _stop_times(dynamics, smooth(stance.signals.rising_m_s))
     kinds: tuple[Events, ...] = (
         _flag_delays(dynamics, vertical_force_n(dynamics)),
         (slip_rows, slip_legs, ratios - dynamics.model.foot_friction[slip_legs]),
@@ -132,11 +129,11 @@ def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> Events:
     return _events(found)
 
 
-def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> Events:
-    """Ratio of shear to normal force of each state in which a loaded foot slips."""
+def _slips(dynamics: DynamicsSignals, stance: Array) -> Events:
+    """Ratio of shear to normal force of each state in which a loaded foot slips; the stance's response, (n, 16)."""
     force = _force_in_world_n(dynamics)
     normal, shear = force[..., 2], np.hypot(force[..., 0], force[..., 1])
-    velocity = stance.nominal[:, : 3 * facts.N_LEGS].reshape(-1, facts.N_LEGS, 3)
+    velocity = stance[:, : 3 * facts.N_LEGS].reshape(-1, facts.N_LEGS, 3)
     sliding = np.hypot(velocity[..., 0], velocity[..., 1]) > SLIP_M_S
     loaded = dynamics.stack.inner(dynamics.contact, 5, 5)[dynamics.rows] & (normal > SLIP_NORMAL_N)
     ratio = np.where(loaded, shear / np.maximum(normal, 1.0), 0.0)
@@ -145,10 +142,12 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> Events:
     return dynamics.rows[index], legs, ratio[index, legs]
 
 
-def _stop_times(stance: StanceSignals, contact: Flags) -> Events:
-    """Time in which the ground takes half of the speed of each touch-down that is fast enough, s."""
-    stack = stance.stack
-    velocity = smooth(stance.rising_m_s)
+def _stop_times(dynamics: DynamicsSignals, velocity: Array) -> Events:
+    """Time in which the ground takes half of the speed of each touch-down that is fast enough, s.
+
+    The velocity is that of the contact points, upwards, smoothed, m/s, shape (N, 4).
+    """
+    stack, contact = dynamics.stack, dynamics.contact
     found: list[tuple[int, int, float]] = []
     for leg, row, touches in _changes(contact, stack.inner(stack.used, SEARCH, STOP_LAST)):
         path = velocity[row - STOP_AROUND : row + STOP_LAST, leg]

@@ -3,12 +3,8 @@
 The nominal residual is computed at the full rate and then smoothed, since inverse dynamics are not linear; what a
 change of a parameter or a sensor adds to it is small, and computed from smoothed signals at the kept rows.
 
-With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). Channel
-*load to motion* looks at τ − h_leg where a leg swings, so f is none; channel *base wrench* puts the f of all legs into
-the body's rows.
-
-The feet's forces come from the loads of all four legs, whatever their contact flags say; force and moment are in the
-body's frame, about its origin.
+Channel *load to motion* looks at the load less what the model needs where a leg swings, and the ground has no force on
+its foot; channel *base wrench* puts the forces on all feet into the body's rows.
 
 Time convention: a sampled torque loop, or a simulator, computes a load from positions at the start of its step, and
 the step's mean acceleration lies in the middle. Left alone, such an offset looks like a displaced weight or a wrong
@@ -18,7 +14,7 @@ instant, or a load that is older by the lag that channel *set-point to load* mea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
@@ -26,42 +22,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags
-from diagnosis.channels.actuator import rattling
-from diagnosis.channels.body_model import GRAVITY_M_S2, BodyInputs, BodyModel, full_rate_inputs, imu_gravity_m_s2
-from diagnosis.channels.stack import Stack, white_noise
+from diagnosis.channels.body_model import (
+    BodyInputs,
+    BodyModel,
+    Residuals,
+    feet_wrench,
+    full_rate_inputs,
+    place_of_feet,
+    residuals,
+)
+from diagnosis.channels.stack import GRAVITY_M_S2, STRIDE, Stack, white_noise
 from spot_model.effects.base import Effect
-from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
-from spot_model.robot.leg_kinematics import foot_position_and_jacobian
-from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
-from trainer.signals.smoothing import REACH, smooth
+from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz
+from trainer.signals.smoothing import rate, smooth
 
-STRIDE: Final = 4
-"""Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
-NEEDED: Final = {
-    "position_rad": "joint positions",
-    "velocity_rad_s": "joint velocities",
-    "odom_from_body_wxyz": "attitude",
-    "angular_vel_of_body_in_odom_rad_s": "turn rate",
-}
 CARRIES: Final = 0.1
 """Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """What the model and the loads disagree on."""
-
-    joint_nm: Array
-    """Load less what the model needs if no foot touches. Shape (n, 12)."""
-    base: Array
-    """Force (N) and moment (N·m) by which the feet's forces exceed what the body needs, body frame. Shape (n, 6)."""
-    foot_force_n: Array
-    """Ground's force on each foot by the loads, body frame. Shape (n, 4, 3)."""
-
-    def of(self, channel: Channel) -> Array:
-        """What channel *load to motion* or *base wrench* shows."""
-        return self.joint_nm if channel == Channel.LOAD_TO_MOTION else self.base
 
 
 @dataclass(frozen=True)
@@ -69,9 +46,8 @@ class DynamicsSignals:
     """Signals of channels *load to motion* and *base wrench*."""
 
     stack: Stack
-    effects: tuple[Effect, ...]
-    """Effects of the nominal model."""
     model: BodyModel
+    """The nominal one."""
     rows: NDArray[np.intp]
     """Rows of the stack that are kept, shape (n,)."""
     inputs: BodyInputs
@@ -91,8 +67,6 @@ class DynamicsSignals:
     """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
     place: tuple[Array, Array]
     """As :func:`place_of_feet` has it; like the force the same for many changes of inputs."""
-    imu_gravity_m_s2: float | None
-    """In the inertial unit's readings; None where accelerations are not by one."""
     drive: ChannelView | None = None
     """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
@@ -122,7 +96,7 @@ class DynamicsSignals:
         """The same for a nominal model with one more model effect."""
 
         def computed() -> Residuals:
-            model = BodyModel((*self.effects, effect))
+            model = BodyModel((*self.model.effects, effect))
             same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
             return residuals(model, self.inputs, place=self.place if same else None)
 
@@ -166,110 +140,40 @@ def _of_rows(values: Any, keep: Flags) -> Any:
     return values[keep]
 
 
-def missing_for_dynamics(stack: Stack) -> str:
-    """What logs lack for channels *load to motion* and *base wrench*, loads apart; empty if nothing."""
-    if stack.joint_names != facts.JOINT_NAMES:
-        return "no body model of this robot"
-    if stack.too_coarse():
-        return stack.too_coarse()
-    if missing := stack.missing(NEEDED):
-        return f"no {missing}"
-    if not stack.has("linear_vel_of_body_in_odom_m_s") and not stack.has("imu.acceleration_m_s2"):
-        return "neither the body's velocity nor an inertial unit"
-    return ""
-
-
-def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
+def dynamics_signals(stack: Stack, model: BodyModel, drive: ChannelView | None) -> DynamicsSignals:
     """Smooth, differentiate and compute the nominal residuals; ``drive`` stands in for loads that were not measured."""
-    rows = kept_rows(stack)
-    raw = full_rate_inputs(stack, stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm)
+    rows = stack.kept_rows()
+    raw = full_rate_inputs(stack, stack.states.load_nm if drive is None else drive.signals.load_nm)
     inputs = BodyInputs(**{f.name: smooth(getattr(raw, f.name), rows) for f in fields(BodyInputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
-    position_rate = stack.rate(raw.position_rad)
-    model = BodyModel(effects)
+    position_rate = rate(raw.position_rad, stack.period_s)
     full = residuals(model, raw)
     nominal = Residuals(*(smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
     place = place_of_feet(inputs, model.foot_radius_m)
-    has_flags = stack.has("foot_contact")
-    contact = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(raw, full.foot_force_n)
+    contact = stack.states.foot_contact if stack.has("foot_contact") else carrying(raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
-        effects=tuple(effects),
         model=model,
         rows=rows,
         inputs=inputs,
-        load_rate_nm_s=stack.rate(raw.load_nm, rows),
+        load_rate_nm_s=rate(raw.load_nm, stack.period_s, rows),
         position_rate_rad_s=position_rate[rows],
-        position_curvature_rad_s2=stack.rate(position_rate, rows),
-        contact=contact.astype(np.bool_),
+        position_curvature_rad_s2=rate(position_rate, stack.period_s, rows),
+        contact=contact,
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),
         force=force,
         place=place,
-        imu_gravity_m_s2=imu_gravity_m_s2(stack),
         drive=drive,
     )
-
-
-def kept_rows(stack: Stack, reach: int = REACH) -> NDArray[np.intp]:
-    """One of :data:`STRIDE` rows, where the filter reaches nothing that is not used."""
-    every = np.arange(stack.n) % STRIDE == 0
-    return np.flatnonzero(every & stack.inner(stack.used, reach, reach))
 
 
 def carrying(inputs: BodyInputs, foot_force_n: Array) -> Flags:
     """Feet (N, 4) that the ground pushes up by more than :data:`CARRIES` of the robot's weight; all at full rate."""
     up = rotate_wxyz(inputs.world_from_body_wxyz[:, None, :], foot_force_n)[..., 2]
     return np.asarray(smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
-
-
-def residuals(
-    model: BodyModel, inputs: BodyInputs, *, force: Array | None = None, place: tuple[Array, Array] | None = None
-) -> Residuals:
-    """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
-    if force is None:
-        force = model.inverse_dynamics(inputs)
-    joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
-    wrench = feet_wrench(inputs, joint, model.foot_radius_m, place)
-    needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
-    return Residuals(joint_nm=joint, base=wrench.sum(axis=1)[:, :6] - needed, foot_force_n=wrench[:, :, :3])
-
-
-def feet_wrench(
-    inputs: BodyInputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
-) -> Array:
-    """Force and moment on the body of the feet's forces that a joint residual (n, 12) stands for, leg by leg.
-
-    Shape (n, 4, 6), body frame, about the body's origin; ``place`` where it is known already.
-    """
-    point, lever = place or place_of_feet(inputs, foot_radius_m)
-    torque = -joint_nm.reshape(len(joint_nm), facts.N_LEGS, 3, 1)
-    force = (lever @ torque)[..., 0]
-    return np.concatenate([force, np.cross(point, force)], axis=2)
-
-
-def place_of_feet(inputs: BodyInputs, foot_radius_m: Array) -> tuple[Array, Array]:
-    """Contact points (n, 4, 3), m, and what makes forces on them of their legs' torques (n, 4, 3, 3), 1/m."""
-    point, jacobian = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m)
-    # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
-    return point, np.asarray(np.linalg.inv(np.swapaxes(jacobian, -1, -2) + 1e-6 * np.eye(3)), dtype=np.float64)
-
-
-def contact_point_and_jacobian(
-    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array
-) -> tuple[Array, Array]:
-    """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
-
-    Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad.
-    """
-    centre, jacobian = foot_position_and_jacobian(position_rad)
-    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (len(position_rad), 3)))
-    arm = foot_radius_m[None, :, None] * down[:, None, :]
-    axes = leg_axes(position_rad)
-    turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
-    return centre + arm, jacobian + turned
 
 
 def wrench_of_joints(signals: DynamicsSignals) -> Array:
@@ -279,19 +183,10 @@ def wrench_of_joints(signals: DynamicsSignals) -> Array:
         out = np.empty((n, facts.N_JOINTS, 6))
         for k in range(3):
             joint = np.broadcast_to(np.arange(facts.N_JOINTS) % 3 == k, (n, facts.N_JOINTS)).astype(np.float64)
-            out[:, k::3] = feet_wrench(signals.inputs, joint, signals.model.foot_radius_m, signals.place)
+            out[:, k::3] = feet_wrench(signals.place, joint)
         signals.cache["wrench_of_joints"] = out
     found: Array = signals.cache["wrench_of_joints"]
     return found
-
-
-def leg_axes(position_rad: Array) -> Array:
-    """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
-    hx = position_rad[:, 0::3]
-    zero, one = np.zeros_like(hx), np.ones_like(hx)
-    along = np.stack([one, zero, zero], axis=-1)
-    across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)
-    return np.stack([along, across, across], axis=2)
 
 
 AFTER_LIFT_OFF: Final = 6
@@ -322,7 +217,7 @@ def motion_views(signals: DynamicsSignals, lag_s: float) -> tuple[ChannelView, C
     calm = np.all(steady[signals.rows], axis=1)
     _, _, residuals = realigned(signals, swinging, calm, lag_s)
     # A foot that skips over the ground is carried by no flag, and shakes its whole leg.
-    rattles = rattling(stack)[signals.rows].reshape(-1, facts.N_LEGS, 3).any(axis=2)
+    rattles = stack.rattles[signals.rows].reshape(-1, facts.N_LEGS, 3).any(axis=2)
     usable = np.repeat(swinging & ~rattles, 3, axis=1)
     load = signals.inputs.load_nm
     moved = [float(np.sqrt(np.mean(load[rows, i] ** 2))) if rows.any() else 0.0 for i, rows in enumerate(usable.T)]
@@ -360,7 +255,7 @@ def realigned(signals: DynamicsSignals, swinging: Flags, calm: Flags, lag_s: flo
         How much older than the motion the loads are, and the positions at which they acted, s; the residuals without
         what these offsets make.
     """
-    drift = feet_wrench(signals.inputs, signals.load_rate_nm_s, signals.model.foot_radius_m).sum(axis=1)
+    drift = feet_wrench(signals.place, signals.load_rate_nm_s).sum(axis=1)
     shifted, nominal = signals.shifted_s(), signals.nominal
     found: list[tuple[float, float, Residuals]] = []
     for load_s, position_s in ((0.0, 0.0), (0.5 * lag_s, lag_s)):

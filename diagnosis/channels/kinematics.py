@@ -14,7 +14,7 @@ that lags, which need a second derivative, keep their size.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
@@ -22,13 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags
-from diagnosis.channels.body_model import BodyModel, imu_gravity_m_s2
-from diagnosis.channels.dynamics import STRIDE, DynamicsSignals, contact_point_and_jacobian, kept_rows
-from diagnosis.channels.stack import Stack, white_noise
-from spot_model.effects.base import Effect
+from diagnosis.channels.body_model import BodyModel, contact_point_and_jacobian
+from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.stack import STRIDE, Stack, white_noise
 from spot_model.robot import facts
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
-from trainer.signals.smoothing import REACH, smooth
+from trainer.signals.smoothing import REACH, rate, smooth
 
 AFTER_TOUCH_DOWN: Final = 9
 BEFORE_LIFT_OFF: Final = 7
@@ -77,8 +76,6 @@ class StanceSignals:
     position_rate_rad_s: Array
     standing: Flags
     """Well within a stance, at the full rate. Shape (N, 4)."""
-    nominal: Array
-    """Smoothed response, shape (n, 16)."""
     rising_m_s: Array
     """Vertical velocity of the contact points, at the full rate. Shape (N, 4)."""
     acceleration_in_body_m_s2: Array
@@ -90,7 +87,7 @@ class StanceSignals:
     def thinned(self, apart: int) -> tuple[StanceSignals, Flags]:
         """Signals of rows ``apart`` states from each other, or a little less, and these rows."""
         keep = self.rows % max(STRIDE, apart - apart % STRIDE) == 0
-        names = ("rows", "load_nm", "load_rate_nm_s", "position_rate_rad_s", "nominal")
+        names = ("rows", "load_nm", "load_rate_nm_s", "position_rate_rad_s")
         rows = {name: getattr(self, name)[keep] for name in names}
         return replace(self, **rows, inputs=self.inputs.of(lambda x: x[keep]), cache={}), keep
 
@@ -111,34 +108,19 @@ class StanceSignals:
         return np.pad(velocities, ((0, 0), (0, facts.N_LEGS)))
 
 
-def stance_view(
-    stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSignals | None = None
-) -> ChannelView | ChannelOff:
+def stance_view(stack: Stack, model: BodyModel, dynamics: DynamicsSignals | None) -> ChannelView:
     """Build the channel *stance kinematics*; ``dynamics`` gives the feet's forces to what depends on them."""
-    if stack.joint_names != facts.JOINT_NAMES:
-        return ChannelOff(Channel.STANCE_KINEMATICS, "no body model of this robot")
-    needed = {"position_rad": "joint positions", "velocity_rad_s": "joint velocities"}
-    needed |= {"foot_contact": "contact flags"} if dynamics is None else {}
-    needed |= {"odom_from_body_wxyz": "attitude", "linear_vel_of_body_in_odom_m_s": "body velocity"}
-    if missing := stack.missing({**needed, "angular_vel_of_body_in_odom_rad_s": "turn rate"}):
-        return ChannelOff(Channel.STANCE_KINEMATICS, f"no {missing}")
-    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
-    attitude = np.where(np.abs(attitude).sum(axis=1, keepdims=True) > 0.5, attitude, np.array([1.0, 0.0, 0.0, 0.0]))
-    linear, angular = (
-        rotate_inverse_wxyz(attitude, stack.filled(of))
-        for of in (lambda r: r.linear_vel_of_body_in_odom_m_s, lambda r: r.angular_vel_of_body_in_odom_rad_s)
-    )
     inputs = Kinematics(
-        odom_from_body_wxyz=attitude,
-        linear_vel_in_body_m_s=linear,
-        angular_vel_in_body_rad_s=angular,
-        position_rad=stack.filled(lambda r: r.position_rad),
-        velocity_rad_s=stack.filled(lambda r: r.velocity_rad_s),
-        foot_radius_m=BodyModel(effects).foot_radius_m,
+        odom_from_body_wxyz=stack.states.odom_from_body_wxyz,
+        linear_vel_in_body_m_s=stack.linear_vel_in_body_m_s,
+        angular_vel_in_body_rad_s=stack.angular_vel_in_body_rad_s,
+        position_rad=stack.states.position_rad,
+        velocity_rad_s=stack.states.velocity_rad_s,
+        foot_radius_m=model.foot_radius_m,
     )
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_) if dynamics is None else dynamics.contact
+    contact = stack.states.foot_contact if dynamics is None else dynamics.contact
     standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)
-    rows = kept_rows(stack)
+    rows = stack.kept_rows()
     heading, height = motion_of_feet(inputs)
     response = smooth(_rows_of(heading, height, standing), rows)
     steady = stack.inner(standing)[rows]
@@ -149,7 +131,7 @@ def stance_view(
     velocities = np.stack([steady, steady, settled], axis=2).reshape(len(rows), -1)
     usable = np.concatenate([velocities, several], axis=1)
     legs = np.arange(facts.N_LEGS)
-    acceleration, load = _acceleration_in_body(stack, inputs), stack.filled(lambda r: r.load_nm)
+    acceleration, load = _acceleration_in_body(stack, inputs), stack.states.load_nm
     floor = np.concatenate([np.tile(VELOCITY_FLOOR_M_S, facts.N_LEGS), np.full(4, HEIGHT_FLOOR_M)])
     return stack.view(
         Channel.STANCE_KINEMATICS,
@@ -167,10 +149,9 @@ def stance_view(
             raw=inputs,
             inputs=inputs.of(lambda x: smooth(x, rows)),
             load_nm=smooth(load, rows),
-            load_rate_nm_s=stack.rate(load, rows),
-            position_rate_rad_s=stack.rate(inputs.position_rad, rows),
+            load_rate_nm_s=rate(load, stack.period_s, rows),
+            position_rate_rad_s=rate(inputs.position_rad, stack.period_s, rows),
             standing=standing,
-            nominal=response,
             rising_m_s=heading[..., 2],
             acceleration_in_body_m_s2=acceleration,
             dynamics=dynamics,
@@ -202,11 +183,11 @@ def _rows_of(heading: Array, height: Array, standing: Flags) -> Array:
 
 def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
     """Derivative of the velocity's components in the body frame, shape (N, 3), m/s²."""
-    gravity = imu_gravity_m_s2(stack)
+    gravity = stack.imu_gravity_m_s2
     if gravity is None:
         return np.asarray(np.gradient(k.linear_vel_in_body_m_s, stack.period_s, axis=0))
     upright = np.broadcast_to([0.0, 0.0, gravity], (stack.n, 3))
-    felt = stack.filled(lambda r: r.imu.acceleration_m_s2) - rotate_inverse_wxyz(k.odom_from_body_wxyz, upright)
+    felt = stack.imu.acceleration_m_s2 - rotate_inverse_wxyz(k.odom_from_body_wxyz, upright)
     return np.asarray(felt - np.cross(k.angular_vel_in_body_rad_s, k.linear_vel_in_body_m_s))
 
 
@@ -218,11 +199,6 @@ def _in_heading(odom_from_body_wxyz: Array, in_body: Array) -> Array:
     return np.asarray(rotate_inverse_wxyz(np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1), odom))
 
 
-INERTIAL_NEEDED: Final = {
-    "imu.acceleration_m_s2": "inertial unit",
-    "odom_from_body_wxyz": "attitude",
-    "linear_vel_of_body_in_odom_m_s": "body velocity",
-}
 INERTIAL_ROWS: Final = ("acceleration_x", "acceleration_y", "acceleration_z", "turn_x", "turn_y", "turn_z")
 INERTIAL_FLOOR: Final = np.array([0.3, 0.3, 0.5, 0.03, 0.03, 0.03])
 """What impacts and soft mounts leave at least, m/s² and rad/s."""
@@ -234,11 +210,6 @@ class InertialSignals:
 
     stack: Stack
     rows: NDArray[np.intp]
-    odom_from_body_wxyz: Array
-    reading_m_s2: Array
-    """In the link's frame, gravity in it or not as the unit reports."""
-    linear_vel_in_odom_m_s: Array
-    angular_vel_in_body_rad_s: Array
     velocity_rate_in_body_m_s2: Array
     """Rate of the velocity's components in the body frame, by the unit, at its own stamps."""
 
@@ -254,42 +225,23 @@ class InertialSignals:
 
     def finish_rate(self, in_odom: Array) -> Array:
         """The derivative of a velocity, likewise."""
-        once = smooth(self.stack.rate(in_odom), self.rows)
+        once = smooth(rate(in_odom, self.stack.period_s), self.rows)
         return np.concatenate([once, np.zeros_like(once)], axis=1)
 
 
 def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     """Build the channel *inertial unit*."""
-    if stack.too_coarse():
-        return ChannelOff(Channel.INERTIAL_UNIT, stack.too_coarse())
-    if missing := stack.missing(INERTIAL_NEEDED):
-        return ChannelOff(Channel.INERTIAL_UNIT, f"no {missing}")
-    gravity = imu_gravity_m_s2(stack)
+    gravity = stack.imu_gravity_m_s2
     if gravity is None:
         return ChannelOff(Channel.INERTIAL_UNIT, "the inertial unit's mean reading is neither gravity nor none")
-    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
-    rows = kept_rows(stack, 2 * REACH)
-    reading = stack.filled(lambda r: r.imu.acceleration_m_s2)
-    age_s = stack.recordings[0].imu.age_s
-    felt = np.asarray(rotate_wxyz(attitude, reading))
-    velocity = stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s)
-    turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
-    signals = InertialSignals(
-        stack=stack,
-        rows=rows,
-        odom_from_body_wxyz=attitude,
-        reading_m_s2=reading,
-        angular_vel_in_body_rad_s=turn,
-        velocity_rate_in_body_m_s2=np.asarray(
-            rotate_inverse_wxyz(attitude, felt - np.array([0.0, 0.0, gravity]))
-            - np.cross(turn, rotate_inverse_wxyz(attitude, velocity))
-        ),
-        linear_vel_in_odom_m_s=velocity,
-    )
-    felt_now = signals.finish(felt) + age_s * signals.finish_rate(felt)
+    felt, rows = stack.imu_in_odom_m_s2, stack.kept_rows(2 * REACH)
+    pushed = rotate_inverse_wxyz(stack.states.odom_from_body_wxyz, felt - np.array([0.0, 0.0, gravity]))
+    turning = np.cross(stack.angular_vel_in_body_rad_s, stack.linear_vel_in_body_m_s)
+    signals = InertialSignals(stack, rows, velocity_rate_in_body_m_s2=np.asarray(pushed - turning))
+    felt_now = signals.finish(felt) + stack.imu.age_s * signals.finish_rate(felt)
     upright = np.array([0.0, 0.0, gravity, 0.0, 0.0, 0.0])
-    acceleration = felt_now - upright - signals.finish_rate(signals.linear_vel_in_odom_m_s)
-    response = acceleration + _turns(signals, age_s)
+    acceleration = felt_now - upright - signals.finish_rate(stack.states.linear_vel_of_body_in_odom_m_s)
+    response = acceleration + _turns(stack, rows)
     usable = np.ones(response.shape, dtype=np.bool_)
     return stack.view(
         Channel.INERTIAL_UNIT,
@@ -303,12 +255,10 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     )
 
 
-def _turns(signals: InertialSignals, age_s: float) -> Array:
-    """Turn rate by the unit less that of the attitude, body frame, in the last three of six columns."""
-    stack = signals.stack
-    attitude = signals.odom_from_body_wxyz
-    gyro = stack.filled(lambda r: r.imu.angular_vel_rad_s)
-    read = smooth(smooth(gyro)) + age_s * smooth(stack.rate(gyro))
-    change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), stack.rate(attitude))
-    turn = (read - smooth(2.0 * np.asarray(change)[:, 1:]))[signals.rows]
+def _turns(stack: Stack, rows: NDArray[np.intp]) -> Array:
+    """Turn rate by the unit less that of the attitude, body frame, in the last three of six columns, at some rows."""
+    gyro, attitude = stack.imu.angular_vel_rad_s, stack.states.odom_from_body_wxyz
+    read = smooth(smooth(gyro)) + stack.imu.age_s * smooth(rate(gyro, stack.period_s))
+    change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), rate(attitude, stack.period_s))
+    turn = (read - smooth(2.0 * np.asarray(change)[:, 1:]))[rows]
     return np.concatenate([np.zeros_like(turn), turn], axis=1)

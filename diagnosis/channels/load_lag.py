@@ -23,6 +23,8 @@ WIDE_SHARE: Final = 0.25
 """A lag that may lie anywhere in this share of the period is reported."""
 MAX_EVENTS: Final = 2_500
 """Evenly thinned to so many set-points."""
+ONE_PHASE: Final = 0.05
+"""Share of a period within which commands always come, if a recording has them row by row with its states."""
 
 
 def load_lag_s(stack: Stack) -> tuple[float, str]:
@@ -44,6 +46,27 @@ def load_lag_s(stack: Stack) -> tuple[float, str]:
     wide = float(near.max() - near.min())
     note = f"the load's lag is known to {1e3 * wide:.1f} ms only: set-points always come at one phase"
     return float(np.mean(near)), note if wide > WIDE_SHARE * period else ""
+
+
+def between_states(stack: Stack, lag_s: float) -> Array:
+    """What a rotor takes of a set-point's step within the period in which it comes, as far as states cannot tell.
+
+    A load is measured at the end of a period, when the step is in it or not yet; the mean acceleration over the period
+    has the part of it since it came. What a rotor's inertia makes of the difference is a nuisance. Shape (N, J), N·m.
+    A recording of commands row by row with its states does not say when in a period they came: nothing is taken off.
+    """
+    parts: list[Array] = []
+    for recording in stack.recordings:
+        out = np.zeros((len(recording), recording.n_joints))
+        step, received_ns, state, later = set_point_steps(recording)
+        inside = (received_ns > recording.start_ns) & (state < len(recording)) & (later < 1.0)
+        if not recording.has_receipts and inside.any() and np.ptp(later[inside]) < ONE_PHASE:
+            inside[:] = False
+        share = later[inside]
+        seen = (share * recording.period_s >= lag_s).astype(np.float64)
+        np.add.at(out, state[inside], (seen - share)[:, None] * np.nan_to_num(step[inside]))
+        parts.append(out)
+    return np.concatenate(parts)
 
 
 def set_point_steps(recording: Recording) -> tuple[Array, NDArray[np.int64], NDArray[np.intp], Array]:

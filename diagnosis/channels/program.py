@@ -114,7 +114,8 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
             for first, recording in zip(stack.starts(), stack.recordings, strict=True)
         ]
     )
-    known = np.isfinite(told.lost) & (stack.cat(lambda r: r.commands.state_robot_stamp_ns) > 0)
+    answered = np.concatenate([r.commands.state_robot_stamp_ns > 0 for r in stack.recordings])
+    known = np.isfinite(told.lost) & answered
     if not known.any():
         return ChannelOff(Channel.TIME_STAMPS, "no command was received within a second")
     length = max(1, round(WINDOW_S / stack.period_s))

@@ -29,7 +29,7 @@ from scipy.signal import lfilter
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags, Ints
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
-from trainer.signals.smoothing import smooth
+from trainer.signals.smoothing import rate, smooth
 
 RATE_STRIDE: Final = 2
 FLOOR_RAD_S: Final = 0.02
@@ -40,9 +40,6 @@ class RateSignals:
     """Signals of channel *joint rates*."""
 
     stack: Stack
-    velocity_rad_s: Array
-    """Shape (N, J)."""
-
     stride: int = RATE_STRIDE
     """Every so many rows one is kept."""
 
@@ -53,17 +50,16 @@ class RateSignals:
 
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of (N, J) as the channel's rows have it."""
-        return self.stack.rate(raw, slice(None, None, self.stride))
+        return rate(raw, self.stack.period_s, slice(None, None, self.stride))
 
 
-def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | ChannelOff:
+def rate_view(stack: Stack, velocity_age_s: float) -> ChannelView:
     """Build the channel *joint rates*; by convention a reported velocity is so much older than its stamp."""
-    if missing := stack.missing({"position_rad": "positions", "velocity_rad_s": "velocities"}):
-        return ChannelOff(Channel.JOINT_RATES, f"no measured joint {missing}")
-    velocity = stack.filled(lambda r: r.velocity_rad_s)
-    position = stack.filled(lambda r: r.position_rad)
+    velocity, position = stack.states.velocity_rad_s, stack.states.position_rad
     kept, n_joints = slice(None, None, RATE_STRIDE), velocity.shape[1]
-    response = (smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[kept]
+    response = (smooth(velocity) + velocity_age_s * rate(velocity, stack.period_s) - rate(position, stack.period_s))[
+        kept
+    ]
     return stack.joint_view(
         Channel.JOINT_RATES,
         kept,
@@ -72,7 +68,7 @@ def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | Channe
         unit="rad/s",
         usable=np.repeat(stack.inner(stack.used)[kept, None], n_joints, axis=1),
         noise=np.full(n_joints, FLOOR_RAD_S),
-        signals=RateSignals(stack, velocity),
+        signals=RateSignals(stack),
     )
 
 
@@ -96,16 +92,13 @@ BEYOND: Final = 1e300
 """In place of a square that does not count."""
 
 
-def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> ChannelView | ChannelOff:
+def noise_view(stack: Stack, actuator: ActuatorSignals | None) -> ChannelView | ChannelOff:
     """Build the channel *sensor noise*, variances in units of the usual ones; ``actuator`` where that channel is on."""
-    if not stack.has("position_rad"):
-        return ChannelOff(Channel.SENSOR_NOISE, "no measured joint positions")
     n_joints = len(stack.joint_names)
     blocks, middles = [], []
     usable = stack.inner(stack.used, ORDER, ORDER)
-    load = stack.filled(lambda r: r.load_nm) if actuator is None else actuator.load_nm - actuator.torque_nm
-    joints = stack.filled(lambda r: np.concatenate([r.position_rad, r.velocity_rad_s], axis=1))
-    square = _high_squares(np.concatenate([joints, load], axis=1))
+    load = stack.states.load_nm if actuator is None else actuator.load_nm - actuator.torque_nm
+    square = _high_squares(np.concatenate([stack.states.position_rad, stack.states.velocity_rad_s, load], axis=1))
     steps = _high_squares(actuator.torque_nm) if actuator is not None else None
     for start in range(0, stack.n - BLOCK, BLOCK):
         block = slice(start, start + BLOCK)
@@ -182,10 +175,6 @@ class PowerSignals:
 
 def power_view(stack: Stack) -> ChannelView | ChannelOff:
     """Build the channel *battery power*."""
-    if any(len(r.slow_states) == 0 for r in stack.recordings):
-        return ChannelOff(Channel.BATTERY_POWER, "no battery record")
-    if not stack.has("load_nm") or not stack.has("velocity_rad_s"):
-        return ChannelOff(Channel.BATTERY_POWER, "no joint torques or velocities")
     rows, volts, amps = [], [], []
     for first, recording in zip(stack.starts(), stack.recordings, strict=True):
         slow = recording.slow_states
@@ -197,7 +186,7 @@ def power_view(stack: Stack) -> ChannelView | ChannelOff:
     at, volt, ampere = np.concatenate(rows), np.concatenate(volts), np.concatenate(amps)
     if len(at) < MIN_POLLS or np.ptp(ampere) == 0.0:
         return ChannelOff(Channel.BATTERY_POWER, f"{len(at)} polls of the battery; {MIN_POLLS} that differ are needed")
-    velocity, load = stack.filled(lambda r: r.velocity_rad_s), stack.filled(lambda r: r.load_nm)
+    velocity, load = stack.states.velocity_rad_s, stack.states.load_nm
     mechanical = averaged(stack, np.maximum(load * velocity, 0.0).sum(axis=1))[at]
     squared = averaged(stack, (load**2).sum(axis=1))[at]
     beside = np.stack([np.ones_like(mechanical), mechanical, squared], axis=1)

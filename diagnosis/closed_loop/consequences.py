@@ -8,7 +8,7 @@ repeats. A gap counts from its floor: the distance of the repeats, or what nobod
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
 
@@ -71,41 +71,114 @@ GAPS: Final = (
     Gap("body motion", "m/s", _body_velocity),
 )
 
-Runs = Mapping[str, Sequence[Run]]
-"""By command sequence, all of which the robot ran."""
+Came = Sequence[tuple[list[float], WalkTime]]
+"""What each run of one sequence came to: :data:`QUANTITIES`, and how long it lasted."""
+ROBOT: Final = ""
+"""The robot's name among those of the models."""
 
 
-def consequences(trials: Trials, before: str, after: str, rng: np.random.Generator, doubt: float = 0.0) -> Consequences:
-    """What the model named ``after`` has beyond the one named ``before`` does.
+@dataclass(frozen=True)
+class Outcomes:
+    """What the runs of all models and of the robot come to, and how far each model is from the robot."""
 
-    ``doubt`` is a standard error of the distance after, in floors: other surroundings might have been chosen.
-    """
-    bench = trials.bench
-    real, first, second = _by_sequence(bench.runs), _by_sequence(trials.runs[before]), _by_sequence(trials.runs[after])
-    gaps = []
-    for gap, compared in _compared(real, {before: first, after: second}, after):
-        d0, d1, floor, s, low, high = shrinkage(compared, before, after, rng, doubt * mean_repeats(compared))
-        repeats, share = _known_repeats(compared), {"share": s, "low": low, "high": high}
-        gaps.append(GapChange(gap=gap.name, unit=gap.unit, before=d0, after=d1, floor=floor, repeats=repeats, **share))
-    length_s = {s.sequence: len(s.velocity_command) * s.tick_period_s for s in bench.scripts}
-    return Consequences(loop="closed", gaps=tuple(gaps), changes=_changes(real, first, second, length_s, rng))
+    gaps: Mapping[Gap, Sequence[SequenceDistances]]
+    """By gap and by sequence, in the gap's unit; a distance is NaN where a log lacks the signal."""
+    scatter: Mapping[Gap, Sequence[Mapping[str, float]]]
+    """Likewise, the mean distance of each model's runs from each other; of sequences that the robot did not repeat."""
+    came: Mapping[str, Sequence[Came]]
+    """By model and sequence; the robot is :data:`ROBOT`."""
+    length_s: Sequence[float]
+    """Of each sequence's commands."""
 
+    @staticmethod
+    def of(trials: Trials) -> Outcomes:
+        """Compare all models of the trials with the robot.
 
-def remainder(trials: Trials, after: str) -> tuple[GapLeft, ...]:
-    """What a model leaves of each gap."""
-    real, made = _by_sequence(trials.bench.runs), _by_sequence(trials.runs[after])
-    out = []
-    for gap, compared in _compared(real, {after: made}, after):
-        left, floor = mean_distance(compared, after), mean_floor(compared)
-        ratio = left / floor if floor > 0.0 else None
-        repeats = _known_repeats(compared)
-        out.append(GapLeft(gap=gap.name, unit=gap.unit, left=left, floor=floor, ratio=ratio, repeats=repeats))
-    return tuple(out)
+        What is nothing to anybody is a share of the spread of the robot's signal, standard deviations over a run,
+        averaged over the components and the runs.
+        """
+        real, models = _by_sequence(trials.bench.runs), {name: _by_sequence(own) for name, own in trials.runs.items()}
+        sequences = list(next(iter(models.values())))
+        gaps: dict[Gap, list[SequenceDistances]] = {gap: [] for gap in GAPS}
+        scatter: dict[Gap, list[dict[str, float]]] = {gap: [] for gap in GAPS}
+        for sequence in sequences:
+            own = _cuts([run for run in real[sequence] if len(policy_ticks(run)) >= MIN_TICKS])
+            made = {name: _cuts(runs[sequence], MIN_TICKS) for name, runs in models.items()}
+            pairs = pair_distances(own, own, _apart)
+            apart = {name: pair_distances(cuts, own, _apart) for name, cuts in made.items()}
+            alone = {name: _mean_apart(cuts) for name, cuts in made.items()} if len(pairs) < 2 else {}
+            least = PRACTICAL * np.mean([_spread(own.to(i, n)) for i, n in enumerate(own.lengths)], axis=0)
+            for k, gap in enumerate(GAPS):
+                of_models = {name: distances[..., k] for name, distances in apart.items()}
+                gaps[gap].append(SequenceDistances(sequence, pairs[..., k], of_models, least=float(least[k])))
+                scatter[gap].append({name: float(own[k]) for name, own in alone.items()})
+        came = {name: [_came(runs[s]) for s in sequences] for name, runs in {ROBOT: real, **models}.items()}
+        length_s = {s.sequence: len(s.velocity_command) * s.tick_period_s for s in trials.bench.scripts}
+        return Outcomes(gaps, scatter, came, [length_s[s] for s in sequences])
 
+    def consequences(self, before: str, after: str, rng: np.random.Generator, doubt: float = 0.0) -> Consequences:
+        """What the model named ``after`` has beyond the one named ``before`` does.
 
-def gap_ratios(trials: Trials, name: str) -> dict[GapName, float]:
-    """What a model leaves of each gap, in floors; without gaps that a log cannot show."""
-    return {left.gap: left.ratio for left in remainder(trials, name) if left.ratio is not None}
+        ``doubt`` is a standard error of the distance after, in floors: other surroundings might have been chosen.
+        """
+        gaps = []
+        for gap, compared in self._compared(before, after):
+            d0, d1, floor, s, low, high = shrinkage(compared, before, after, rng, doubt * mean_repeats(compared))
+            repeats, share = _known_repeats(compared), {"share": s, "low": low, "high": high}
+            gaps.append(
+                GapChange(gap=gap.name, unit=gap.unit, before=d0, after=d1, floor=floor, repeats=repeats, **share)
+            )
+        return Consequences(loop="closed", gaps=tuple(gaps), changes=self._changes(before, after, rng))
+
+    def remainder(self, after: str) -> tuple[GapLeft, ...]:
+        """What a model leaves of each gap."""
+        out = []
+        for gap, compared in self._compared(after):
+            left, floor = mean_distance(compared, after), mean_floor(compared)
+            ratio = left / floor if floor > 0.0 else None
+            repeats = _known_repeats(compared)
+            out.append(GapLeft(gap=gap.name, unit=gap.unit, left=left, floor=floor, ratio=ratio, repeats=repeats))
+        return tuple(out)
+
+    def _compared(self, *models: str) -> list[tuple[Gap, list[SequenceDistances]]]:
+        """Distances of some models by gap, without gaps whose signal a log lacks.
+
+        The scatter of the last model is the floor of a robot that did not repeat itself.
+        """
+        out = []
+        for gap, every in self.gaps.items():
+            found = [
+                replace(c, models={m: c.models[m] for m in models}, floor=alone.get(models[-1], 1.0))
+                for c, alone in zip(every, self.scatter[gap], strict=True)
+            ]
+            if all(np.isfinite(d).all() for c in found for d in (c.real, *c.models.values())):
+                out.append((gap, [c for c in found if len(c.real) > 1] or found))
+        return out
+
+    def _changes(self, before: str, after: str, rng: np.random.Generator) -> tuple[QuantityChange, ...]:
+        sides = [self.came[name] for name in (ROBOT, before, after)]
+        once = np.arange(len(self.length_s))[None]
+        values = [
+            _summary(side, self.length_s, once, [np.ones((*once.shape, len(came)), dtype=np.int64) for came in side])[0]
+            for side in sides
+        ]
+        sizes = [(len(b), len(a)) for b, a in zip(*sides[1:], strict=True)]
+        chosen, counts = resamples(sizes, rng)
+        # Row i of both starts alike.
+        first, second = (_summary(side, self.length_s, chosen, [own for _, own in counts]) for side in sides[1:])
+        draws, out = second - first, []
+        falls = any(one.has_fallen for side in sides for came in side for _, one in came)
+        for k, q in enumerate((*QUANTITIES, FALLS, *([FALL_TIME] if falls else []))):
+            own, without, with_it = (float(v[k]) if np.isfinite(v[k]) else None for v in values)
+            known = draws[np.isfinite(draws[:, k]), k]
+            low, high = None, None
+            if without is not None and with_it is not None and len(known):
+                low, high = interval(with_it - without, known, [n for _, n in sizes])
+                if q is FALLS:
+                    low, high = max(low, -without), min(high, 1.0 - without)
+            change = {"before": without, "after": with_it, "robot": own, "low": low, "high": high}
+            out.append(QuantityChange(quantity=q.name, title=q.title, unit=q.unit, **change))
+        return tuple(out)
 
 
 def _known_repeats(compared: Sequence[SequenceDistances]) -> float | None:
@@ -131,41 +204,10 @@ def worse_gaps(whole: Consequences) -> list[str]:
     return out
 
 
-def _by_sequence(runs: Sequence[Run]) -> Runs:
+def _by_sequence(runs: Sequence[Run]) -> dict[str, list[Run]]:
     out: dict[str, list[Run]] = {}
     for run in runs:
         out.setdefault(sequence_name(run), []).append(run)
-    return out
-
-
-def _compared(real: Runs, models: Mapping[str, Runs], stand_in: str) -> list[tuple[Gap, list[SequenceDistances]]]:
-    """Distances by gap, in its unit, and by sequence; without gaps whose signal a log lacks.
-
-    What is nothing to anybody is a share of the spread of the robot's signal, standard deviations over a run, averaged
-    over the components and the runs.
-
-    ``stand_in`` is the model whose scatter is the floor of a robot that did not repeat itself.
-    """
-    by_gap: dict[Gap, list[SequenceDistances]] = {gap: [] for gap in GAPS}
-    for sequence in next(iter(models.values())):
-        own = _cuts([run for run in real[sequence] if len(policy_ticks(run)) >= MIN_TICKS])
-        made = {name: _cuts(runs[sequence], MIN_TICKS) for name, runs in models.items()}
-        pairs = pair_distances(own, own, _apart)
-        apart = {name: pair_distances(cuts, own, _apart) for name, cuts in made.items()}
-        floor = np.ones(len(GAPS))
-        if len(pairs) < 2:
-            scatter = pair_distances(made[stand_in], made[stand_in], _apart)
-            floor = scatter.sum(axis=(0, 1)) / max(1, len(scatter) * (len(scatter) - 1))
-        least = PRACTICAL * np.mean([_spread(own.to(i, n)) for i, n in enumerate(own.lengths)], axis=0)
-        for k, gap in enumerate(GAPS):
-            of_models = {name: distances[..., k] for name, distances in apart.items()}
-            by_gap[gap].append(
-                SequenceDistances(sequence, pairs[..., k], of_models, floor=float(floor[k]), least=float(least[k]))
-            )
-    out = []
-    for gap, found in by_gap.items():
-        if all(np.isfinite(d).all() for c in found for d in (c.real, *c.models.values())):
-            out.append((gap, [c for c in found if len(c.real) > 1] or found))
     return out
 
 
@@ -183,6 +225,12 @@ def _cuts(runs: Sequence[Run], at_least: int = 0) -> Cuts:
     return Cuts([len(t) for t in ticks_ns], digest)
 
 
+def _mean_apart(cuts: Cuts) -> Array:
+    """Mean distance of runs from each other, by gap."""
+    scatter = pair_distances(cuts, cuts, _apart)
+    return np.asarray(scatter.sum(axis=(0, 1)) / max(1, len(scatter) * (len(scatter) - 1)))
+
+
 def _spread(quantiles: list[Array]) -> list[float]:
     """Standard deviation of each gap's signal, mean over its components."""
     return [float(np.mean(np.std(q, axis=0))) for q in quantiles]
@@ -193,45 +241,9 @@ def _apart(first: list[Array], second: list[Array]) -> list[float]:
     return [float(np.mean(np.abs(a - b))) for a, b in zip(first, second, strict=True)]
 
 
-Came = Sequence[tuple[list[float], WalkTime]]
-"""What each run of one sequence came to: :data:`QUANTITIES`, and how long it lasted."""
-
-
 def _came(runs: Sequence[Run]) -> Came:
     found = [(run_numbers(run), lasted) for run in runs if (lasted := time_to_fall(run)) is not None]
     return [([numbers[q.name] for q in QUANTITIES], lasted) for numbers, lasted in found]
-
-
-def _changes(
-    real: Runs, first: Runs, second: Runs, length_s: Mapping[str, float], rng: np.random.Generator
-) -> tuple[QuantityChange, ...]:
-    names = list(first)
-    robot, before, after = ([_came(runs[s]) for s in names] for runs in (real, first, second))
-    lengths_s = [length_s[s] for s in names]
-    all_of_it = np.arange(len(names))[None]
-    values = [
-        _summary(side, lengths_s, all_of_it, [np.ones((*all_of_it.shape, len(came)), dtype=np.int64) for came in side])[
-            0
-        ]
-        for side in (robot, before, after)
-    ]
-    sizes = [(len(b), len(a)) for b, a in zip(before, after, strict=True)]
-    chosen, counts = resamples(sizes, rng)
-    # Row i of both starts alike.
-    draws = np.subtract(*(_summary(side, lengths_s, chosen, [own for _, own in counts]) for side in (after, before)))
-    out = []
-    falls = any(one.has_fallen for side in (robot, before, after) for came in side for _, one in came)
-    for k, q in enumerate((*QUANTITIES, FALLS, *([FALL_TIME] if falls else []))):
-        own, without, with_it = (float(v[k]) if np.isfinite(v[k]) else None for v in values)
-        known = draws[np.isfinite(draws[:, k]), k]
-        low, high = None, None
-        if without is not None and with_it is not None and len(known):
-            low, high = interval(with_it - without, known, [n for _, n in sizes])
-            if q is FALLS:
-                low, high = max(low, -without), min(high, 1.0 - without)
-        change = {"before": without, "after": with_it, "robot": own, "low": low, "high": high}
-        out.append(QuantityChange(quantity=q.name, title=q.title, unit=q.unit, **change))
-    return tuple(out)
 
 
 def _summary(sequences: Sequence[Came], lengths_s: Sequence[float], chosen: Ints, counts: Sequence[Ints]) -> Array:

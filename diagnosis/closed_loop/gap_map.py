@@ -94,9 +94,9 @@ def _known(value: Array) -> float | None:
 
 def _signals(side: GapSide) -> dict[str, Array]:
     stack = side.stack
-    found = {"position": stack.filled(lambda r: r.position_rad), "velocity": stack.filled(lambda r: r.velocity_rad_s)}
+    found = {"position": stack.states.position_rad, "velocity": stack.states.velocity_rad_s}
     if all(r.has("load_nm") for r in stack.recordings):
-        found["load"] = stack.filled(lambda r: r.load_nm)
+        found["load"] = stack.states.load_nm
     if side.actuator is not None:
         s: Any = side.actuator.signals
         found["load error"] = smooth(s.load_nm - s.torque_nm)
@@ -197,7 +197,7 @@ def _regimes(real: Stack, stack: Stack, leg_of_joint: Ints) -> dict[str, Flags]:
     for name, values in _sizes(stack).items():
         low, high = bounds[name]
         thirds[name] = {"low": values <= low, "middle": (values > low) & (values <= high), "high": values > high}
-    load, velocity = stack.filled(lambda r: r.load_nm), stack.filled(lambda r: r.velocity_rad_s)
+    load, velocity = stack.states.load_nm, stack.states.velocity_rad_s
     n_joints, driving = load.shape[1], load * velocity > 0.0
     found: dict[str, Flags] = {"all": np.ones(load.shape, dtype=np.bool_)}
     for word, flags in (("motoring", driving), ("braking", ~driving)):
@@ -210,7 +210,7 @@ def _regimes(real: Stack, stack: Stack, leg_of_joint: Ints) -> dict[str, Flags]:
     turned = np.diff(sign, axis=0, prepend=sign[:1]) != 0.0
     reach = max(1, round(REVERSAL_S / stack.period_s))
     found["velocity reversal"] = maximum_filter1d(turned.astype(np.int8), 2 * reach + 1, axis=0) > 0
-    contact = stack.cat(lambda r: r.foot_contact)
+    contact = stack.states.foot_contact
     if contact.shape[1] and leg_of_joint.max(initial=-1) >= 0:
         stance = contact[:, np.maximum(leg_of_joint, 0)] & (leg_of_joint >= 0)[None]
         found["stance"], found["swing"] = stance, ~stance
@@ -226,7 +226,7 @@ def _regimes(real: Stack, stack: Stack, leg_of_joint: Ints) -> dict[str, Flags]:
 
 def _sizes(stack: Stack) -> dict[str, Array]:
     """What has a low, a middle and a high third: of each joint, shape (n, J), or of the robot, shape (n, 1)."""
-    load, velocity = stack.filled(lambda r: r.load_nm), stack.filled(lambda r: r.velocity_rad_s)
+    load, velocity = stack.states.load_nm, stack.states.velocity_rad_s
     return {
         "torque": np.abs(load),
         "speed": np.abs(velocity),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 import numpy as np
 import yaml
@@ -76,6 +77,29 @@ class ImproveRequest(Settings):
         )
 
 
+@dataclass
+class _Steps:
+    """Steps with where their results go, and those that were taken."""
+
+    place: dict[str, Path]
+    device: str
+    say: Say
+    taken: list[TakenStep] = field(default_factory=list)
+
+    def take(
+        self, about: str, words: tuple[str, ...], result: str, *, cores: tuple[str, ...] = (), on_gpu: bool = True
+    ) -> None:
+        """Run the words unless the result is there, with further words on the cores."""
+        step = CommandStep(about, (*words, *cores), self.place[result])
+        if on_gpu and self.device != "cpu":
+            step = CommandStep(about, (*words, "--device", self.device), step.result, on_cores=step.words)
+        self.done(step, take(step, self.say))
+
+    def done(self, step: CommandStep, seconds: float | None) -> None:
+        """Keep a step that was taken."""
+        self.taken.append(TakenStep(step.about, step.command, seconds))
+
+
 def improve_policy(
     inputs: ImproveRequest, out: Path, *, workers: int, device: str, say: Say
 ) -> tuple[Improvement, Path]:
@@ -87,33 +111,15 @@ def improve_policy(
         KeyboardInterrupt: The user stopped a step; the next call goes on.
     """
     out = out.absolute()
-    place = step_names(out)
+    place, policy = step_names(out), Path(inputs.policy)
     _keep(inputs, place["inputs"])
-    policy, steps = Path(inputs.policy), list[TakenStep]()
-
-    def done(step: CommandStep, seconds: float | None) -> None:
-        steps.append(TakenStep(step.about, step.command, seconds))
-
-    def simple(
-        about: str, words: tuple[str, ...], result: str, *, cores: tuple[str, ...] = (), gpu: str = device
-    ) -> None:
-        step = CommandStep(about, (*words, *cores), place[result])
-        if gpu != "cpu":
-            step = CommandStep(about, (*words, "--device", gpu), place[result], on_cores=step.words)
-        done(step, take(step, say))
-
+    steps = _Steps(place, device, say)
     # What the logs say of the robot; on the cores, where a GPU would not be quicker.
-    in_processes = ("--workers", str(workers))
-    diagnosis = out / "diagnosis"
-    simple(
-        "diagnosis",
-        ("diagnose", *inputs.logs, "--nominal", inputs.nominal, "--policy", inputs.policy, "--out", str(diagnosis),
-         "--seed", str(inputs.seed), *in_processes),
-        "verdict",
-        gpu="cpu",
-    )  # fmt: skip
+    words = ("diagnose", *inputs.logs, "--nominal", inputs.nominal, "--policy", inputs.policy,
+             "--out", str(place["verdict"].parent), "--seed", str(inputs.seed), "--workers", str(workers))  # fmt: skip
+    steps.take("diagnosis", words, "verdict", on_gpu=False)
     verdict = Verdict.model_validate_json(place["verdict"].read_bytes())
-    limits, said = _identify(inputs, place, device, workers, simple)
+    limits, said = _identify(inputs, steps, workers)
     why = worth_training(verdict, limits)
     evaluations: list[dict[str, Any]] = []
     if why is None:
@@ -122,20 +128,20 @@ def improve_policy(
             rng = np.random.default_rng(inputs.seed + ROBOTS_DRAWN)
             save_models(with_limits(load_models(str(place["possible"])), limits, rng), place["robots"])
         if device == "cpu":
-            _refine(inputs, place, workers, simple)
+            _refine(inputs, steps, workers)
         else:
-            _train(inputs, place, device, say, done)
+            _train(inputs, steps)
         # A search over gains that found nothing better wrote no policy.
         both = (("old", policy), ("new", place["retrained"])) if place["retrained"].exists() else ()
         for name, path in both:
             words = ("evaluate", str(path), "--model", str(place["robots"]), "--n", str(inputs.n),
                      "--seed", str(inputs.seed), "--out", str(place[name].parent))  # fmt: skip
-            simple(f"evaluation of the {name} policy", words, name)
+            steps.take(f"evaluation of the {name} policy", words, name)
             evaluations.append(json.loads(place[name].read_text(encoding="utf-8")))
     compared = compared_figures(*evaluations) if evaluations else ()
     outcome = why or outcome_of(compared)
     config = {**inputs.model_dump(by_alias=True), "device": device, "revision": software_revision()}
-    result = Improvement(outcome, policy.stem, limits, compared, tuple(steps), (*verdict.warnings, *said), config)
+    result = Improvement(outcome, policy.stem, limits, compared, tuple(steps.taken), (*verdict.warnings, *said), config)
     if outcome == "improved" and not place["improved"].exists():
         with whole_file(place["improved"]) as part:
             shutil.copyfile(place["retrained"], part)
@@ -163,20 +169,10 @@ def _keep(inputs: ImproveRequest, path: Path) -> None:
         )
 
 
-class TakeStep(Protocol):
-    """Takes a step whose result has a name among the places."""
-
-    def __call__(
-        self, about: str, words: tuple[str, ...], result: str, *, cores: tuple[str, ...] = (), gpu: str = ""
-    ) -> None:
-        """Run the words unless the result is there, with further words on the cores; "cpu" keeps it off a GPU."""
-
-
-def _identify(
-    inputs: ImproveRequest, place: dict[str, Path], device: str, workers: int, simple: TakeStep
-) -> tuple[tuple[Limit, ...], tuple[str, ...]]:
+def _identify(inputs: ImproveRequest, steps: _Steps, workers: int) -> tuple[tuple[Limit, ...], tuple[str, ...]]:
     """What the paper's search finds of the knees' limits, and what is to be said of it."""
-    data = search_config(load_model(str(place["corrected"])), str(place["corrected"]), device, inputs.seed)
+    place = steps.place
+    data = search_config(load_model(str(place["corrected"])), str(place["corrected"]), steps.device, inputs.seed)
     if data is None:
         return (), ("The model has no single curve of torque over speed, so no limits were identified.",)
     if not place["search"].exists():
@@ -184,7 +180,7 @@ def _identify(
     folder = place["identified"].parent
     words = ("sysid", *inputs.logs, "--policy", inputs.policy, "--config", str(place["search"]), "--out", str(folder))
     resumed = ("--resume",) if (folder / "search.jsonl").exists() else ()
-    simple("identification of limits", (*words, *resumed), "identified", cores=("--workers", str(workers)))
+    steps.take("identification of limits", (*words, *resumed), "identified", cores=("--workers", str(workers)))
     found = ResultData.model_validate_json(place["identified"].read_bytes())
     if is_nearer(found):
         return limits_of(found, load_model(inputs.nominal)), ()
@@ -193,30 +189,25 @@ def _identify(
     )
 
 
-def _train(
-    inputs: ImproveRequest,
-    place: dict[str, Path],
-    device: str,
-    say: Say,
-    done: Callable[[CommandStep, float | None], None],
-) -> None:
+def _train(inputs: ImproveRequest, steps: _Steps) -> None:
     """PPO on a GPU, from where the policy stands."""
+    place, device = steps.place, steps.device
     policy, run = Path(inputs.policy), place["training"]
     contract, config = load_policy(policy).contract, load_train_config(Path(inputs.config), inputs.sets)
     words = train_words(place["robots"], policy, contract, Path(inputs.config), inputs.sets, run, device)
     last = run / f"checkpoint_{config.iterations:06d}.pt"
     step = CommandStep("training", words, last)
-    done(step, take_training(step, run, config.n_envs, device, say))
-    step = CommandStep("export", ("export", str(run), "--out", str(place["retrained"])), place["retrained"])
-    done(step, take(step, say))
+    steps.done(step, take_training(step, run, config.n_envs, device, steps.say))
+    steps.take("export", ("export", str(run), "--out", str(place["retrained"])), "retrained", on_gpu=False)
 
 
-def _refine(inputs: ImproveRequest, place: dict[str, Path], workers: int, simple: TakeStep) -> None:
+def _refine(inputs: ImproveRequest, steps: _Steps, workers: int) -> None:
     """A search over gains on the cores."""
+    place = steps.place
     if not place["refine"].exists():
         contract = load_policy(Path(inputs.policy)).contract
         data = refine_config(place["robots"], contract, inputs.seed)
         write_new(place["refine"], yaml.safe_dump(data, sort_keys=False))
     words = ("refine", inputs.policy, "--config", str(place["refine"]), "--folder", str(place["refined"].parent),
              "--out", str(place["retrained"]), "--jobs", str(workers))  # fmt: skip
-    simple("refinement of gains", words, "refined", gpu="cpu")
+    steps.take("refinement of gains", words, "refined", on_gpu=False)

@@ -18,6 +18,7 @@ from spot_model.effects.bodies import FootRadius, GroundCompliance, GroundFricti
 from spot_model.effects.estimator import ContactDelay, ImuTilt, VelocityEstimate
 from spot_model.robot import facts
 from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz
+from trainer.signals.smoothing import rate
 
 RADIUS_STEP_M: Final = 0.005
 FRONT: Final = np.array([name.startswith("f") for name in facts.LEG_NAMES])
@@ -104,7 +105,7 @@ def _sunk(k: StanceSignals, legs: Flags) -> Array:
     force: Array = k.cache["force"]
     mine = np.where(k.standing & legs, force, 0.0)
     mean = mine.sum(axis=1, keepdims=True) / np.maximum(k.standing.sum(axis=1, keepdims=True), 1)
-    out[:, 2 : 3 * facts.N_LEGS : 3] = -k.stack.rate(force, k.rows) * legs
+    out[:, 2 : 3 * facts.N_LEGS : 3] = -rate(force, k.stack.period_s, k.rows) * legs
     out[:, 3 * facts.N_LEGS :] = -(mine - mean)[k.rows]
     return out
 
@@ -141,12 +142,12 @@ class VelocityEstimateEntry(LibraryEffect):
         """
         if view.name == Channel.INERTIAL_UNIT:
             s: InertialSignals = view.signals
-            scale = -s.finish_rate(s.linear_vel_in_odom_m_s)
+            scale = -s.finish_rate(s.stack.states.linear_vel_of_body_in_odom_m_s)
             # The estimator's filter works on the components in the body frame.
             rate = s.velocity_rate_in_body_m_s2
             passed = s.stack.low_pass(rate, shape["lag_s"])
-            turning = np.cross(s.angular_vel_in_body_rad_s, shape["lag_s"] * passed)
-            late = s.finish(rotate_wxyz(s.odom_from_body_wxyz, rate - passed + turning))
+            turning = np.cross(s.stack.angular_vel_in_body_rad_s, shape["lag_s"] * passed)
+            late = s.finish(rotate_wxyz(s.stack.states.odom_from_body_wxyz, rate - passed + turning))
             return np.stack([scale, np.zeros_like(scale), np.zeros_like(scale), late], axis=2)
         k: StanceSignals = view.signals
         velocity = k.raw.linear_vel_in_body_m_s
@@ -203,8 +204,9 @@ class ImuTiltEntry(LibraryEffect):
             i: InertialSignals = view.signals
             if packets_are_tilted:
                 return np.zeros((view.n, len(view.rows)))
-            tilted, right = i.odom_from_body_wxyz, turned_back(i.odom_from_body_wxyz)
-            return i.finish(rotate_wxyz(tilted, i.reading_m_s2) - rotate_wxyz(right, i.reading_m_s2)) / TILT_STEP_RAD
+            right = turned_back(i.stack.states.odom_from_body_wxyz)
+            change = i.stack.imu_in_odom_m_s2 - rotate_wxyz(right, i.stack.imu.acceleration_m_s2)
+            return i.finish(change) / TILT_STEP_RAD
         if view.name == Channel.STANCE_KINEMATICS:
             k: StanceSignals = view.signals
             change = k.correction(
@@ -218,9 +220,9 @@ class ImuTiltEntry(LibraryEffect):
         s: DynamicsSignals = view.signals
         tilted, acceleration = s.inputs.world_from_body_wxyz, s.inputs.linear_acc_in_world_m_s2
         right = turned_back(tilted)
-        if not packets_are_tilted and s.imu_gravity_m_s2 is not None:
+        if not packets_are_tilted and s.stack.imu_gravity_m_s2 is not None:
             # An untilted packet was turned by the tilted attitude, gravity with it.
-            felt = acceleration + np.array([0.0, 0.0, s.imu_gravity_m_s2])
+            felt = acceleration + np.array([0.0, 0.0, s.stack.imu_gravity_m_s2])
             acceleration = acceleration + rotate_wxyz(right, rotate_wxyz(tilted * CONJUGATE, felt)) - felt
         change = s.correction(
             view.name,

@@ -14,7 +14,7 @@ from diagnosis.library import Coefficient, LibraryEffect, Location, ShapeGrid
 from diagnosis.library.experiments import OTHER_GROUND, TURN
 from spot_model.effects.ground import FootDrag, GroundSlope, foot_motion, level_turn_wxyz, low_feet
 from spot_model.robot import facts
-from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
+from spot_model.robot.rotation import multiply_wxyz
 from trainer.signals.smoothing import smooth
 
 STEP_RAD: Final = 0.01
@@ -132,12 +132,9 @@ class FootDragEntry(LibraryEffect):
         """Torque of the joints that moves a low foot on against one newton for each metre per second."""
         s: DynamicsSignals = view.signals
         if "foot_drag" not in s.cache:
-            filled = s.stack.filled
-            attitude, position = filled(lambda r: r.odom_from_body_wxyz), filled(lambda r: r.position_rad)
-            linear = rotate_inverse_wxyz(attitude, filled(lambda r: r.linear_vel_of_body_in_odom_m_s))
-            turn = rotate_inverse_wxyz(attitude, filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
-            foot, jacobian, velocity = foot_motion(linear, turn, position, filled(lambda r: r.velocity_rad_s))
-            s.cache["foot_drag"] = (jacobian * velocity[..., None]).sum(axis=2).reshape(-1, 12), attitude, foot
-        torque, attitude, foot = s.cache["foot_drag"]
-        low = low_feet(attitude, foot, shape["height_m"])
+            states, moves = s.stack.states, (s.stack.linear_vel_in_body_m_s, s.stack.angular_vel_in_body_rad_s)
+            foot, jacobian, velocity = foot_motion(*moves, states.position_rad, states.velocity_rad_s)
+            s.cache["foot_drag"] = (jacobian * velocity[..., None]).sum(axis=2).reshape(-1, 12), foot
+        torque, foot = s.cache["foot_drag"]
+        low = low_feet(s.stack.states.odom_from_body_wxyz, foot, shape["height_m"])
         return np.asarray(smooth(torque * np.repeat(low, 3, axis=1), s.rows)[:, :, None])

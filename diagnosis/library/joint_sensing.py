@@ -26,7 +26,7 @@ from spot_model.effects.joint_sensors import (
     SensorNoise,
     VelocityFilter,
 )
-from trainer.signals.smoothing import smooth
+from trainer.signals.smoothing import rate, smooth
 
 OFFSET_STEP_RAD: Final = 0.01
 COMPLIANCE_STEP: Final = 2e-4
@@ -76,7 +76,7 @@ class JointComplianceEntry(LibraryEffect):
         moves = shape.get(VELOCITY_OF_MOTOR, 0.0)
         if view.name == Channel.JOINT_RATES:
             q: RateSignals = view.signals
-            load = q.stack.filled(lambda r: r.load_nm)
+            load = q.stack.states.load_nm
             return on_joints((1.0 - moves) * q.finish_rate(-load), joints)
         s: DynamicsSignals | StanceSignals = view.signals
         load = s.load_nm if isinstance(s, StanceSignals) else s.inputs.load_nm
@@ -188,11 +188,12 @@ class VelocityFilterEntry(LibraryEffect):
         """What velocities that are not late would change."""
         if view.name == Channel.JOINT_RATES:
             q: RateSignals = view.signals
-            rates = (q.velocity_rad_s, q.stack.rate(q.velocity_rad_s))
+            velocity = q.stack.states.velocity_rad_s
+            rates = (velocity, rate(velocity, q.stack.period_s))
             return np.pad(np.stack([q.finish_rate(-r) * joints for r in rates], axis=2), ((0, 0), (0, 0), (0, 2)))
         if view.name == Channel.SET_POINT_TO_LOAD:
             a: ActuatorSignals = view.signals
-            ahead = a.stack.rate(a.position_rad) - smooth(a.velocity_rad_s)
+            ahead = rate(a.position_rad, a.period_s) - smooth(a.velocity_rad_s)
             return np.pad(on_joints(a.finish(-a.kd_nm_s_per_rad * ahead), joints), ((0, 0), (0, 0), (2, 1)))
         s: DynamicsSignals | StanceSignals = view.signals
         velocity = s.inputs.velocity_rad_s

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +16,6 @@ from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.joints import describe_joints
 
 Turned = Callable[[Any], Array]
-
-
-class AtBound(NamedTuple):
-    """A number that physics holds short of what was fitted."""
-
-    effect: str
-    parameter: str
-    where: str
-    """A joint, a leg or "body"."""
-    bound: float
-    """What effects of the kind have there in all."""
 
 
 def sums(effect: type[Effect], p: Parameter) -> tuple[Turned, Turned]:

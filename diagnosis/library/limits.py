@@ -22,6 +22,10 @@ from spot_model.effects.torque_limits import PositionTorqueLimit, TorqueLimit, T
 from spot_model.io.model_file import RobotModel
 from spot_model.robot.facts import JOINT_NAMES, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 
+BEYOND_SUPPLY: Final = 0.01
+"""Share of samples, of noisy loads, at which a supply may be asked for more than it can give."""
+RESISTANCES_OHM: Final = (0.05, 0.2, 0.6)
+"""Tried first where the battery did not tell its own: a new battery with its wiring, an old one, a bad contact."""
 SAG_ALIKE_NM: Final = 1e-3
 """Rounds that differ by less are the last."""
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
@@ -166,7 +170,8 @@ class BusSagEntry(LibraryEffect):
     """Driving torque bounded by back-EMF against a voltage that falls with the power of all motors.
 
     Numbers that logs tell: the resistance, and the motors' stall torque and no-load speed at full voltage, of which the
-    nominal model's own curves are tried first. The open voltage is the battery's where it was recorded.
+    nominal model's own curves are tried first. Open voltage and resistance begin with the battery's where it was
+    recorded. A supply that could not give the power of the measured loads explains nothing.
     """
 
     title = "sagging bus voltage"
@@ -186,12 +191,13 @@ class BusSagEntry(LibraryEffect):
         """Resistances and copper losses beside the nominal curves, as they are and slower."""
         s: ActuatorSignals = views[Channel.SET_POINT_TO_LOAD].signals
         open_v, measured_ohm = supply(views)
-        lines = [(f * no_load, stall) for no_load, stall in nominal_lines(s.effects) for f in (1.0, 0.8)]
+        slower = ((1.0, 1.0), (0.8, 1.0), (0.5, 1.0), (0.8, 0.7), (0.5, 0.7))
+        lines = [(f * no_load, g * stall) for no_load, stall in nominal_lines(s.effects) for f, g in slower]
         if not lines:
             fastest = float(np.quantile(np.abs(s.velocity_rad_s[s.stack.used]), 0.9995))
             largest = float(np.quantile(np.abs(s.torque_nm[s.stack.used]), 0.999))
             lines = [(f * fastest, g * largest) for f in (0.9, 1.15, 1.5, 2.2) for g in (0.7, 1.2, 2.5, 8.0)]
-        resistances = sorted({0.05, 0.2, 0.6, 1.2, round(measured_ohm, 4)} - {0.0})
+        resistances = (round(measured_ohm, 4),) if measured_ohm > 0.0 else RESISTANCES_OHM
         return tuple(
             {
                 "resistance_ohm": ohm,
@@ -206,16 +212,22 @@ class BusSagEntry(LibraryEffect):
         )
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """What is cut at the joints that the voltage bounds."""
+        """What is cut at the joints that the voltage bounds; 0 for a supply that cannot give what the motors drew."""
         s: ActuatorSignals = view.signals
         sag = BusSag(joints=("all",), **shape)
-        bounded = curved(s.effects)
+        bounded = curved(s.effects) & could_give(s, sag)
         return on_joints(added_by_sag_nm(s, sag), joints & np.resize(bounded, len(joints)))
 
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
         """At the joints that the voltage bounds."""
         bounded = tuple(name for name, is_bounded in zip(JOINT_NAMES, curved(model.effects), strict=True) if is_bounded)
         return model.with_effects(self.make(values, joints if len(bounded) == len(JOINT_NAMES) else bounded))
+
+
+def could_give(s: ActuatorSignals, sag: BusSag) -> bool:
+    """Whether the supply can give the power of the loads that were measured, V0²/(4·R) at most."""
+    drawn = np.asarray(sag.power_w(s.load_nm, s.velocity_rad_s))[s.stack.used]
+    return bool(np.mean(4.0 * sag.resistance_ohm * drawn > sag.open_voltage_v**2) <= BEYOND_SUPPLY)
 
 
 def added_by_sag_nm(s: ActuatorSignals, sag: BusSag) -> Array:
@@ -258,9 +270,9 @@ def nominal_lines(effects: Sequence[Effect]) -> tuple[tuple[float, float], ...]:
 
 
 def supply(views: Views) -> tuple[float, float]:
-    """The battery's open voltage (V) and resistance (Ω) where the battery told them, else the simulator's and 0.1 Ω."""
+    """The battery's open voltage (V) and resistance (Ω); the simulator's and 0 where the battery does not tell them."""
     if Channel.BATTERY_POWER not in views:
-        return BusSag().open_voltage_v, 0.1
+        return BusSag().open_voltage_v, 0.0
     told: PowerSignals = views[Channel.BATTERY_POWER].signals
     return told.open_voltage_v, max(told.resistance_ohm, 0.0)
 

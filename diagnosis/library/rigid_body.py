@@ -10,12 +10,12 @@ import numpy as np
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from diagnosis.channels import Array, Channel, ChannelView, Flags, Shape, Views
-from diagnosis.channels.body_model import GRAVITY_M_S2, full_rate_inputs
+from diagnosis.channels.body_model import full_rate_inputs
 from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.stack import GRAVITY_M_S2
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library import WIDE_STEPS, Coefficient, LibraryEffect, Location, ShapeGrid
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
-from diagnosis.library.less import AtBound
 from spot_model.effects.base import Effect
 from spot_model.effects.bodies import BodyInertia, ComOffset, LegMass, PayloadMass
 from spot_model.io.model_file import RobotModel
@@ -124,7 +124,7 @@ class PayloadEntry(_BodyEntry):
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
         """The mass and its first moments, whether or not a payload can be where they put it."""
         coefficients, _ = self.inverse(values)
-        return with_mass(model, float(coefficients[0]), coefficients[1:])[0]
+        return with_mass(model, float(coefficients[0]), coefficients[1:])
 
 
 def body_of(effects: Sequence[Effect]) -> tuple[float, Array]:
@@ -143,17 +143,17 @@ def _place_m(e: Effect) -> Array:
     return np.array([float(getattr(e, axis)) for axis in PLACE])
 
 
-def with_mass(model: RobotModel, mass_kg: float, moment_kg_m: Array) -> tuple[RobotModel, list[AtBound]]:
+def with_mass(model: RobotModel, mass_kg: float, moment_kg_m: Array) -> RobotModel:
     """The model with more mass of the body, or less, and more of its first moments about the body's origin, shape (3,).
 
     What weighs more than a body is usually off by, at a place where a payload can be, is a payload. All else is the
     body's own mass, spread as it is, and a centre of mass that lies elsewhere: where nothing was strapped on, a point
-    far out would add inertia that nobody saw. Also says which numbers are at a bound.
+    far out would add inertia that nobody saw.
     """
     before_kg, com_m = body_of(model.effects)
     wanted = before_kg * com_m + moment_kg_m
-    effects, at_bounds = list(model.effects), list[AtBound]()
-    more_kg = _bounded(effects, PayloadMass, "mass_kg", mass_kg, at_bounds)
+    effects = list(model.effects)
+    more_kg = _bounded(effects, PayloadMass, "mass_kg", mass_kg)
     place_m = np.round(moment_kg_m / more_kg, DIGITS) if more_kg > PAYLOAD_KG else np.full(3, np.inf)
     if np.all((place_m >= PLACE_M[0]) & (place_m <= PLACE_M[1])):
         effects.append(_placed(PayloadMass(mass_kg=more_kg), place_m))
@@ -168,30 +168,26 @@ def with_mass(model: RobotModel, mass_kg: float, moment_kg_m: Array) -> tuple[Ro
             effects += [_placed(PayloadMass(mass_kg=more_kg), com_m)] if more_kg else []
     after_kg, com_m = body_of(effects)
     shift_m = [
-        _bounded(effects, ComOffset, axis, float(by), at_bounds)
-        for axis, by in zip(PLACE, wanted / after_kg - com_m, strict=True)
+        _bounded(effects, ComOffset, axis, float(by)) for axis, by in zip(PLACE, wanted / after_kg - com_m, strict=True)
     ]
     last = next((i for i in reversed(range(len(effects))) if isinstance(effects[i], (PayloadMass, ComOffset))), -1)
     if last >= 0 and isinstance(held := effects[last], ComOffset):
         effects[last] = _placed(held, _place_m(held) + shift_m)
     elif max(map(abs, shift_m)) > LEAST_M:
         effects.append(_placed(ComOffset(), np.array(shift_m)))
-    return replace(model, effects=tuple(effects)), at_bounds
+    return replace(model, effects=tuple(effects))
 
 
 def _placed(e: PayloadMass | ComOffset, place_m: Array) -> Effect:
     return replace(e, **dict(zip(PLACE, place_m.tolist(), strict=True)))
 
 
-def _bounded(effects: list[Effect], own: type[Effect], name: str, more: float, at_bounds: list[AtBound]) -> float:
+def _bounded(effects: list[Effect], own: type[Effect], name: str, more: float) -> float:
     """How much more of a number the body can have beside what effects give it."""
     p = next(p for p in own.parameters() if p.name == name)
     held = sum(float(getattr(e, name)) for e in effects if isinstance(e, own))
     total = float(np.clip(held + more, p.low, p.high))
-    if total == held + more:
-        return more
-    at_bounds.append(AtBound(own.name, name, "body", total))
-    return total - held
+    return more if total == held + more else total - held
 
 
 class ComEntry(_BodyEntry):
@@ -258,7 +254,7 @@ class SwingingMassEntry(PayloadEntry):
     def show(self, views: Views) -> tuple[Channel, ...]:
         """Only by an inertial unit's acceleration: that of a differentiated velocity is ten times as noisy."""
         view = views.get(Channel.BASE_WRENCH)
-        return super().show(views) if view is not None and view.signals.imu_gravity_m_s2 is not None else ()
+        return super().show(views) if view is not None and view.signals.stack.imu_gravity_m_s2 is not None else ()
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """Force of one kilogram at the body's origin, and moments of one kilogram-metre along each axis."""

@@ -27,10 +27,8 @@ SLOW_PER_RAD: Final = np.arange(9.0, 36.0)
 MIN_SAMPLES: Final = 50
 
 
-def slow_orders(
-    position_rad: Array, residual: Array, beside: Array, usable: Flags, sets: Flags, n: int = 6
-) -> tuple[float, ...]:
-    """The ``n`` slow orders with the most power, at the set of joints that has most with one phase for all.
+def slow_orders(position_rad: Array, residual: Array, beside: Array, usable: Flags, sets: Flags) -> tuple[float, ...]:
+    """The six slow orders with the most power, at the set of joints that has most with one phase for all.
 
     A leg's swing holds a wave or two of such a line, so one joint does not tell it from a trend; several do together.
     Arrays have shape (m, J); what trends go with, and is taken off first, is ``beside``, (m, J, k), and joints that may
@@ -46,11 +44,11 @@ def slow_orders(
             waves[:, joint] = np.exp(-1j * np.outer(SLOW_PER_RAD, position_rad[step, joint][good])) @ values
             energy[joint] = max(float(values @ values), energy[joint])
     power = np.abs(waves @ sets.T.astype(np.float64)) ** 2 / (sets @ energy)
-    return _strongest(SLOW_PER_RAD, power.max(axis=1), 1.5, n)
+    return _strongest(SLOW_PER_RAD, power.max(axis=1), 1.5, 6)
 
 
-def strongest_orders(position_rad: Array, residual: Array, usable: Flags, n: int = 4) -> tuple[float, ...]:
-    """The ``n`` orders (cycles of phase per rad of joint) with the most power, joints taken together; shapes (m, J)."""
+def strongest_orders(position_rad: Array, residual: Array, usable: Flags) -> tuple[float, ...]:
+    """The four orders (cycles of phase per rad of joint) with the most power, joints taken together; shapes (m, J)."""
     orders = np.arange(LOWEST_PER_RAD, HIGHEST_PER_RAD, STEP_PER_RAD)
     power = np.zeros(len(orders))
     for joint, good in enumerate(usable.T):
@@ -71,7 +69,7 @@ def strongest_orders(position_rad: Array, residual: Array, usable: Flags, n: int
         centres = first + BIN_RAD * np.arange(len(sums))
         waves = np.exp(-1j * np.outer(orders, centres))
         power += np.abs(waves @ sums) ** 2 / (float(np.sum(values**2)) + 1e-12)
-    return _strongest(orders, power, 3.0, n)
+    return _strongest(orders, power, 3.0, 4)
 
 
 def _strongest(orders: Array, power: Array, apart: float, n: int) -> tuple[float, ...]:

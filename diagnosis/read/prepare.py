@@ -160,19 +160,18 @@ def prepared(runs: Sequence[Run], robot: RobotFile) -> tuple[tuple[Run, ...], tu
     notes: list[str] = []
     out = [_without_gaps(run, notes) for run in runs]
     out = [with_own_gains(run, robot) for run in out]
-    if robot.load == "from_motion":
+    if robot.is_from_motion:
         out = [_with_load(run, robot, notes) for run in out]
         if any(np.isfinite(run.states.load_nm).any() for run in out):
             told = "loads are computed from the motion by the robot's MJCF: its errors count as the drive's"
             notes.append(f"{told}, and a torque gain as heavier links")
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
-        is_computed = robot.load == "from_motion"
-        rows = rows_in_motion(unstamped, robot) if is_computed else rows_apart(unstamped)
+        rows = rows_in_motion(unstamped, robot) if robot.is_from_motion else rows_apart(unstamped)
         shift_s = rows * _period_s(unstamped[0])
         if shift_s != 0.0:
             out = [_shifted(run, round(shift_s * 1e9)) if run in unstamped else run for run in out]
-            told = "loads follow their commands by" if not is_computed else "the motion answers its commands after"
+            told = "the motion answers its commands after" if robot.is_from_motion else "loads follow their commands by"
             notes.append(
                 f"{told} {1e3 * shift_s:.1f} ms; this is taken off, as without receipts of commands the recording "
                 "itself may add it. A delay of that size cannot be found"

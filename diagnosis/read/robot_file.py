@@ -78,13 +78,18 @@ class RobotFile(Settings):
                 raise ValueError(f"{name} has {len(value)} values; allowed: 1, or one for each joint in joint_names")
         if (self.position_low_rad is None) != (self.position_high_rad is None):
             raise ValueError("position_low_rad and position_high_rad come together; give both or neither")
-        if self.load == "from_motion" and self.mjcf is None:
+        if self.is_from_motion and self.mjcf is None:
             raise ValueError("load: from_motion needs the key mjcf")
         return self
 
     def each(self, value: PerJoint | None) -> Array | None:
         """A value for each joint, shape (J,)."""
         return None if value is None else np.broadcast_to(value, (len(self.joint_names),)).astype(np.float64)
+
+    @property
+    def is_from_motion(self) -> bool:
+        """Whether loads are computed from the motion."""
+        return self.load == "from_motion"
 
     @property
     def limits_rad(self) -> tuple[Array, Array] | None:

@@ -1,4 +1,4 @@
-"""Cut a recording: where servos do not follow the commands, starts, lost messages, standing; with reasons."""
+"""Cut a recording: where servos do not follow the commands, starts, lost messages, falls; with reasons."""
 
 from __future__ import annotations
 
@@ -29,22 +29,18 @@ MIN_TORQUE_NM: Final = 2.0
 """With less torque asked for, nothing can be said."""
 SHORTEST_S: Final = 0.06
 """A shorter loss of control is an outlier, and left to robust fits."""
-STILL_RAD_S: Final = 0.25
-"""Root-mean-square joint speed under which the robot stands."""
 
-SegmentKind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
+SegmentKind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen"]
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of one recording, rows ``first`` to ``last`` inclusive."""
+    """A stretch of one recording that is left out of all channels, rows ``first`` to ``last`` inclusive."""
 
     kind: SegmentKind
     first: int
     last: int
     reason: str
-    is_cut: bool
-    """Whether it is left out of all channels; a standing stretch is only marked."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +48,6 @@ class Segmentation:
     """What of a recording is used."""
 
     used: Flags
-    """Shape (n,)."""
-    standing: Flags
     """Shape (n,)."""
     segments: tuple[Segment, ...]
     """In the order of their first rows."""
@@ -81,13 +75,13 @@ def cut(recording: Recording) -> Segmentation:
         ("not_following", ignored & known & ~start, "the load is unrelated to the servo law: not in control"),
         ("fallen", _fallen(recording), "the robot has fallen"),
     )
-    used, standing = ~np.any([flags for _, flags, _ in cuts], axis=0), _standing(recording)
     found = [
-        Segment(kind, rows.start, rows.stop - 1, reason, kind != "standing")
-        for kind, flags, reason in (*cuts, ("standing", standing, "the robot stands"))
+        Segment(kind, rows.start, rows.stop - 1, reason)
+        for kind, flags, reason in cuts
         for (rows,) in find_objects(label(flags)[0])
     ]
-    return Segmentation(used, standing, tuple(sorted(found, key=lambda s: s.first)))
+    used = ~np.any([flags for _, flags, _ in cuts], axis=0)
+    return Segmentation(used, tuple(sorted(found, key=lambda s: s.first)))
 
 
 def _not_following(recording: Recording, row: NDArray[np.intp]) -> Flags:
@@ -125,12 +119,6 @@ def asked_torque_nm(c: CommandTable, row: NDArray[np.intp], position_rad: Array,
             kd_nm_s_per_rad=c.kd_nm_s_per_rad[row],
         )
     )
-
-
-def _standing(recording: Recording) -> Flags:
-    size = max(3, round(0.5 / recording.period_s))
-    speed = np.sqrt(uniform_filter1d(np.nan_to_num(recording.velocity_rad_s**2).mean(axis=1), size, mode="nearest"))
-    return np.asarray(speed < STILL_RAD_S)
 
 
 def _fallen(recording: Recording) -> Flags:

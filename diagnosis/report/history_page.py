@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from diagnosis.report import words
-from diagnosis.report.drift import Drift, NumberHistory, drift_of, of_place
-from diagnosis.report.history import day_of, read_history
+from diagnosis.report.drift import Drift, Key, called, drift_of
+from diagnosis.report.history import read_history
 from diagnosis.report.output import NAMES
 from diagnosis.report.page import BADGES
 from spot_log.page.render import rendered
@@ -18,15 +18,15 @@ from spot_model.text import counted
 
 PAGE: Final = "history.html"
 DATA: Final = "history.json"
+MOST_CHARTS: Final = 12
 MOST_COLUMNS: Final = 4
 """Numbers that have a column in the table of dates."""
 OUTCOMES: Final = {
     "unchanged": ("No change shown", "none"),
     "unknown_effect": ("Something unknown", "unknown"),
     "changed": ("Changed", "fair"),
-    **BADGES,
 }
-"""A word and its kind."""
+"""A word and its kind, of several dates."""
 
 
 def write_history(folder: Path) -> tuple[Drift, Path]:
@@ -39,64 +39,55 @@ def write_history(folder: Path) -> tuple[Drift, Path]:
         BadInputError: One of the diagnoses is not whole.
     """
     drift = drift_of(read_history(folder))
-    write_over(folder / DATA, drift.model_dump_json(by_alias=True, indent=1) + "\n")
+    write_over(folder / DATA, drift.to_json())
     write_over(folder / PAGE, history_page(drift))
     return drift, folder / PAGE
 
 
 def history_page(drift: Drift) -> str:
     """The page as text."""
-    last, at = drift.dates[-1], _places(drift)
-    lead = drift.since_last[0] if drift.since_last else last.headline
-    meta = f"robot {drift.robot or 'without a serial number'} · {counted(len(drift.dates), 'date')}, "
-    meta += f"{drift.dates[0].date} to {last.date}"
-    changed = [t for t in drift.tracks if t.is_named or t.has_changed]
+    first, last = drift.rows[0].dated, drift.rows[-1].dated
+    lead = drift.since_last[0] if drift.since_last else last.verdict.headline
+    meta = f"robot {drift.robot or 'without a serial number'} · {counted(len(drift.rows), 'date')}, "
+    meta += f"{first.name} to {last.name}"
     about = (
         "Numbers in which the first and the last date differ significantly, or that a date names. Bars are 90 % "
         "intervals. Where there is only a dotted line, the model holds a number that the date did not measure."
     )
     parts = [
-        Head(*OUTCOMES.get(drift.outcome, BADGES[last.status]), lead, drift.since_last[1:], meta),
-        Section("Since the first date", drift.dates[0].date, Items(drift.since_first)),
-        Section("What changed", about, Beside([_chart(t, at) for t in changed[:12]], 3)),
-        Section("Dates", "", _dates(drift, changed or drift.tracks)),
+        Head(*(BADGES | OUTCOMES)[drift.outcome], lead, drift.since_last[1:], meta),
+        Section("Since the first date", first.name, Items(drift.since_first)),
+        Section("What changed", about, Beside([_chart(drift, key) for key in drift.changed[:MOST_CHARTS]], 3)),
+        Section("Dates", "", _dates(drift, (drift.changed or tuple(drift.rows[-1].numbers))[:MOST_COLUMNS])),
     ]
     return rendered("Has it changed?", parts)
 
 
-def _places(drift: Drift) -> dict[str, float]:
-    """Days since the first date, by name; diagnoses of one day lie side by side within it."""
-    days = [day_of(d.date) for d in drift.dates]
-    return {
-        d.date: (day - days[0]).days + days[:i].count(day) / days.count(day)
-        for i, (d, day) in enumerate(zip(drift.dates, days, strict=True))
-    }
-
-
-def _chart(track: NumberHistory, at: Mapping[str, float]) -> Chart:
-    """A number over the days, with whiskers."""
-    points, name = track.points, f"{track.title}{of_place(track)}"
-    x, y = [at[p.date] for p in points], [p.value for p in points]
-    lines = [Series("var(--other)", x, y, width=1.2, is_dotted=True)]
-    for place, p in zip(x, points, strict=True):
-        if p.low is not None and p.high is not None:
-            lines.append(Series("var(--corrected)", [place, place], [p.low, p.high], width=3))
-            lines.append(Series("var(--corrected)", [place], [p.value], has_points=True, name=f"{name}, {p.date}:"))
-    title = f"{name}, {track.unit}" if track.unit else name
-    return Chart(lines, title=title, x_title=f"days since {min(at, key=lambda date: at[date])}", height=130)
-
-
-def _dates(drift: Drift, tracks: Sequence[NumberHistory]) -> Table:
-    """A row each date: its verdict, and the numbers that changed most."""
-    columns = tracks[:MOST_COLUMNS]
-    head = ("date", "verdict", "compared with", *(f"{t.title}{of_place(t)}" for t in columns))
-    rows = [
-        (
-            Mark(d.date, "number", f"{d.date}/{NAMES['report']}"),
-            d.headline,
-            d.since or d.nominal,
-            *(words.number(p.value, t.unit, p.low, p.high) if (p := t.at(d.date)) else "—" for t in columns),
-        )
-        for d in reversed(drift.dates)
+def _chart(drift: Drift, key: Key) -> Chart:
+    """A number over the days, with whiskers; diagnoses of one day lie side by side within it."""
+    days = [row.dated.day for row in drift.rows]
+    at = [(day - days[0]).days + days[:i].count(day) / days.count(day) for i, day in enumerate(days)]
+    found = [(x, row.dated.name, n) for x, row in zip(at, drift.rows, strict=True) if (n := row.numbers.get(key))]
+    name, unit = called(key, found[-1][2]), found[-1][2].unit
+    lines = [
+        Series("var(--other)", [x for x, _, _ in found], [n.value for _, _, n in found], width=1.2, is_dotted=True)
     ]
+    for x, date, n in found:
+        if n.low is not None and n.high is not None:
+            lines.append(Series("var(--corrected)", [x, x], [n.low, n.high], width=3))
+            lines.append(Series("var(--corrected)", [x], [n.value], has_points=True, name=f"{name}, {date}:"))
+    title = f"{name}, {unit}" if unit else name
+    return Chart(lines, title=title, x_title=f"days since {drift.rows[0].dated.name}", height=130)
+
+
+def _dates(drift: Drift, keys: Sequence[Key]) -> Table:
+    """A row each date: its verdict, and some numbers."""
+    newest = {key: n for row in drift.rows for key, n in row.numbers.items()}
+    head = ("date", "verdict", "compared with", *(called(key, newest[key]) for key in keys))
+    rows = []
+    for row in reversed(drift.rows):
+        v, found = row.dated.verdict, [row.numbers.get(key) for key in keys]
+        told = ("—" if n is None else words.number(n.value, n.unit, n.low, n.high) for n in found)
+        day = Mark(row.dated.name, "number", f"{row.dated.name}/{NAMES['report']}")
+        rows.append((day, v.headline, v.since or v.nominal, *told))
     return Table(head, rows)

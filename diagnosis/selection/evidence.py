@@ -16,6 +16,7 @@ import numpy as np
 from diagnosis.channels import MAX_SAMPLES, Array, Channel, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.decision_constants import DEGREES_OF_FREEDOM, DISCREPANCY, FORMULA_ERROR, ErrorScale
 from diagnosis.library import JointGroups, LibraryEffect, ThroughMotion, drive_of, with_stand_in
+from diagnosis.selection.normal_equations import OrdinarySums
 from diagnosis.selection.ordinary_errors import Ordinary, ordinary
 
 MIN_SAMPLES: Final = 30
@@ -106,8 +107,8 @@ class Evidence:
     stretch: int
     """States in :data:`FOLD_BLOCK_S`: pieces that time is cut into where there are few runs."""
     ordinary: Ordinary = field(init=False)
-    base: list[Array] = field(default_factory=list)
-    """By block and fold the products of [ordinary errors, y], over the block's number of samples."""
+    sums: OrdinarySums = field(init=False)
+    """What is the same whatever is tried: products of [ordinary errors, y], over each block's number of samples."""
     kept: dict[object, Any] = field(default_factory=dict)
     """What scoring keeps between calls."""
     _beside: list[Array] = field(default_factory=list)
@@ -123,10 +124,11 @@ class Evidence:
         ]
         # The same numbers, kept once.
         self.ordinary = replace(made, x=tuple(both[:, :-1] for both in self._beside))
-        self.base = [
+        base = [
             np.array([self.products_of(number, both, both, fold) for fold in range(self.n_folds)])
             for number, both in enumerate(self._beside)
         ]
+        self.sums = OrdinarySums(made.numbers, made.size, base)
 
     def shapes(self, effect: LibraryEffect) -> tuple[Shape, ...]:
         """Coarse shapes of an effect that these logs let one try; none where it shows nowhere."""

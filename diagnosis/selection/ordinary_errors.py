@@ -49,11 +49,6 @@ class ErrorKind:
     chosen: Ints
     """Coefficients that have an error."""
 
-    @property
-    def alike(self) -> Flags:
-        """Sets of several units."""
-        return np.array([members.sum() > 1 for members in self.sets])
-
     def columns(self, coefficient: int) -> Ints:
         """Columns of one of the chosen coefficients, by set."""
         return self.first + coefficient + len(self.chosen) * np.arange(len(self.sets))

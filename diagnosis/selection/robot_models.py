@@ -11,7 +11,6 @@ import numpy as np
 from diagnosis.channels import Array, Flags, Shape
 from diagnosis.library import JointGroups, LibraryEffect, Location, acts_last, less
 from diagnosis.library.held import groups_of
-from diagnosis.library.less import AtBound
 from diagnosis.library.rigid_body import PayloadEntry, with_mass
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import ErrorKind
@@ -66,7 +65,7 @@ def with_errors(model: RobotModel, board: Evidence, pulls: Array, effects: Conta
 def corrected_model(nominal: RobotModel, board: Evidence, scored: Scored, fold: int | None = None) -> RobotModel:
     """The nominal model with this robot's ordinary errors and the effects, as fitted without a fold or to everything.
 
-    A number beyond its parameter's bound is put at the bound; :func:`held_of` tells which.
+    A number beyond its parameter's bound is put at the bound.
     """
     pulls, coefficients = scored.pulls, scored.coefficients
     if fold is not None:
@@ -97,64 +96,38 @@ def within(entry: LibraryEffect, values: Mapping[str, float]) -> tuple[dict[str,
     return out, held
 
 
-def held_of(board: Evidence, scored: Scored) -> list[AtBound]:
-    """Numbers of the differences that lie at a bound: what was fitted is beyond what is physically possible."""
-    found = []
-    for term, own in zip(scored.terms, scored.coefficients, strict=True):
-        values = term.effect.values(own, term.shape)
-        known, held = {p.name: p for p in term.effect.effect.parameters()}, within(term.effect, values)[1]
-        at_end = {n: v for n, v in values.items() if n in known and known[n].null != v in (known[n].low, known[n].high)}
-        where = ", ".join(board.robot.named(board.robot.joints_of(term.effect, term.place)))
-        found += [AtBound(term.effect.name, name, where, bound) for name, bound in {**at_end, **held}.items()]
-    return found
-
-
 def with_kind(model: RobotModel, robot: JointGroups, kind: ErrorKind, coefficients: Array) -> RobotModel:
     """The model with errors of one kind; coefficients by unit, shape (U, C).
 
     What effects of the kind have in all stays within the bounds of each parameter.
     """
-    return _put_into(model, robot, kind, coefficients)[0]
-
-
-def held_at_bounds(model: RobotModel, robot: JointGroups, kind: ErrorKind, coefficients: Array) -> list[AtBound]:
-    """The numbers that :func:`with_kind` leaves at a parameter's bound, short of what was fitted."""
-    return _put_into(model, robot, kind, coefficients)[1]
-
-
-def _put_into(
-    model: RobotModel, robot: JointGroups, kind: ErrorKind, coefficients: Array
-) -> tuple[RobotModel, list[AtBound]]:
     entry, effect = kind.effect, kind.effect.effect
     if isinstance(entry, PayloadEntry):
         return with_mass(model, float(coefficients[0, 0]), coefficients[0, 1:])
     asked, units = [_asked(entry, kind.at, own) for own in coefficients], robot.units(entry.location) > 0.5
     sizes = [p for p in effect.parameters() if p.name in asked[0] and (p.name not in kind.at or _is_sized(entry))]
-    acts, at_bounds, columns = np.zeros(robot.n_joints, dtype=np.bool_), list[AtBound](), dict[str, Any]()
+    acts, columns = np.zeros(robot.n_joints, dtype=np.bool_), dict[str, Any]()
     for p in sizes:
         into, back = less.sums(effect, p)
         more = into(np.array([own[p.name] for own in asked])) @ units
         before = less.in_all(model, effect, p)
         after = np.where(more == 0.0, before, np.clip(before + more, into(p.low), into(p.high)))
-        for joints in units[[(after != before + more)[joints].any() for joints in units]]:
-            bound = p.low if (before + more)[joints][0] < after[joints][0] else p.high
-            at_bounds.append(AtBound(entry.name, p.name, _where(robot, entry, joints), bound))
         change = after - before
         added = np.clip(change, into(p.low), into(p.high))
         model = less.with_less(model, effect, p, change - added)
         acts |= added != 0.0
         columns[p.name] = np.clip(back(added), p.low, p.high)
     if not acts.any():
-        return model, at_bounds
+        return model
     shape = {name: value for name, value in asked[0].items() if name not in columns}
     numbers = {k: _plain(v[None], acts) for k, v in columns.items()}
     made: Effect = effect(joints=describe_joints(acts), **numbers, **shape)
     if entry.location is Location.JOINT and not isinstance(made, ModelEffect):
         # One effect with a number for each joint: a step costs no more than one effect's.
-        return model.with_effects(made), at_bounds
+        return model.with_effects(made)
     for own in _apart(made):
         model = entry.add_to(model, own.values, own.joints)
-    return model, at_bounds
+    return model
 
 
 def _is_sized(entry: LibraryEffect) -> bool:
@@ -171,13 +144,6 @@ def _asked(entry: LibraryEffect, at: Shape, own: Array) -> dict[str, float]:
     nulls = {p.name: p.null for p in entry.effect.parameters()}
     free = {c.name: float(x) for c, x in zip(entry.coefficients, own, strict=True) if c.is_free and c.name in nulls}
     return {k: v for k, v in shape.items() if k in nulls} | {name: nulls[name] + x for name, x in free.items()}
-
-
-def _where(robot: JointGroups, entry: LibraryEffect, joints: Flags) -> str:
-    if entry.location is Location.ROBOT:
-        return "body"
-    name = robot.named(joints)[0]
-    return name if entry.location is Location.JOINT else name.rsplit("_", 1)[0]
 
 
 def effects_merged(model: RobotModel) -> RobotModel:

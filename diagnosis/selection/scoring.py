@@ -27,7 +27,7 @@ from diagnosis.decision_constants import ERROR_SCALES, LARGEST_IN_SPREADS, Error
 from diagnosis.library import LibraryEffect
 from diagnosis.selection.evidence import Evidence, key_of
 from diagnosis.selection.faultless import FAULTLESS
-from diagnosis.selection.normal_equations import ColumnProducts, OrdinarySums, solve_bounded, solved
+from diagnosis.selection.normal_equations import ColumnProducts, solve_bounded, solved
 
 BELOW_NOISE: Final = 0.1
 """What a mean square counts below the least that counts: next to nothing, but the better of two fits stays better."""
@@ -235,7 +235,7 @@ class Scorer:
         """The ordinary errors' system under some weights, and the terms' part; the last one is kept."""
         key = weights.tobytes()
         if self._by_weights[0] != key:
-            sums, tried = sums_of(self.board), self._tried
+            sums, tried = self.board.sums, self._tried
             found = (
                 sums.system(sums.total, weights),
                 weights @ sums.total.with_y,
@@ -257,7 +257,7 @@ def _occam(information: Array, wide: Array) -> Array:
 
 def fitted_terms(board: Evidence, terms: tuple[Placed, ...], tried: ColumnProducts) -> Scored:
     """Terms and ordinary errors, fitted under weights that stand still, and their value."""
-    sums, effects = sums_of(board), [t.effect for t in terms]
+    sums, effects = board.sums, [t.effect for t in terms]
     (low, high), wide = bounds(effects), ranges(effects)
     weights = board.dof / (sums.total.yy + board.tolerance_square)
     for _ in range(ROUNDS):
@@ -285,7 +285,7 @@ def crossed(board: Evidence, scored: Scored) -> Scored:
         products_of_terms(board, columns),
         [products_of_terms(board, columns, f) for f in range(board.n_folds)],
     )
-    sums, effects = sums_of(board), [t.effect for t in scored.terms]
+    sums, effects = board.sums, [t.effect for t in scored.terms]
     (low, high), wide = bounds(effects), ranges(effects)
     found = [
         solved(sums, sums.total - own, tried - mine, scored.weights, low, high, held=wide**-2)
@@ -308,7 +308,7 @@ def posterior_covariance(board: Evidence, scored: Scored) -> Array:
     Shape (Q + K, Q + K), in the units of ``scored.pulls`` and ``scored.coefficients``, terms end to end; a coefficient
     at one of its bounds counts as known.
     """
-    sums, weights = sums_of(board), scored.weights
+    sums, weights = board.sums, scored.weights
     q = sums.size
     own = cho_solve(sums.system(sums.total, weights), np.eye(q), check_finite=False)
     if not scored.terms:
@@ -328,14 +328,6 @@ def posterior_covariance(board: Evidence, scored: Scored) -> Array:
     out[q + free, :q] = out[:q, q + free].T
     out[np.ix_(q + free, q + free)] = inner
     return out
-
-
-def sums_of(board: Evidence) -> OrdinarySums:
-    """What is the same whatever is tried; kept on the board."""
-    if "sums" not in board.kept:
-        board.kept["sums"] = OrdinarySums(board.ordinary.numbers, board.ordinary.size, board.base)
-    found: OrdinarySums = board.kept["sums"]
-    return found
 
 
 def null_of(board: Evidence) -> Scored:

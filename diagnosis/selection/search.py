@@ -79,11 +79,6 @@ def effects_of(terms: Sequence[Placed]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(t.effect.name for t in terms))
 
 
-def value_of(board: Evidence, terms: Sequence[Placed]) -> float:
-    """Value of a set of effects; 0 for none."""
-    return Scorer(board, terms).now.value if terms else 0.0
-
-
 def beside(library: Mapping[str, LibraryEffect], terms: Sequence[Placed]) -> dict[str, LibraryEffect]:
     """Effects that can be there beside the terms: neither contained in one of them, nor containing one."""
     names = set(effects_of(terms))
@@ -210,9 +205,9 @@ def _exchanged(board: Evidence, best: Scored, library: Mapping[str, LibraryEffec
 def _pruned(board: Evidence, best: Scored) -> Scored:
     """Without effects that no longer add anything."""
     while len(best.terms) > 1:
-        losses = [best.value - value_of(board, best.terms[:i] + best.terms[i + 1 :]) for i in range(len(best.terms))]
-        weakest = int(np.argmin(losses))
-        if losses[weakest] > 0.0:
+        fewer = [Scorer(board, best.terms[:i] + best.terms[i + 1 :]).now for i in range(len(best.terms))]
+        losses = [best.value - scored.value for scored in fewer]
+        if min(losses) > 0.0:
             break
-        best = Scorer(board, best.terms[:weakest] + best.terms[weakest + 1 :]).now
+        best = fewer[int(np.argmin(losses))]
     return best

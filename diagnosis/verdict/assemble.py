@@ -167,7 +167,6 @@ def _timeline(found: Explanation) -> list[Stretch]:
         out += [
             Stretch(log=name, kind=s.kind, start_s=s.first * period, end_s=(s.last + 1) * period, reason=s.reason)
             for s in cut.segments
-            if s.is_cut
         ]
         view = found.views.get(Channel.SET_POINT_TO_LOAD)
         if view is None:

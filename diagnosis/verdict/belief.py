@@ -187,11 +187,7 @@ def name_of_model(scored: Scored) -> str:
     return " + ".join(sorted({t.effect.name for t in scored.terms})) or CALIBRATED
 
 
-def either_of(probabilities: Iterable[float]) -> float:
-    """Probability of one or another of some that are independent."""
-    return 1.0 - float(np.prod([1.0 - p for p in probabilities]))
-
-
 def is_none(there: Iterable[float], unknown: float, n_runs: int) -> float:
     """Probability that nothing is out of the ordinary; one run never proves it."""
-    return min((1.0 - either_of(there)) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))
+    either = 1.0 - float(np.prod([1.0 - p for p in there]))
+    return min((1.0 - either) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))

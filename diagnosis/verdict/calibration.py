@@ -16,13 +16,13 @@ from typing import Final
 import numpy as np
 from scipy.special import expit
 
-from diagnosis.channels import Array, Flags
+from diagnosis.channels import Array, Flags, Shape
 from diagnosis.decision_constants import ERROR_SCALES, LARGEST_IN_SPREADS, NAMED, ODD, PARAMETER_SPREAD, TAUGHT
 from diagnosis.document import CalibratedNumber, Number
 from diagnosis.library import JointGroups, LibraryEffect, Location, lacks_loads
-from diagnosis.selection.evidence import Evidence
+from diagnosis.selection.evidence import Evidence, key_of
 from diagnosis.selection.ordinary_errors import ErrorKind
-from diagnosis.selection.robot_models import held_of
+from diagnosis.selection.robot_models import within
 from diagnosis.selection.scoring import Scored, Scorer, posterior_covariance
 from spot_model.effects.base import Effect, Parameter
 from spot_model.effects.bodies import ComOffset, PayloadMass
@@ -36,6 +36,8 @@ NOT_OF_THE_ROBOT: Final = frozenset({"ground_friction", "ground_compliance", "gr
 Z_90: Final = 1.645
 PROFILE_NATS: Final = 1.35
 """A shape whose value is within this of the best is within its 90 % interval."""
+MOST_SHAPES: Final = 60
+"""No further shapes are tried for an interval after so many."""
 NEVER_MET: Final = 1e5
 """Null values from here on stand for a limit that is never met."""
 
@@ -316,27 +318,37 @@ def _unit(known: Parameter) -> str:
 def parameter_numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
     """Parameters of the last term beside the scorer's, each with a 90 % interval.
 
-    Of a linear number it comes from the posterior; of a shape from the shapes nearby whose value is almost as large; of
-    both from what a formula is usually wrong by, ``PARAMETER_SPREAD``.
+    Of a linear number it comes from the posterior; of a shape from the shapes around it whose value is almost as large,
+    step by step, since numbers that make up for each other are as good along a line; of both from what a formula is
+    usually wrong by, ``PARAMETER_SPREAD``.
     """
     term, own = scored.terms[-1], scored.coefficients[-1]
     error = np.sqrt(np.maximum(np.diag(posterior_covariance(scorer.board, scored))[-len(own) :], 0.0))
     best = term.effect.values(own, term.shape)
     low, high = dict(best), dict(best)
+    ends: dict[tuple[str, bool], Shape] = {}
 
-    def widen(coefficients: Array, shape: dict[str, float]) -> None:
+    def widen(coefficients: Array, shape: Shape) -> None:
         for name, value in term.effect.values(coefficients, shape).items():
-            low[name], high[name] = min(low[name], value), max(high[name], value)
+            if value < low[name]:
+                low[name], ends[name, False] = value, shape
+            if value > high[name]:
+                high[name], ends[name, True] = value, shape
 
     for i, c in enumerate(term.effect.coefficients):
         for sign in (-1.0, 1.0):
             moved = own.copy()
             moved[i] = np.clip(moved[i] + sign * Z_90 * error[i], c.low, c.high)
-            widen(moved, dict(term.shape))
-    for shape in term.effect.refined(term.shape):
-        other = scorer.scored(term.effect, shape, term.place)
-        if other.value > scored.value - PROFILE_NATS:
-            widen(other.coefficients[-1], dict(shape))
+            widen(moved, term.shape)
+    around, done, n_tried = {key_of(term.effect, term.shape): term.shape}, set[tuple[object, ...]](), 0
+    while around and n_tried < MOST_SHAPES:
+        done |= around.keys()
+        for shape in [s for end in around.values() for s in term.effect.refined(end)]:
+            n_tried += 1
+            other = scorer.scored(term.effect, shape, term.place)
+            if other.value > scored.value - PROFILE_NATS:
+                widen(other.coefficients[-1], shape)
+        around = {key: s for s in ends.values() if (key := key_of(term.effect, s)) not in done}
     units = {p.name: p.unit for p in term.effect.effect.parameters()}
     nulls = {p.name: p.null for p in term.effect.effect.parameters()}
     found = {}
@@ -358,10 +370,12 @@ def with_formula_error(value: float, low: float, high: float, null: float) -> tu
 def held_sentences(board: Evidence, scored: Scored) -> tuple[str, ...]:
     """Numbers of the differences that lie at the end of what is physically possible, a sentence each."""
     out = []
-    for held in held_of(board, scored):
-        effect = next(t.effect for t in scored.terms if t.effect.name == held.effect)
-        known = next(p for p in effect.effect.parameters() if p.name == held.parameter)
-        size = f"{held.bound:.4g} {_unit(known)}".rstrip()
-        what = f"{effect.title} at {held.where}: the {parameter_words(held.parameter)}"
-        out.append(f"{what} is held at {size}, the end of what can be")
+    for term, own in zip(scored.terms, scored.coefficients, strict=True):
+        known, values = {p.name: p for p in term.effect.effect.parameters()}, term.effect.values(own, term.shape)
+        at_end = {n: v for n, v in values.items() if n in known and known[n].null != v in (known[n].low, known[n].high)}
+        where = ", ".join(board.robot.named(board.robot.joints_of(term.effect, term.place)))
+        for name, bound in {**at_end, **within(term.effect, values)[1]}.items():
+            size = f"{bound:.4g} {_unit(known[name])}".rstrip()
+            what = f"{term.effect.title} at {where}: the {parameter_words(name)}"
+            out.append(f"{what} is held at {size}, the end of what can be")
     return tuple(out)

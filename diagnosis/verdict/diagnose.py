@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.channels import Array, Channel, ChannelView
+from diagnosis.channels import Channel
 from diagnosis.channels.actuator import actuator_view
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.closed_loop.environment import Surroundings
 from diagnosis.closed_loop.gap_map import GapSide, gap_map
 from diagnosis.closed_loop.simulation import RolloutEngine, rollouts_under
@@ -18,6 +18,7 @@ from diagnosis.document import GapCell, Verdict
 from diagnosis.library import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.library.repairs import with_repairs
+from diagnosis.read.robot_file import SPOT, RobotFile
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.ordinary_errors import UNLIKE_MOTION
 from diagnosis.selection.robot_models import corrected_model, effects_merged, model_by_joint
@@ -72,9 +73,8 @@ def diagnose_runs(
     *,
     library: Mapping[str, LibraryEffect] = LIBRARY,
     nominal_name: str = "",
-    limits_rad: tuple[Array, Array] | None = None,
+    robot: RobotFile = SPOT,
     engine: RolloutEngine | None = None,
-    is_from_motion: bool = False,
 ) -> Diagnosis:
     """Diagnose logs.
 
@@ -87,15 +87,14 @@ def diagnose_runs(
         tell: Gets the share of the present step that is done, 0 to 1.
         library: Effects that are tried.
         nominal_name: For the verdict.
-        limits_rad: Joint stops of a robot other than Spot, low and high.
+        robot: That the logs are of.
         engine: Computes closed-loop runs; in this process by default.
-        is_from_motion: The loads are computed from the motion.
     """
     library = with_repairs(library, nominal)
-    if is_from_motion:
+    if robot.is_from_motion:
         library = {name: entry for name, entry in library.items() if name not in UNLIKE_MOTION}
     say(f"building channels of {counted(len(runs), 'log')}")
-    found = weigh(runs, nominal, policy, library, say, limits_rad, is_from_motion)
+    found = weigh(runs, nominal, policy, library, say, robot)
     # What is there, and how this robot is calibrated.
     belief, board = decide(found, library), found.board
     best = crossed(board, belief.best)
@@ -119,10 +118,9 @@ def diagnose_runs(
         say("weighing what was found")
         around = trials.surroundings.overall
         corrected = around.around(corrected)
-        logs = stack([record(run) for run in trials.runs[NOMINAL]])
-        loads = actuator_view(logs, nominal.effects)
+        logs = stacked([record(run) for run in trials.runs[NOMINAL]])
         real = GapSide(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD))
-        made = GapSide(logs, loads if isinstance(loads, ChannelView) else None)
+        made = GapSide(logs, actuator_view(logs, nominal.effects))
         cells, about_cells = gap_map(real, made, board.robot.leg_of_joint, rng)
         shrink = measure_shrink(trials, belief.stated, rng)
         measured = measured_by_simulation(trials, best, belief.stated, rng) or measured

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from diagnosis.channels import Array, Channel, ChannelOff, Views
+from diagnosis.channels import Channel, ChannelOff, Views
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import Stack, stack
+from diagnosis.channels.stack import Stack, stacked
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import JointGroups, LibraryEffect
 from diagnosis.library.held import less_held
 from diagnosis.library.registry import LIBRARY
+from diagnosis.read.robot_file import SPOT, RobotFile
 from diagnosis.selection.evidence import Evidence, lay_out
 from diagnosis.selection.normal_equations import one_thread
 from diagnosis.selection.ordinary_errors import of_unknown_drive
@@ -58,16 +59,15 @@ def weigh(
     policy: Policy | None,
     library: Mapping[str, LibraryEffect],
     say: Say,
-    limits_rad: tuple[Array, Array] | None = None,
-    is_from_motion: bool = False,
+    robot: RobotFile = SPOT,
 ) -> Explanation:
-    """Channels, evidence, and the best set of effects; ``is_from_motion`` where loads are computed, not measured.
+    """Channels, evidence, and the best set of effects; progress goes to ``say``.
 
     Raises:
         BadInputError: The logs feed no channel at all.
     """
     with one_thread():
-        logs, views, off, board = evidence_of(runs, nominal, policy, library, limits_rad, is_from_motion)
+        logs, views, off, board = evidence_of(runs, nominal, policy, library, robot)
         say(f"trying {len(library)} effects on {len(board.blocks)} signals of {len(views)} channels")
         return Explanation(logs, views, off, board, search_effects(board, library, say))
 
@@ -77,24 +77,23 @@ def evidence_of(
     nominal: RobotModel,
     policy: Policy | None,
     library: Mapping[str, LibraryEffect],
-    limits_rad: tuple[Array, Array] | None = None,
-    is_from_motion: bool = False,
+    robot: RobotFile = SPOT,
 ) -> tuple[Stack, Views, tuple[ChannelOff, ...], Evidence]:
     """Logs on one grid, channels that are on and off, and the evidence.
 
     Raises:
         BadInputError: Nothing of the logs can be used, or they feed no channel at all.
     """
-    logs = stack([record(run) for run in runs])
+    logs = stacked([record(run) for run in runs])
     if not logs.used.any():
-        cuts = dict.fromkeys(s.reason for own in logs.segmentations for s in own.segments if s.is_cut)
+        cuts = dict.fromkeys(s.reason for own in logs.segmentations for s in own.segments)
         told = "record the robot while commands move it, on its feet"
         raise BadInputError(f"nothing of these logs can be used: {'; '.join(cuts)}; {told}")
-    views, off = build_views(logs, nominal, policy=policy, limits_rad=limits_rad)
+    views, off = build_views(logs, nominal, policy=policy, robot=robot)
     if not views:
         told = "; ".join(f"{c.name}: {c.reason}" for c in off)
         raise BadInputError(f"these logs feed no channel ({told}); map joint velocities, loads or set-points as well")
-    robot = JointGroups(logs.joint_names, logs.legs)
+    joints = JointGroups(logs.joint_names, logs.legs)
     names = sorted({r.sequence for r in logs.recordings})
     by_run = len(names) < 2
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
@@ -103,6 +102,6 @@ def evidence_of(
     every = {**LIBRARY, **{name: entry for name, entry in library.items() if not entry.taken_away}}
     views = less_held(views, nominal.effects, every)
     drive = views.get(Channel.SET_POINT_TO_LOAD)
-    scales = of_unknown_drive(drive) if is_from_motion and drive is not None else ERROR_SCALES
-    board = lay_out(views, robot, folds, fold_names, library=every, scales=scales, period_s=logs.period_s)
+    scales = of_unknown_drive(drive) if robot.is_from_motion and drive is not None else ERROR_SCALES
+    board = lay_out(views, joints, folds, fold_names, library=every, scales=scales, period_s=logs.period_s)
     return logs, views, tuple(off), board

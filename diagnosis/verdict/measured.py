@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from diagnosis.channels import Array, Channel, Ints
-from diagnosis.closed_loop.consequences import consequences, remainder
+from diagnosis.closed_loop.consequences import Outcomes
 from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
 from diagnosis.closed_loop.trials import NOMINAL, Trials
 from diagnosis.document import Consequences, GapCell, GapChange, GapLeft, GapName
@@ -37,6 +37,8 @@ class Measurements:
     left: tuple[GapLeft, ...]
 
 
+LESS: Final = "without "
+"""How the name of the model without something begins."""
 MOST_KINDS: Final = 4
 """Kinds of ordinary numbers that are taken out of the corrected model one at a time: those farthest from nominal."""
 LEAST_SIZE: Final = 1.0
@@ -55,7 +57,7 @@ def compared_models(board: Evidence, best: Scored, stated: str) -> dict[str, Sco
         nothing = without_effect(board, nothing, name)
     models[CALIBRATED] = nothing
     for name in (*(names if len(names) > 1 else ()), *largest_kinds(board, best)):
-        models.setdefault(_less(name), without_effect(board, best, name))
+        models.setdefault(LESS + name, without_effect(board, best, name))
     return models
 
 
@@ -75,22 +77,21 @@ def measured_by_simulation(trials: Trials, best: Scored, stated: str, rng: np.ra
     """In closed loop; None where the corrected model could not be simulated."""
     if stated not in trials.runs or not trials.compared:
         return None
-    each = {}
-    names = effects_of(best.terms)
+    outcomes, each, names = Outcomes.of(trials), {}, effects_of(best.terms)
     if len(names) == 1 and CALIBRATED in trials.runs:
-        each[names[0]] = consequences(trials, CALIBRATED, stated, rng)
+        each[names[0]] = outcomes.consequences(CALIBRATED, stated, rng)
     for name in trials.runs:
         if name.startswith(LESS):
-            each[name.removeprefix(LESS)] = consequences(trials, name, stated, rng)
+            each[name.removeprefix(LESS)] = outcomes.consequences(name, stated, rng)
     # The surroundings were chosen for the corrected model: another choice would move its distance from the robot. It
     # would move the calibrated model's where what was found is itself one of the surroundings.
     doubt = trials.surroundings.doubt
     is_around = any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
-    whole, calibration = consequences(trials, NOMINAL, stated, rng, doubt), None
+    whole, calibration = outcomes.consequences(NOMINAL, stated, rng, doubt), None
     if CALIBRATED in trials.runs:
         is_stated = stated == CALIBRATED
-        calibration = consequences(trials, NOMINAL, CALIBRATED, rng, doubt if is_around or is_stated else 0.0)
-    return Measurements(whole, calibration, each, remainder(trials, stated))
+        calibration = outcomes.consequences(NOMINAL, CALIBRATED, rng, doubt if is_around or is_stated else 0.0)
+    return Measurements(whole, calibration, each, outcomes.remainder(stated))
 
 
 def measured_by_prediction(board: Evidence, best: Scored) -> Measurements:
@@ -112,13 +113,6 @@ def measured_by_prediction(board: Evidence, best: Scored) -> Measurements:
         each,
         left,
     )
-
-
-LESS: Final = "without "
-
-
-def _less(effect: str) -> str:
-    return LESS + effect
 
 
 SIGNALS: Final = {Channel.SET_POINT_TO_LOAD: "load error", Channel.LOAD_TO_MOTION: "torque error of swinging legs"}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fake_robot.network.status import SystemFault
+from fake_robot.network.streams import ChannelFault
 from spot_model.robot.facts import N_JOINTS, Array
 
 
@@ -15,13 +16,9 @@ class FaultEffects:
     """What active faults change. A fresh one changes nothing."""
 
     # Channels
-    state_delay_s: float = 0.0
-    state_jitter_s: float = 0.0
-    state_drop_probability: float = 0.0
+    states: ChannelFault = field(default_factory=ChannelFault)
+    commands: ChannelFault = field(default_factory=ChannelFault)
     has_state_gap: bool = False
-    command_delay_s: float = 0.0
-    command_jitter_s: float = 0.0
-    command_drop_probability: float = 0.0
     duplicate_probability: float = 0.0
     """Share of state messages that are sent twice."""
     back_date_probability: float = 0.0

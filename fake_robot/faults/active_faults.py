@@ -22,11 +22,6 @@ class ActiveFault:
     until_ns: int | None
     """Robot time since the start at which it ends; None until it is cleared."""
 
-    @property
-    def name(self) -> str:
-        """The fault's name."""
-        return self.fault.name
-
 
 class ActiveFaults:
     """The active faults, and the effects that they turn together."""

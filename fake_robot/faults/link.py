@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 from typing_extensions import override
@@ -22,61 +22,53 @@ class StateGap(Fault, name="state_gap"):
 class StateDelay(Fault, name="state_delay"):
     """State messages take longer, all alike."""
 
+    channel: ClassVar[str] = "states"
     delay_s: float = Field(ge=0.0, le=10.0, description="added delay, s")
 
     @override
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
-        effects.state_delay_s += self.delay_s
+        getattr(effects, self.channel).delay_s += self.delay_s
 
 
-class CommandDelay(Fault, name="command_delay"):
+class CommandDelay(StateDelay, name="command_delay"):
     """Commands take longer, all alike."""
 
-    delay_s: float = Field(ge=0.0, le=10.0, description="added delay, s")
-
-    @override
-    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
-        effects.command_delay_s += self.delay_s
+    channel: ClassVar[str] = "commands"
 
 
 class StateJitter(Fault, name="state_jitter"):
     """State messages take longer, each by its own exponential draw."""
 
+    channel: ClassVar[str] = "states"
     mean_s: float = Field(ge=0.0, le=1.0, description="mean of the added delay, s")
 
     @override
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
-        effects.state_jitter_s += self.mean_s
+        getattr(effects, self.channel).jitter_s += self.mean_s
 
 
-class CommandJitter(Fault, name="command_jitter"):
+class CommandJitter(StateJitter, name="command_jitter"):
     """Commands take longer, each by its own exponential draw."""
 
-    mean_s: float = Field(ge=0.0, le=1.0, description="mean of the added delay, s")
-
-    @override
-    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
-        effects.command_jitter_s += self.mean_s
+    channel: ClassVar[str] = "commands"
 
 
 class StateDrops(Fault, name="state_drops"):
     """Some state messages are lost."""
 
+    channel: ClassVar[str] = "states"
     probability: float = Field(ge=0.0, le=1.0, description="share of messages")
 
     @override
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
-        effects.state_drop_probability = 1.0 - (1.0 - effects.state_drop_probability) * (1.0 - self.probability)
+        of = getattr(effects, self.channel)
+        of.drop_probability = 1.0 - (1.0 - of.drop_probability) * (1.0 - self.probability)
 
 
-class CommandDrops(Fault, name="command_drops"):
+class CommandDrops(StateDrops, name="command_drops"):
     """Some commands are lost on their way."""
 
-    probability: float = Field(ge=0.0, le=1.0, description="share of messages")
-
-    @override
-    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
-        effects.command_drop_probability = 1.0 - (1.0 - effects.command_drop_probability) * (1.0 - self.probability)
+    channel: ClassVar[str] = "commands"
 
 
 class DuplicatedStates(Fault, name="duplicated_states"):

@@ -14,11 +14,10 @@ from pydantic import ValidationError
 
 from fake_robot.faults import body, link, services
 from fake_robot.faults.fault import FAULTS, Fault, ServiceFault
-from fake_robot.network.status import FaultKind
 from spot_model.errors import BadInputError
 from spot_model.io.settings import explain
 
-__all__ = ["FAULTS", "body", "fault_kinds", "link", "make_fault", "services"]
+__all__ = ["FAULTS", "body", "link", "make_fault", "services"]
 
 
 def make_fault(name: str, parameters: Mapping[str, Any]) -> Fault:
@@ -29,19 +28,6 @@ def make_fault(name: str, parameters: Mapping[str, Any]) -> Fault:
         return FAULTS[name].model_validate(dict(parameters), strict=True)
     except ValidationError as error:
         raise BadInputError(f"fault {name}:\n{explain(error, FAULTS[name])}") from error
-
-
-def fault_kinds(*, of_services: bool) -> tuple[FaultKind, ...]:
-    """The faults of the services, or those of the body, with the meaning of their parameters."""
-    return tuple(
-        FaultKind(
-            name,
-            (fault.__doc__ or "").strip(),
-            {key: info.description or "" for key, info in fault.model_fields.items()},
-        )
-        for name, fault in FAULTS.items()
-        if issubclass(fault, ServiceFault) is of_services
-    )
 
 
 FIRST_SERVICE_FAULT_ID = 1_000_000
@@ -67,23 +53,14 @@ class FaultInjector:
         self._last_id = FIRST_SERVICE_FAULT_ID
         self._lock = threading.Lock()
 
-    def kinds(self) -> tuple[FaultKind, ...]:
-        """Every fault that there is, by name."""
-        everything = (*fault_kinds(of_services=True), *self._world.robot.fault_kinds())
-        return tuple(sorted(everything, key=lambda kind: kind.name))
-
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
         """Make a fault happen now; returns its number. Raises BadInputError."""
         if duration_s is not None and not 0 < duration_s < 1e6:
             raise BadInputError(f"fault {name}: duration_s = {duration_s:g} is not allowed; give 0 < duration_s < 1e6")
-        names = [kind.name for kind in self.kinds()]
-        if name not in names:
-            raise BadInputError(f"there is no fault {name!r}; allowed: {', '.join(names)}")
-        if name not in FAULTS or not issubclass(FAULTS[name], ServiceFault):
+        fault = make_fault(name, parameters)
+        if not isinstance(fault, ServiceFault):
             number: int = self._world.robot.inject(name, parameters, duration_s)
             return number
-        fault = make_fault(name, parameters)
-        assert isinstance(fault, ServiceFault)  # noqa: S101 - just looked up
         undo = fault.begin(self._world, duration_s)
         with self._lock:
             self._last_id += 1

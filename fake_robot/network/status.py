@@ -134,12 +134,3 @@ class StreamFailure:
     status: int
     """A ``JointControlStreamResponse.Status``."""
     message: str
-
-
-@dataclass(frozen=True)
-class FaultKind:
-    """A fault that can be injected: what it does, and its parameters with their meaning."""
-
-    name: str
-    help: str
-    parameters: Mapping[str, str] = field(default_factory=dict)

@@ -6,6 +6,7 @@ import hashlib
 import queue
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -17,6 +18,17 @@ from spot_model.robot.facts import N_JOINTS
 MessageT = TypeVar("MessageT")
 
 _BLOCK = 512
+
+
+@dataclass
+class ChannelFault:
+    """What a fault adds to a channel's own delays and losses; a fresh one adds nothing."""
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    """Mean of an exponential delay."""
+    drop_probability: float = 0.0
+    """Of each message, on its own."""
 
 
 class DelayLine(Generic[MessageT]):
@@ -32,25 +44,21 @@ class DelayLine(Generic[MessageT]):
         self._latest_ns = 0
         self._delays_ns: list[int] = []
         self._losses: list[bool] = []
-        self.extra_delay_ns = 0
-        """Added to every delay: a fault."""
-        self.extra_jitter_s = 0.0
-        """Mean of an exponential delay on top: a fault."""
-        self.extra_drop_probability = 0.0
-        """Of each message, on its own: a fault."""
+        self.fault = ChannelFault()
 
     def send(self, message: MessageT, now_ns: int) -> None:
         """A message leaves now."""
         if not self._delays_ns:
             self._draw()
         delay_ns, is_lost = self._delays_ns.pop(), self._losses.pop()
-        if self.extra_jitter_s > 0.0:
-            delay_ns += int(self._rng.exponential(self.extra_jitter_s) * 1e9)
-        if self.extra_drop_probability > 0.0:
-            is_lost = is_lost or self._rng.random() < self.extra_drop_probability
+        fault = self.fault
+        if fault.jitter_s > 0.0:
+            delay_ns += int(self._rng.exponential(fault.jitter_s) * 1e9)
+        if fault.drop_probability > 0.0:
+            is_lost = is_lost or self._rng.random() < fault.drop_probability
         if is_lost:
             return
-        self._latest_ns = max(self._latest_ns, now_ns + delay_ns + self.extra_delay_ns)
+        self._latest_ns = max(self._latest_ns, now_ns + delay_ns + round(fault.delay_s * 1e9))
         self._under_way.append((self._latest_ns, now_ns, message))
 
     @property

@@ -18,9 +18,9 @@ from fake_robot.body.clock import RobotClock
 from fake_robot.body.truth import Truth
 from fake_robot.eyes.eyes import Eyes
 from fake_robot.faults.fault import ServiceFault
-from fake_robot.faults.registry import fault_kinds, make_fault
+from fake_robot.faults.registry import make_fault
 from fake_robot.network.requests import CameraView, StandPose, WalkPlan
-from fake_robot.network.status import EstopLevel, FaultKind, Snapshot, StreamFailure
+from fake_robot.network.status import EstopLevel, Snapshot
 from fake_robot.network.streams import StateSubscription, spoil
 from fake_robot.robot.joint_control import Stream
 from fake_robot.robot.real_time import RealTimeLoop
@@ -212,11 +212,6 @@ class Robot:
         with self._changed:
             self._simulation.modes.set_estop_level(level)
 
-    def add_behavior_fault(self, cause: str) -> None:
-        """Raise a behaviour fault: joint control ends, and the robot sinks to the ground."""
-        with self._changed:
-            self._simulation.modes.add_behavior_fault(cause)
-
     def clear_behavior_fault(self, fault_id: int) -> bool:
         """Clear a behaviour fault; False if it is not there or cannot be cleared."""
         with self._changed:
@@ -224,70 +219,15 @@ class Robot:
 
     # Streams ----------------------------------------------------------------------------------------------------------
 
-    def open_command_stream(self, on_failure: Callable[[], None]) -> CommandStream:
+    def open_command_stream(self, on_failure: Callable[[], None]) -> Stream:
         """Open a joint-control stream; ``on_failure`` is called, and must not block, when it has to end."""
         with self._changed:
             stream = Stream(self._simulation.now_ns, on_failure, self._simulation.n_joints)
             self._simulation.joint_control.streams.append(stream)
-        return CommandStream(self, stream)
-
-    def subscribe_state(self) -> StateSubscription:
-        """Open a state stream: every message that reaches the client from now on."""
-        subscription = StateSubscription(self._forget)
-        with self._changed:
-            self._subscriptions.append(subscription)
-        return subscription
-
-    # Faults -----------------------------------------------------------------------------------------------------------
-
-    def fault_kinds(self) -> tuple[FaultKind, ...]:
-        """The faults that :meth:`inject` knows."""
-        return fault_kinds(of_services=False)
-
-    def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
-        """Make a fault happen now, for a while or until it is cleared; returns its number. Raises BadInputError."""
-        fault = make_fault(name, parameters)
-        if isinstance(fault, ServiceFault):
-            raise BadInputError(f"fault {name} is one of the services, not of the body; inject it by the admin service")
-        with self._changed:
-            return self._simulation.inject(fault, duration_s)
-
-    def clear_faults(self, fault_ids: tuple[int, ...] = ()) -> tuple[int, ...]:
-        """End injected faults (all, if empty); returns the numbers of those that ended."""
-        with self._changed:
-            return tuple(self._simulation.clear_faults(fault_ids))
-
-    def active_faults(self) -> Mapping[int, str]:
-        """Number and name of every injected fault that is not over."""
-        with self._changed:
-            return {fault.fault_id: fault.name for fault in self._simulation.faults.active}
-
-    # Seen from outside ------------------------------------------------------------------------------------------------
-
-    def snapshot(self) -> Snapshot:
-        """How the robot reports itself now: as in its newest state message."""
-        with self._changed:
-            return snapshot_of(self._simulation, self.clock)
-
-    def truth(self, *, reset_extremes: bool = False) -> Truth:
-        """The simulated body as it is."""
-        with self._changed:
-            truth = truth_of(self._simulation, self.clock)
-            if reset_extremes:
-                self._simulation.extremes.reset()
-            return truth
-
-    def see(self, view: CameraView) -> NDArray[Any] | None:
-        """What a camera sees now; None where this computer cannot draw it. See :meth:`.Eyes.look`."""
-        with self._changed:
-            body = self._simulation.body
-            position = np.concatenate([body.base_position_m, body.base_wxyz, body.joint_position_rad])
-        return self._eyes.look(position, view)
-
-    # Private ----------------------------------------------------------------------------------------------------------
+        return stream
 
     def submit(self, stream: Stream, request: Any) -> None:
-        """A request has reached the robot's end of a stream; see :meth:`CommandStream.submit`."""
+        """Take a ``JointControlStreamRequest`` that was sent now: check it, and let it travel to the servos."""
         with self._changed:
             if stream.failure is not None:
                 return
@@ -313,9 +253,60 @@ class Robot:
                 self.submit(streams[-1], request)
 
     def close_stream(self, stream: Stream) -> None:
-        """Forget a stream."""
+        """The client ended a stream, or is gone. Its last command stays in effect until its end time."""
         with self._changed:
             self._simulation.joint_control.forget(stream)
+
+    def subscribe_state(self) -> StateSubscription:
+        """Open a state stream: every message that reaches the client from now on."""
+        subscription = StateSubscription(self._forget)
+        with self._changed:
+            self._subscriptions.append(subscription)
+        return subscription
+
+    # Faults -----------------------------------------------------------------------------------------------------------
+
+    def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
+        """Make a fault happen now, for a while or until it is cleared; returns its number. Raises BadInputError."""
+        fault = make_fault(name, parameters)
+        if isinstance(fault, ServiceFault):
+            raise BadInputError(f"fault {name} is one of the services, not of the body; inject it by the admin service")
+        with self._changed:
+            return self._simulation.inject(fault, duration_s)
+
+    def clear_faults(self, fault_ids: tuple[int, ...] = ()) -> tuple[int, ...]:
+        """End injected faults (all, if empty); returns the numbers of those that ended."""
+        with self._changed:
+            return tuple(self._simulation.clear_faults(fault_ids))
+
+    def active_faults(self) -> Mapping[int, str]:
+        """Number and name of every injected fault that is not over."""
+        with self._changed:
+            return {active.fault_id: active.fault.name for active in self._simulation.faults.active}
+
+    # Seen from outside ------------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """How the robot reports itself now: as in its newest state message."""
+        with self._changed:
+            return snapshot_of(self._simulation, self.clock)
+
+    def truth(self, *, reset_extremes: bool = False) -> Truth:
+        """The simulated body as it is."""
+        with self._changed:
+            truth = truth_of(self._simulation, self.clock)
+            if reset_extremes:
+                self._simulation.extremes.reset()
+            return truth
+
+    def see(self, view: CameraView) -> NDArray[Any] | None:
+        """What a camera sees now; None where this computer cannot draw it. See :meth:`.Eyes.look`."""
+        with self._changed:
+            body = self._simulation.body
+            position = np.concatenate([body.base_position_m, body.base_wxyz, body.joint_position_rad])
+        return self._eyes.look(position, view)
+
+    # Private ----------------------------------------------------------------------------------------------------------
 
     def _deliver(self, stamp_ns: int, message: bytes) -> None:
         self.states_sent += 1
@@ -339,22 +330,3 @@ class Robot:
     def _check_lock_step(self) -> None:
         if not self.is_lock_step:
             raise TimeModeError("the robot runs in real time; set time_mode: lock_step in the scenario to step it")
-
-
-class CommandStream:
-    """One open joint-control stream."""
-
-    def __init__(self, robot: Robot, stream: Stream) -> None:
-        self._robot, self._stream = robot, stream
-
-    def submit(self, request: Any) -> None:
-        """Take a ``JointControlStreamRequest`` that was sent now: check it, and let it travel to the servos."""
-        self._robot.submit(self._stream, request)
-
-    def failure(self) -> StreamFailure | None:
-        """Why the stream has to end; None while all is well."""
-        return self._stream.failure
-
-    def close(self) -> None:
-        """The client ended the stream, or is gone. Its last command stays in effect until its end time."""
-        self._robot.close_stream(self._stream)

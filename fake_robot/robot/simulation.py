@@ -234,13 +234,7 @@ class Simulation:
 
     def _apply_faults(self) -> None:
         fault_effects = self.faults.effects
-        states, commands = self._states, self._commands
-        states.extra_delay_ns = round(fault_effects.state_delay_s * NS_PER_S)
-        states.extra_jitter_s = fault_effects.state_jitter_s
-        states.extra_drop_probability = fault_effects.state_drop_probability
-        commands.extra_delay_ns = round(fault_effects.command_delay_s * NS_PER_S)
-        commands.extra_jitter_s = fault_effects.command_jitter_s
-        commands.extra_drop_probability = fault_effects.command_drop_probability
+        self._states.fault, self._commands.fault = fault_effects.states, fault_effects.commands
         self.body.torque_gain = fault_effects.motor_gain if (fault_effects.motor_gain != 1.0).any() else None
         offset_ns = round(fault_effects.clock_offset_s * NS_PER_S)
         if offset_ns != self._clock_offset_ns:

@@ -9,7 +9,6 @@ terrain: {friction: 0.4}
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -37,7 +36,7 @@ from fake_robot.scenario.parts import (
     TerrainConfig,
 )
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import RobotModel, RobotName, model_from_data
+from spot_model.io.model_file import BUILT_IN, RobotModel, RobotName, model_from_data
 from spot_model.io.settings import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.plant.delay import read_delay_csv
@@ -45,21 +44,8 @@ from spot_model.plant.delay import read_delay_csv
 SCHEMA: Final = "spot-rl/scenario/1"
 SHIPPED_FOLDER: Final = Path(__file__).parent / "shipped"
 
-DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
-    {"effect": "coulomb_friction", "joints": ["hips"], "level_nm": 0.008},
-    {"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 0.18},
-    {"effect": "torque_limit", "joints": ["hips"], "limit_nm": 45.0},
-    {
-        "effect": "torque_speed_curve",
-        "joints": ["knees"],
-        "torque_max_nm": 97.0,
-        "torque_min_nm": -108.79,
-        "speed_max_rad_s": 25.03,
-        "speed_min_rad_s": -22.22,
-        "intersect_max_rad_s": 9.48,
-        "intersect_min_rad_s": -8.32,
-    },
-    {"effect": "position_torque_limit", "motor_torque_nm": 1.5},
+DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = tuple(
+    effect for effect in BUILT_IN["paper_identified"].to_data()["effects"] if effect["effect"] != "command_delay"
 )
 """What the paper identified on the real robot, but for the delay, which is the channels'."""
 
@@ -136,10 +122,6 @@ class Scenario(Part):
         """Plain data for YAML or JSON, complete with defaults."""
         data: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
         return data
-
-    def digest(self) -> str:
-        """SHA-256 of the scenario's data, hexadecimal."""
-        return hashlib.sha256(json.dumps(self.to_data(), sort_keys=True).encode()).hexdigest()
 
 
 def scenario_from_data(data: Any, *, source: str = "scenario", folder: Path | None = None) -> Scenario:

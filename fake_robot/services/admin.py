@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
-from fake_robot.faults.registry import FaultInjector
+from fake_robot.faults.registry import FAULTS, FaultInjector
 from fake_robot.services.calls import Service
 from fake_robot.services.stepping import Stepping
 from fake_robot.services.world import World
@@ -54,8 +54,9 @@ class AdminService(Service):
 
     def ListFaults(self, request: Any, response: Any) -> None:  # noqa: N802
         """What can be injected."""
-        for kind in self._faults.kinds():
-            response.faults.add(name=kind.name, help=kind.help, parameters=dict(kind.parameters))
+        for name, fault in sorted(FAULTS.items()):
+            meanings = {key: field.description or "" for key, field in fault.model_fields.items()}
+            response.faults.add(name=name, help=(fault.__doc__ or "").strip(), parameters=meanings)
 
     def InjectFault(self, request: Any, response: Any) -> None:  # noqa: N802
         """Make a fault happen."""

@@ -138,7 +138,7 @@ class AbsentServices(Service):
 
     def DockingCommand(self, request: Any, response: Any) -> None:  # noqa: N802
         """There is no dock; the lease is judged first."""
-        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
+        self._world.leases.admits(request, response)
         response.status = response.STATUS_ERROR_DOCK_NOT_FOUND
 
     def GetDockingState(self, request: Any, response: Any) -> None:  # noqa: N802

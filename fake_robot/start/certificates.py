@@ -1,4 +1,4 @@
-"""The fake robot's own certificate authority and the one leaf certificate that serves all its services.
+"""The fake robot's own certificate authority, and the leaf certificate that serves all services of one start.
 
 A client tells the services apart by TLS authority (``auth.spot.robot``, ``api.spot.robot`` ...), so one leaf with the
 alternative name ``*.spot.robot`` serves them all. [sdk]
@@ -15,9 +15,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -25,9 +25,10 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from spot_model.errors import SpotRlError
 from spot_model.process.private_folder import new_private_file
 
-VALIDITY = dt.timedelta(days=365)
+VALIDITY: Final = dt.timedelta(days=365)
+"""Of a leaf, from the start of its robot; the authority's is ten times as long."""
 _PEM = serialization.Encoding.PEM
-CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "server.pem", "server.key"
+CA_FILE, CA_KEY_FILE = "ca.pem", "ca.key"
 
 
 class CertificateError(SpotRlError):
@@ -44,12 +45,12 @@ class ServerCertificates:
     key_pem: bytes = field(repr=False)
 
 
-def ensure_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> ServerCertificates:
-    """Load the certificates in ``folder``, or make them where there are none or they no longer serve.
+def make_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> ServerCertificates:
+    """Make a leaf, signed by the authority in ``folder``, or by a new one where that is missing, torn or at its end.
 
-    A robot that runs keeps those that it began with. So new ones name what the old ones named, and the file that
-    clients trust keeps the authority before. The folder is made with mode 0700, keys with 0600; the authority's own key
-    is never stored. ``addresses`` are what the leaf must name beside ``*.spot.robot``, ``localhost`` and ``127.0.0.1``.
+    All robots with one folder are trusted alike, whenever they were started. The folder is made with mode 0700, its
+    files with 0600; the leaf is stored nowhere. ``addresses`` are what it names beside ``*.spot.robot``, ``localhost``
+    and ``127.0.0.1``.
 
     Raises:
         CertificateError: The folder or a file cannot be written or read; the message names it.
@@ -57,18 +58,22 @@ def ensure_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> Ser
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with locked_folder(folder):
-            stored = _load(folder)
-            if stored is not None and _serves(stored, addresses):
-                return stored
-            _write(folder, addresses, stored)
-            made = _load(folder)
+            ca, ca_key = _stored_authority(folder) or _new_authority(folder)
     except OSError as error:
         raise CertificateError(
             f"the certificates in {folder} cannot be used: {error}; choose another folder with --state-dir"
         ) from error
-    if made is None:
-        raise CertificateError(f"the certificates in {folder} vanished while they were written; choose another folder")
-    return made
+    key = ec.generate_private_key(ec.SECP256R1())
+    names = [x509.DNSName("*.spot.robot"), *map(_general_name, ("localhost", "127.0.0.1", *addresses))]
+    leaf = (
+        _builder(_name("spot-rl fake robot"), ca.subject, key.public_key(), VALIDITY)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_key_usage(signs_certificates=False), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .sign(ca_key, hashes.SHA256())
+    )
+    return ServerCertificates(folder / CA_FILE, ca.public_bytes(_PEM), leaf.public_bytes(_PEM), _private_pem(key))
 
 
 @contextmanager
@@ -82,73 +87,32 @@ def locked_folder(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _load(folder: Path) -> ServerCertificates | None:
-    paths = [folder / name for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE)]
-    if not all(path.is_file() for path in paths):
+def _stored_authority(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey] | None:
+    """The authority and its key; None where they are not there, do not belong together or end before a leaf would."""
+    try:
+        ca = x509.load_pem_x509_certificate((folder / CA_FILE).read_bytes())
+        key = serialization.load_pem_private_key((folder / CA_KEY_FILE).read_bytes(), password=None)
+    except (FileNotFoundError, ValueError, TypeError):
         return None
-    ca, certificate, key = (path.read_bytes() for path in paths)
-    return ServerCertificates(paths[0], ca, certificate, key)
+    if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != ca.public_key():
+        return None
+    is_valid = ca.not_valid_before_utc <= dt.datetime.now(dt.UTC) <= ca.not_valid_after_utc - VALIDITY
+    return (ca, key) if is_valid else None
 
 
-def _serves(stored: ServerCertificates, addresses: tuple[str, ...]) -> bool:
-    """Whether the stored chain is whole, belongs together, names ``addresses`` and stays valid for a while."""
-    try:
-        ca = x509.load_pem_x509_certificate(stored.ca_pem)
-        leaf = x509.load_pem_x509_certificate(stored.certificate_pem)
-        key = serialization.load_pem_private_key(stored.key_pem, password=None)
-        leaf.verify_directly_issued_by(ca)
-    except (ValueError, TypeError, InvalidSignature):
-        return False
-    now = dt.datetime.now(dt.UTC)
-    return (
-        key.public_key() == leaf.public_key()
-        and all(c.not_valid_before_utc <= now <= c.not_valid_after_utc - dt.timedelta(days=7) for c in (ca, leaf))
-        and all(_general_name(address) in _names(leaf) for address in addresses)
-    )
-
-
-def _names(leaf: x509.Certificate) -> list[x509.GeneralName]:
-    return list(leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
-
-
-def _before(stored: ServerCertificates | None) -> tuple[list[x509.GeneralName], bytes]:
-    """Names of a stored leaf and the newest authority, PEM; nothing where they cannot be read."""
-    if stored is None:
-        return [], b""
-    try:
-        ca = x509.load_pem_x509_certificate(stored.ca_pem)
-        return _names(x509.load_pem_x509_certificate(stored.certificate_pem)), ca.public_bytes(_PEM)
-    except ValueError:
-        return [], b""
-
-
-def _write(folder: Path, addresses: tuple[str, ...], stored: ServerCertificates | None) -> None:
-    """Make an authority and a leaf, and replace the files one by one, the key first."""
-    now = dt.datetime.now(dt.UTC)
-    names_before, ca_before = _before(stored)
-    ca_key, leaf_key = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
+def _new_authority(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
+    key = ec.generate_private_key(ec.SECP256R1())
     # A name of its own: OpenSSL looks for the authority by name, and takes the first of two.
-    ca_name = _name(f"spot-rl fake robot CA {secrets.token_hex(4)}")
-    own = [x509.DNSName("*.spot.robot"), *map(_general_name, ("localhost", "127.0.0.1", *addresses))]
-    names = list(dict.fromkeys([*own, *names_before]))
+    name = _name(f"spot-rl fake robot CA {secrets.token_hex(4)}")
     ca = (
-        _builder(ca_name, ca_name, ca_key.public_key(), now)
+        _builder(name, name, key.public_key(), 10 * VALIDITY)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(_key_usage(signs_certificates=True), critical=True)
-        .sign(ca_key, hashes.SHA256())
+        .sign(key, hashes.SHA256())
     )
-    leaf = (
-        _builder(_name("spot-rl fake robot"), ca_name, leaf_key.public_key(), now)
-        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(_key_usage(signs_certificates=False), critical=True)
-        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
-        .add_extension(x509.SubjectAlternativeName(names), critical=False)
-        .sign(ca_key, hashes.SHA256())
-    )
-    key_pem = leaf_key.private_bytes(_PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
-    write_private(folder / KEY_FILE, key_pem)
-    write_private(folder / CERTIFICATE_FILE, leaf.public_bytes(_PEM))
-    write_private(folder / CA_FILE, ca.public_bytes(_PEM) + ca_before)
+    write_private(folder / CA_KEY_FILE, _private_pem(key))
+    write_private(folder / CA_FILE, ca.public_bytes(_PEM))
+    return ca, key
 
 
 def write_private(path: Path, content: bytes) -> None:
@@ -159,9 +123,14 @@ def write_private(path: Path, content: bytes) -> None:
     temporary.replace(path)
 
 
+def _private_pem(key: ec.EllipticCurvePrivateKey) -> bytes:
+    return key.private_bytes(_PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+
+
 def _builder(
-    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey, now: dt.datetime
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey, validity: dt.timedelta
 ) -> x509.CertificateBuilder:
+    now = dt.datetime.now(dt.UTC)
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
@@ -169,7 +138,7 @@ def _builder(
         .public_key(key)
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - dt.timedelta(days=1))
-        .not_valid_after(now + VALIDITY)
+        .not_valid_after(now + validity)
     )
 
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from google.protobuf.message import DecodeError
 
-from fake_robot.start.certificates import write_private
 from fake_robot.start.state_folder import DEFAULT_USERNAME, FakeOptions
 from spot_model.errors import BadInputError
 from spot_model.process.inherited import environment_as_inherited
@@ -54,7 +53,6 @@ def fake_robot(
         Path | None, typer.Option(help="File with the password, mode 0600; default: a random password.")
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object when ready.")] = False,
-    ready_file: Annotated[Path | None, typer.Option(help="Also write that JSON object to this file.")] = None,
     until_stdin_closes: Annotated[
         bool, typer.Option("--until-stdin-closes", help="End when standard input closes, as when the parent dies.")
     ] = False,
@@ -74,10 +72,7 @@ def fake_robot(
         answered(lambda _: stop.set(), signal.SIGINT, signal.SIGTERM),
         _started(options, is_silent=json_output) as fake,
     ):
-        description = json.dumps(fake.description())
-        if ready_file is not None:
-            _write_ready_file(ready_file, description)
-        typer.echo(description if json_output else fake.text())
+        typer.echo(json.dumps(fake.description()) if json_output else fake.text())
         sys.stdout.flush()
         if until_stdin_closes:
             threading.Thread(target=_wait_for_stdin, args=(fake.server,), daemon=True).start()
@@ -164,13 +159,6 @@ def _started(options: FakeOptions, *, is_silent: bool = False) -> RunningFake:
     from fake_robot.start.running import RunningFake
 
     return RunningFake(options)
-
-
-def _write_ready_file(path: Path, description: str) -> None:
-    try:
-        write_private(path, description.encode() + b"\n")
-    except OSError as error:
-        raise BadInputError(f"the ready file {path} cannot be written: {error.strerror}") from error
 
 
 def _wait_for_stdin(server: FakeServer) -> None:

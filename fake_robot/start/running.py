@@ -12,7 +12,7 @@ from typing import Any, Self
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import Scenario, load_scenario
 from fake_robot.services.auth import Credentials
-from fake_robot.start.certificates import ensure_certificates
+from fake_robot.start.certificates import make_certificates
 from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
 from fake_robot.start.server import SDK_PORT, BindError, Endpoints, FakeServer
 from fake_robot.start.state_folder import FakeOptions, default_state_folder, ensure_credentials, read_password
@@ -35,7 +35,7 @@ class RunningFake:
         self._credentials = _credentials(options, folder)
         self._host = "" if options.socket is not None else options.address
         extra_names = () if self._host in {"", "127.0.0.1", "localhost", "0.0.0.0"} else (self._host,)  # noqa: S104
-        self._certificates = ensure_certificates(folder, addresses=extra_names)
+        self._certificates = make_certificates(folder, addresses=extra_names)
         self.environment = SdkEnvironment(
             self._certificates.ca_path.absolute(),
             write_sdk_folder(folder, self._certificates.ca_path).absolute(),

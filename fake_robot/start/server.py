@@ -137,51 +137,37 @@ class FakeServer:
         self._config = config
         self._certificates = certificates
         self._address, self._port, self._admin_target = address, port, admin
-        self._world = World(robot, config, credentials)
-        self._faults = FaultInjector(self._world)
+        self.world = World(robot, config, credentials)
+        """What the services share."""
+        self.faults = FaultInjector(self.world)
+        """The faults that can be injected."""
         self._stop_requested = threading.Event()
         self._ticker: threading.Thread | None = None
         self._servers: list[grpc.Server] = []
         self._steps: StepSocket | None = None
 
-    @property
-    def world(self) -> World:
-        """What the services share."""
-        return self._world
-
-    @property
-    def faults(self) -> FaultInjector:
-        """The faults that can be injected."""
-        return self._faults
-
     def start(self) -> Endpoints:
         """Start robot and servers. Raises BindError."""
         try:
-            robot_server, robot_target, port = self._start_robot_server()
+            port = self._start_robot_server()
             admin_target = self._start_admin_server()
             self._robot.start()
         except BaseException:
             self.stop()
             raise
-        self._world.estop.apply()
+        self.world.estop.apply()
         self._ticker = threading.Thread(target=self._tick_until_stopped, name="fake-robot-ticker", daemon=True)
         self._ticker.start()
-        _LOGGER.info("serving on %s, admin on %s", robot_target, admin_target)
-        del robot_server
-        return Endpoints(
-            robot=robot_target,
-            sdk_host=sdk_host(self._address, port),
-            admin=admin_target,
-            host=self._address,
-            port=port,
-        )
+        target = listen_target(self._address, port)
+        _LOGGER.info("serving on %s, admin on %s", target, admin_target)
+        return Endpoints(target, sdk_host(self._address, port), admin_target, self._address, port)
 
     def stop(self) -> None:
         """Stop servers and robot; harmless when called again."""
         self._stop_requested.set()
         if self._ticker is not None and self._ticker is not threading.current_thread():
             self._ticker.join()
-        self._world.link.end_streams()
+        self.world.link.end_streams()
         for stopped in [server.stop(0.5) for server in self._servers]:
             stopped.wait()
         self._servers.clear()
@@ -209,8 +195,9 @@ class FakeServer:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def _start_robot_server(self) -> tuple[grpc.Server, str, int]:
-        config, world = self._config, self._world
+    def _start_robot_server(self) -> int:
+        """Serve the robot; returns the port."""
+        config, world = self._config, self.world
         server = grpc.server(
             futures.ThreadPoolExecutor(max_workers=config.max_concurrent_calls, thread_name_prefix="fake-robot"),
             interceptors=[GatekeeperInterceptor(world.auth, world.link)],
@@ -222,23 +209,22 @@ class FakeServer:
             maximum_concurrent_rpcs=config.max_concurrent_calls,
         )
         add_services(server, world)
-        key_and_certificate = (self._certificates.key_pem, self._certificates.certificate_pem)
-        tls = grpc.ssl_server_credentials([key_and_certificate])
+        tls = grpc.ssl_server_credentials([(self._certificates.key_pem, self._certificates.certificate_pem)])
         target = listen_target(self._address, self._port)
         port = bind(target, lambda: server.add_secure_port(target, tls))
         server.start()
         self._servers.append(server)
-        return server, listen_target(self._address, port), port
+        return port
 
     def _start_admin_server(self) -> str:
         server = grpc.server(
             futures.ThreadPoolExecutor(max_workers=4, thread_name_prefix="fake-admin"),
             options=[("grpc.so_reuseport", 0)],
         )
-        stepping = Stepping(self._world, self._faults)
+        stepping = Stepping(self.world, self.faults)
         self._steps = StepSocket(stepping.step) if self._robot.is_lock_step else None
         path = "" if self._steps is None else self._steps.path
-        service = AdminService(self._world, self._faults, stepping, self.request_stop, step_socket=path)
+        service = AdminService(self.world, self.faults, stepping, self.request_stop, step_socket=path)
         server.add_generic_rpc_handlers((UnaryCalls([service]),))
         target = self._admin_target
         port = bind(target, lambda: server.add_insecure_port(target))
@@ -254,5 +240,5 @@ class FakeServer:
                 _LOGGER.error("the simulation ended: %r", self._robot.crash, exc_info=self._robot.crash)
                 self.request_stop()
                 return
-            self._world.tick()
-            self._faults.tick()
+            self.world.tick()
+            self.faults.tick()

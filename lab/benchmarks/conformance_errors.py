@@ -24,7 +24,7 @@ from fake_robot.conformance.command import connect, run_checks
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
 from fake_robot.services.auth import Credentials
-from fake_robot.start.certificates import ensure_certificates
+from fake_robot.start.certificates import make_certificates
 from fake_robot.start.server import FakeServer
 from proof.planted.errors import ERRORS
 from proof.planted.server import RIGHT, PlantedServer
@@ -50,7 +50,7 @@ def main(words: list[str] | None = None) -> None:
     allowed = Needs.MOTION if given.with_motion else Needs.LEASE
     missed, counts = [], defaultdict[str, list[int]](lambda: [0, 0])
     with tempfile.TemporaryDirectory() as folder:
-        certificates = ensure_certificates(Path(folder))
+        certificates = make_certificates(Path(folder))
         for error in errors:
             start_s = time.monotonic()
             scenario = scenario_from_data(SCENARIO)

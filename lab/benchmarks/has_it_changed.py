@@ -93,7 +93,7 @@ def score(given: Namespace) -> None:
                 again = dated(home / name)
                 faults = [Fault.model_validate(f) for f in json.loads((home / name / "truth.json").read_text())]
                 drift = drift_of((first, again))
-                changed = {m.track.effect for m in significant(drift.tracks, FIRST, name)}
+                changed = {m.key[0] for m in significant(*drift.rows)}
                 ok, told = is_right(again, faults, drift.outcome, changed), " ".join(drift.since_last)
                 right.setdefault(kind, []).append(ok)
                 was = f"{faults[0].kind} {faults[0].size:.2f} {' '.join(faults[0].joints)[:12]}" if faults else "-"

@@ -30,7 +30,7 @@ from many_robots import make_all, two_steps
 from true_parts import AWAY, Change, Part, true_parts
 
 from diagnosis.closed_loop import simulation
-from diagnosis.closed_loop.consequences import gap_ratios
+from diagnosis.closed_loop.consequences import Outcomes
 from diagnosis.closed_loop.simulation import rollouts_under, run_all
 from diagnosis.closed_loop.trials import Bench, Trials, compared_by_sequence, run_trials
 from diagnosis.library.registry import LIBRARY
@@ -143,9 +143,8 @@ def left(bench: Bench, runs: Sequence[Run]) -> dict[str, float]:
     made = {CORRECTED: list(runs)}
     compared, _ = compared_by_sequence(bench, made)
     trials = Trials(bench, made, tuple(compared), is_crossed=False, notes=())
-    return {str(gap): ratio for gap, ratio in gap_ratios(trials, CORRECTED).items()} | {
-        "headline": trials.distances()[CORRECTED]
-    }
+    gaps = {str(gap.gap): gap.ratio for gap in Outcomes.of(trials).remainder(CORRECTED) if gap.ratio is not None}
+    return gaps | {"headline": trials.distances()[CORRECTED]}
 
 
 def again(case: Case, reality: ComposedReality, change: Change) -> list[Run]:

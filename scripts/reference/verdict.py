@@ -14,8 +14,12 @@ from .words import attribute_docs, is_part, page, plain, table, type_words
 
 ABOUT = """\
 `spot-rl diagnose` writes `verdict.json`. In Python, `spot_rl.diagnose` returns it as an object whose attributes are the
-keys of the file, so most parts are described in the [Python reference](python.md). The JSON Schema is
-`diagnosis/verdict.schema.json`. For the method and its terms, see [diagnose](../diagnosis.md)."""
+keys of the file, so most parts are described in the [Python reference](python.md). For the method and its terms, see
+[diagnose](../diagnosis.md). Its JSON Schema is printed by
+
+```sh
+python -c "import json; from diagnosis.document import Verdict; print(json.dumps(Verdict.model_json_schema()))"
+```"""
 
 
 def verdict_page() -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -16,7 +16,8 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from spot_log.format.records import EventRecord, RunHeader, Severity
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.state import RobotState, SlowState
 from spot_protos import log_pb2
 
@@ -60,6 +61,9 @@ VIEWER_TOPICS: Final = (JOINT_STATES, TRANSFORMS, ODOMETRY, EVENT_TEXT, SCENE)
 ALL_TOPICS: Final = OWN_TOPICS + VIEWER_TOPICS
 
 
+OwnRecord: TypeAlias = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
+"""What a run consists of, between its header and its footer."""
+
 _SEVERITIES: Final = frozenset(int(severity) for severity in Severity)
 
 
@@ -81,6 +85,22 @@ def state_to_proto(state: RobotState) -> log_pb2.State:
     """Convert a state."""
     fields = {name: value for name, value in _fields(state).items() if not name.startswith("arm_")}
     return log_pb2.State(**{**fields, "imu": [log_pb2.ImuPacket(**_fields(packet)) for packet in state.imu]})
+
+
+def command_to_proto(record: CommandRecord) -> log_pb2.Command:
+    """Convert a command. Raises ValueError: an array has another length than 12."""
+    command = record.command
+    fields = {**_fields(command), **_fields(command.gains), **record._asdict()}
+    del fields["command"], fields["gains"]
+    fields["requested_position_rad"] = record.requested_position_rad.tolist()
+    if any(len(value) != N_JOINTS for value in fields.values() if isinstance(value, list)):
+        raise ValueError(f"arrays of other lengths than {N_JOINTS} in a command")
+    return log_pb2.Command(**fields)
+
+
+def tick_to_proto(record: TickRecord) -> log_pb2.Tick:
+    """Convert a tick."""
+    return log_pb2.Tick(**_fields(record))
 
 
 def slow_state_to_proto(state: SlowState) -> log_pb2.SlowState:
@@ -122,5 +142,5 @@ def footer_to_proto(
 
 def _fields(record: Any) -> dict[str, Any]:
     """A dataclass' fields, which are named as the message's; arrays become lists."""
-    values = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values.items()}
+    values = ((name, getattr(record, name)) for name in record.__dataclass_fields__)
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values}

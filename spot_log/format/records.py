@@ -36,7 +36,7 @@ class RunHeader:
     robot_id: str = ""
     """Value of ``--robot``."""
     adapter: str = ""
-    """The HAL adapter: ``spot``, ``replay``, or one of your own."""
+    """The HAL adapter: ``spot``, or one of your own."""
     policy_name: str = ""
     """Name of the policy; empty if none ran."""
     policy_sha256: str = ""

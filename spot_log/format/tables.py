@@ -19,7 +19,6 @@ from typing_extensions import Self
 
 from spot_model.robot.arm import ARM_JOINT_NAMES
 from spot_model.robot.facts import Array
-from spot_model.robot.state import RobotState
 
 AXES: Final = ("x", "y", "z")
 WXYZ: Final = ("w", "x", "y", "z")
@@ -189,11 +188,6 @@ class StateTable(Table):
         carried = new_row[self.imu.state_index]
         imu = dataclasses.replace(self.imu, state_index=carried).rows(carried >= 0)
         return dataclasses.replace(self, imu=imu, **{name: getattr(self, name)[chosen] for name in self.columns()})
-
-    def state(self, row: int) -> RobotState:
-        """One row as the message that it was, without the packets of the inertial unit."""
-        values = {name: getattr(self, name)[row] for name in self.columns() if name != "sequence"}
-        return RobotState(**{name: value if value.shape else value.item() for name, value in values.items()})
 
 
 @dataclass(frozen=True)

@@ -94,9 +94,9 @@ def _shapes(kind: str, side: float) -> list[_Shape]:
     return shapes[kind]
 
 
-def spot_scene(stamp: Timestamp) -> SceneUpdate:
-    """All of Spot's shapes; they stay until they are replaced."""
-    scene = SceneUpdate()
+def spot_scene(host_ns: int) -> SceneUpdate:
+    """All of Spot's shapes, fixed to those frames; they stay until they are replaced."""
+    scene, stamp = SceneUpdate(), timestamp(host_ns)
     for frame in (BODY_FRAME, *facts.JOINT_NAMES):
         entity = scene.entities.add(timestamp=stamp, frame_id=frame, id=f"spot/{frame}", frame_locked=True)
         for kind, centre_m, size_m, (r, g, b, a) in _shapes(frame[-2:] if "_" in frame else frame, _side(frame)):
@@ -124,31 +124,26 @@ def joint_states(state: log_pb2.State, names: Sequence[str], host_ns: int) -> Jo
     columns = {"name": names, "position": state.position_rad, "velocity": state.velocity_rad_s, "effort": state.load_nm}
     present = {key: list(values) for key, values in columns.items() if len(values) == n}
     rows = (dict(zip(present, row, strict=True)) for row in zip(*present.values(), strict=True))
-    return JointStates(timestamp=_timestamp(host_ns), joints=[JointState(**row) for row in rows])
+    return JointStates(timestamp=timestamp(host_ns), joints=[JointState(**row) for row in rows])
 
 
 def transforms(state: log_pb2.State, host_ns: int, *, is_spot: bool = True) -> FrameTransforms:
     """The body's pose in odom, and the place of each joint's link, where the joints are Spot's."""
     transform = FrameTransform(
-        timestamp=_timestamp(host_ns),
+        timestamp=timestamp(host_ns),
         parent_frame_id=ODOM_FRAME,
         child_frame_id=BODY_FRAME,
         translation=_vector(state.position_of_body_in_odom_m),
         rotation=_quaternion(state.odom_from_body_wxyz),
     )
-    links = joint_transforms(state.position_rad, _timestamp(host_ns)) if is_spot else ()
+    links = joint_transforms(state.position_rad, timestamp(host_ns)) if is_spot else ()
     return FrameTransforms(transforms=[transform, *links])
-
-
-def scene(host_ns: int) -> SceneUpdate:
-    """Spot's shapes, fixed to those frames."""
-    return spot_scene(_timestamp(host_ns))
 
 
 def odometry(state: log_pb2.State, host_ns: int) -> Odometry:
     """Pose in odom, and velocities in the body frame, as Foxglove expects."""
     return Odometry(
-        timestamp=_timestamp(host_ns),
+        timestamp=timestamp(host_ns),
         frame_id=ODOM_FRAME,
         body_frame_id=BODY_FRAME,
         pose=Pose(
@@ -163,7 +158,7 @@ def event_text(event: log_pb2.Event) -> Log:
     """One line for a viewer's log panel."""
     values = "".join(f" {key}={value:g}" for key, value in event.values.items())
     return Log(
-        timestamp=_timestamp(event.host_stamp_ns),
+        timestamp=timestamp(event.host_stamp_ns),
         level=_LEVELS.get(event.severity, Log.Level.UNKNOWN),
         message=f"{event.text}{values}",
         name=event.name,
@@ -180,7 +175,8 @@ def has_pose(state: log_pb2.State) -> bool:
     )
 
 
-def _timestamp(stamp_ns: int) -> Timestamp:
+def timestamp(stamp_ns: int) -> Timestamp:
+    """A time of a viewer's message."""
     return Timestamp(seconds=stamp_ns // NS_PER_S, nanos=stamp_ns % NS_PER_S)
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from spot_log.format import codec
+from spot_log.format.codec import OwnRecord
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.importing.checks import Mismatch, doubts_of
@@ -29,8 +30,6 @@ from spot_model.robot.rotation import rotate_wxyz
 from spot_protos import log_pb2
 
 SET_POINTS = ("setpoint_position", "setpoint_velocity", "feedforward")
-
-LogRecord = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def import_log(mapping: Mapping, source: Path, result: Path) -> Imported:
     return Imported(result, len(stamps), float(rate), _missing(mapping), tuple(doubt.text for doubt in doubts))
 
 
-def _doubted(recording: ForeignRecording, doubts: Sequence[Mismatch]) -> list[LogRecord]:
+def _doubted(recording: ForeignRecording, doubts: Sequence[Mismatch]) -> list[OwnRecord]:
     """An event a doubt, at the first stamp."""
     name, first_ns = EventName.IMPORT_DOUBTED, int(recording.stamps_ns[0])
     events = [EventRecord(first_ns, first_ns, name.severity, name.label, doubt.text) for doubt in doubts]
@@ -96,7 +95,7 @@ def _missing(mapping: Mapping) -> tuple[str, ...]:
     return (*(name for name in SIGNALS if not name.endswith("_in_body") and name not in found), "echoed command keys")
 
 
-def _write(result: Path, header: RunHeader, records: list[LogRecord]) -> None:
+def _write(result: Path, header: RunHeader, records: list[OwnRecord]) -> None:
     writer = RunWriter(result, header)
     numbers: dict[type, int] = {}
     try:
@@ -112,13 +111,13 @@ def _write(result: Path, header: RunHeader, records: list[LogRecord]) -> None:
         raise
 
 
-def records_of(recording: ForeignRecording) -> list[LogRecord]:
+def records_of(recording: ForeignRecording) -> list[OwnRecord]:
     """What the log will hold, oldest first. Raises BadInputError, OSError."""
     records = [*_states(recording), *_commands(recording), *_ticks(recording), *_slow_states(recording)]
     return sorted(records, key=lambda record: record.host_stamp_ns)
 
 
-def _states(recording: ForeignRecording) -> list[LogRecord]:
+def _states(recording: ForeignRecording) -> list[OwnRecord]:
     columns = _columns(recording, "state")
     for name, unit in (("linear_vel_of_body", "m_s"), ("angular_vel_of_body", "rad_s")):
         velocity = _in_odom(recording, name)
@@ -137,14 +136,14 @@ def _states(recording: ForeignRecording) -> list[LogRecord]:
     return _records(log_pb2.State, recording, signals_of("state"), columns)
 
 
-def _commands(recording: ForeignRecording) -> list[LogRecord]:
+def _commands(recording: ForeignRecording) -> list[OwnRecord]:
     if not any(map(recording.has, SET_POINTS)):
         return []
     key = np.cumsum(recording.rows_with(*SET_POINTS)).tolist()
     return _records(log_pb2.Command, recording, SET_POINTS, {**_columns(recording, "command"), "key": key})
 
 
-def _ticks(recording: ForeignRecording) -> list[LogRecord]:
+def _ticks(recording: ForeignRecording) -> list[OwnRecord]:
     columns, signals = _columns(recording, "tick"), signals_of("tick")
     if not columns:
         return []
@@ -153,12 +152,12 @@ def _ticks(recording: ForeignRecording) -> list[LogRecord]:
     return _records(log_pb2.Tick, recording, signals, columns, mode="imported", **unknown)
 
 
-def _slow_states(recording: ForeignRecording) -> list[LogRecord]:
+def _slow_states(recording: ForeignRecording) -> list[OwnRecord]:
     """A poll every 0.1 s at most: these signals are slow, whatever the rate of the recording."""
     signals = [name for name in signals_of("slow") if recording.has(name)]
     if not signals:
         return []
-    stamps_ns, polls = recording.stamps_ns, list[LogRecord]()
+    stamps_ns, polls = recording.stamps_ns, list[OwnRecord]()
     unknown: dict[str, Any] = {SIGNALS[name].field: math.nan for name in signals_of("slow") if SIGNALS[name].field}
     some = np.flatnonzero(recording.rows_with(*signals))
     for row in some[np.diff(stamps_ns[some] // 100_000_000, prepend=-1) > 0]:
@@ -194,7 +193,7 @@ def _records(
     signals: Iterable[str],
     columns: Columns[str, Sequence[Any]],
     **same: Any,
-) -> list[LogRecord]:
+) -> list[OwnRecord]:
     """One record a row in which one of the signals has a value."""
     rows = zip(recording.stamps_ns.tolist(), recording.rows_with(*signals).tolist(), _rows(columns), strict=True)
     return [kind(robot_stamp_ns=ns, host_stamp_ns=ns, **row, **same) for ns, is_given, row in rows if is_given]

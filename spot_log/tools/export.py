@@ -99,16 +99,12 @@ TOPICS: Final = {
 _LEVELS: Final = {Severity.INFO: 20, Severity.WARNING: 30, Severity.ERROR: 40}
 
 
-class RosExportError(BadInputError):
-    """A run cannot be written as a ROS 2 bag."""
-
-
 def write_rosbag2(run: Run, directory: Path) -> Path:
     """Write the bag of a run to a new folder, its states in full; stamps are the host's clock.
 
     Raises:
         OutputExistsError: The folder exists.
-        RosExportError: ``rosbags`` is not installed.
+        ExportError: ``rosbags`` is not installed.
         OSError: It cannot be written.
     """
     check_new(directory)
@@ -116,7 +112,7 @@ def write_rosbag2(run: Run, directory: Path) -> Path:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise RosExportError("a ROS 2 bag needs rosbags: pip install 'spot-rl[ros]'") from error
+        raise ExportError("a ROS 2 bag needs rosbags: pip install 'spot-rl[ros]'") from error
     store = get_typestore(Stores.ROS2_HUMBLE)
     with whole_file(directory) as part, Writer(part, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in TOPICS.items()}

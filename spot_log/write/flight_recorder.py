@@ -7,17 +7,16 @@ are at rest; then it is written like any log, so that every tool for logs opens 
 from __future__ import annotations
 
 import os
-import struct
 from collections import deque
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from google.protobuf.message import DecodeError
 
 from spot_log.format.events import EventName
 from spot_log.format.records import TOPIC_OF_RECORD, EventRecord, Record, RunHeader
-from spot_log.write import hand_off
+from spot_log.write.hand_off import message_of
 from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import ForwardingSink, LogSink
 from spot_model.errors import SpotRlError
@@ -95,8 +94,8 @@ class FlightRecorder(ForwardingSink):
 def _add(writer: RunWriter, number: int, record: Record) -> int:
     """Add a record; 1, or 0 for one that is so broken that no log takes it."""
     try:
-        message: Any = hand_off.unpack(hand_off.pack(number, record)).message
-    except (TypeError, ValueError, OverflowError, struct.error, DecodeError, SpotRlError):
+        message = message_of(record)
+    except (TypeError, ValueError, OverflowError, DecodeError, SpotRlError):
         return 0
     writer.add(message, number)
     return 1

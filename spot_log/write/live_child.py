@@ -10,60 +10,13 @@ import selectors
 import socket
 import sys
 import time
-from collections import deque
-from typing import Any, Final
+from typing import Final
 
 import foxglove
-import numpy as np
 
-from spot_log.format.codec import ALL_TOPICS, HEADER, SCENE, STATE
+from spot_log.format.codec import ALL_TOPICS, HEADER, SCENE
 from spot_log.write.live_tap import HEAD, MAX_DATAGRAM_BYTES
 from spot_log.write.logger_child import shed_inherited_settings
-from spot_model.robot import facts
-from spot_model.robot.gait import measure_gait
-from spot_protos import log_pb2
-
-SEEN_S: Final = 2.0
-LEAST_S: Final = 1.0
-JSON_SCHEMA: Final = {
-    "type": "object",
-    "properties": {
-        "gait": {"type": "string"},
-        **{name: {"type": "number"} for name in ("strides_per_s", "flight", "diagonals_agree", "others_agree")},
-    },
-}
-
-
-class LiveGait:
-    """Keeps the contacts of the last moments."""
-
-    def __init__(self) -> None:
-        self._rows: deque[tuple[float, tuple[bool, ...]]] = deque()
-        self._told_s = 0.0
-
-    def take(self, data: bytes, stamp_s: float) -> dict[str, Any] | None:
-        """Count one serialised state in; now and then the gait, by :data:`JSON_SCHEMA`, else None."""
-        contact = tuple(log_pb2.State.FromString(data).foot_contact)
-        if self._rows and stamp_s <= self._rows[-1][0]:
-            self._rows.clear()  # another run
-        if len(contact) != facts.N_LEGS:
-            return None
-        self._rows.append((stamp_s, contact))
-        while stamp_s - self._rows[0][0] > SEEN_S:
-            self._rows.popleft()
-        if stamp_s - self._rows[0][0] < LEAST_S or abs(stamp_s - self._told_s) < 0.5:
-            return None
-        self._told_s = stamp_s
-        times, feet = zip(*self._rows, strict=True)
-        gait = measure_gait(np.array(times), np.array(feet))
-        return {
-            "gait": gait.name,
-            "strides_per_s": round(gait.stride_hz, 2),
-            "flight": round(gait.flight_share, 2),
-            "diagonals_agree": round(gait.diagonals_agree, 2),
-            "others_agree": round(gait.others_agree, 2),
-        }
-
 
 REPEAT_S: Final = 2.0
 REPEATED: Final = (SCENE.channel_id, HEADER.channel_id)
@@ -82,7 +35,6 @@ class LiveView:
             )
             for topic in ALL_TOPICS
         }
-        self._gait, self._gait_channel = LiveGait(), foxglove.Channel("/gait", schema=JSON_SCHEMA)
         # Of a client's backlog, the oldest goes first.
         self._server = foxglove.start_server(name="spot-rl", host="127.0.0.1", port=port, message_backlog_size=256)
         self.port: int = self._server.port
@@ -103,10 +55,6 @@ class LiveView:
         if channel_id in REPEATED:
             self._repeated[channel_id] = data
         channel.log(data, log_time=log_ns)
-        if channel_id == STATE.channel_id:
-            gait = self._gait.take(data, 1e-9 * log_ns)
-            if gait is not None:
-                self._gait_channel.log(gait, log_time=log_ns)
 
     def repeat(self) -> None:
         """Repeat what stands only at the start of a log."""

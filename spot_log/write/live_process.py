@@ -31,17 +31,11 @@ class LiveViewError(SpotRlError):
 class LiveProcess:
     """Serves Foxglove on loopback while it is entered; logs that begin meanwhile show up there."""
 
-    def __init__(self, port: int, *, is_wanted: bool = True) -> None:
+    def __init__(self, port: int) -> None:
         """Serve on ``port``; 0 takes a free one."""
         self.port = port
-        self._is_wanted = is_wanted
         self._process: ChildProcess | None = None
         self._folder: Path | None = None
-
-    @staticmethod
-    def if_wanted(port: int) -> LiveProcess:
-        """One that serves on ``port``, or nothing at all for port 0."""
-        return LiveProcess(port, is_wanted=port != 0)
 
     def __enter__(self) -> Self:
         """Start it.
@@ -50,8 +44,6 @@ class LiveProcess:
             BadInputError: foxglove-sdk is not installed.
             LiveViewError: The port is taken, or the process does not start.
         """
-        if not self._is_wanted:
-            return self
         try:
             import foxglove  # noqa: F401
         except ModuleNotFoundError as error:
@@ -82,8 +74,8 @@ class LiveProcess:
 
     @property
     def url(self) -> str:
-        """What to open in Foxglove; empty: nothing is served."""
-        return f"ws://127.0.0.1:{self.port}" if self._process is not None else ""
+        """What to open in Foxglove."""
+        return f"ws://127.0.0.1:{self.port}"
 
     @property
     def pid(self) -> int:

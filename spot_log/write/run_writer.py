@@ -29,6 +29,7 @@ from spot_log.format.codec import (
     STATE,
     TICK,
     TRANSFORMS,
+    OwnRecord,
     Topic,
 )
 from spot_log.format.records import RunHeader
@@ -40,8 +41,6 @@ ACTIVE_SUFFIX: Final = ".active"
 MIN_FREE_BYTES_TO_START: Final = 200_000_000
 MIN_FREE_BYTES_TO_WRITE: Final = 20_000_000
 HEADER_ATTACHMENT: Final = "spot-rl header"
-
-OwnRecord = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event
 
 
 def active_path(path: Path) -> Path:
@@ -128,7 +127,7 @@ class RunWriter:
         self._put(HEADER, self.message, 0, started_ns)
         self._is_spot = self._joint_names == JOINT_NAMES
         if self._is_spot:
-            self._put(SCENE, viewer.scene(started_ns), 0, started_ns)
+            self._put(SCENE, viewer.spot_scene(started_ns), 0, started_ns)
         try:
             self._file.flush()
             self._file.attach(HEADER_ATTACHMENT, "application/x-protobuf", data, started_ns)

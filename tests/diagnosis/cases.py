@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from diagnosis.channels import Channel, ChannelView, Views
 from diagnosis.channels.actuator import actuator_view
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import Stack, stack
+from diagnosis.channels.stack import Stack, stacked
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import JointGroups
 from diagnosis.library.registry import LIBRARY
@@ -159,7 +159,7 @@ ABSOLUTE = {"rad": 0.004, "m": 0.01, "m_s": 0.02, "kg": 0.2, "1": 0.02}
 
 def drive_evidence(*effects: Effect) -> tuple[Stack, Evidence]:
     """Two planted logs, and the evidence of channel *set-point to load* alone."""
-    logs = stack([record(run) for run in planted_runs(Truth(effects=effects), 2)])
+    logs = stacked([record(run) for run in planted_runs(Truth(effects=effects), 2)])
     view = actuator_view(logs, ())
     assert isinstance(view, ChannelView)
     return logs, _laid_out(logs, {view.name: view})
@@ -167,7 +167,7 @@ def drive_evidence(*effects: Effect) -> tuple[Stack, Evidence]:
 
 def evidence_over(runs: Sequence[Run], channels: Sequence[Channel] = tuple(Channel)) -> Evidence:
     """The evidence of some channels of logs, each log a fold."""
-    logs = stack([record(run) for run in runs])
+    logs = stacked([record(run) for run in runs])
     views, _ = build_views(logs, NOMINAL)
     return _laid_out(logs, {name: view for name, view in views.items() if name in channels})
 

@@ -20,7 +20,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.robot_models import corrected_model, model_by_joint, with_kind
 from diagnosis.selection.scoring import Placed, Scorer, crossed, null_of, posterior_covariance, without_effect
-from diagnosis.verdict.calibration import by_type, calibrated_numbers
+from diagnosis.verdict.calibration import by_type, calibrated_numbers, parameter_numbers
 from diagnosis.verdict.explanation import evidence_of
 from diagnosis.verdict.measured import gap_changes
 from spot_log.read.run import Run
@@ -183,6 +183,14 @@ def test_one_number_serves_where_types_do_not_differ() -> None:
     # A limit has no ordinary errors.
     limit = LIBRARY["torque_limit"]
     assert by_type(scorer, scorer.scored(limit, {"limit_nm": 30.0}, np.ones(12))) == {}
+
+
+def test_the_interval_of_a_shape_reaches_as_far_as_shapes_are_as_good() -> None:
+    """A limit that is never met could lie anywhere above."""
+    board = _board(planted_runs(Truth(), 2, sequence=walk_sequence(3.0)))
+    scorer = Scorer(board)
+    found = parameter_numbers(scorer, scorer.scored(LIBRARY["torque_limit"], {"limit_nm": 200.0}, np.ones(12)))
+    assert found["limit_nm"].high > 1.4 * 200.0
 
 
 def test_a_joint_with_a_difference_of_its_own_is_left_out_of_its_type() -> None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from diagnosis.channels import Channel
+from diagnosis.channels.body_model import residuals
 from diagnosis.channels.build import build_views
-from diagnosis.channels.dynamics import DynamicsSignals, realigned, residuals
+from diagnosis.channels.dynamics import DynamicsSignals, realigned
 from diagnosis.channels.kinematics import StanceSignals, standing_feet
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.library.drive import ViscousEntry
 from diagnosis.library.rigid_body import LegMassEntry
 from spot_log.read.run import CommandTable, StateTable
@@ -32,7 +33,7 @@ WALK_POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
 
 def views_of(runs, model=NOMINAL, **options):
-    return build_views(stack([record(r) for r in runs]), model, **options)
+    return build_views(stacked([record(r) for r in runs]), model, **options)
 
 
 def median(view, row):
@@ -138,7 +139,7 @@ def test_channel_q_sees_a_velocity_that_is_one_state_late(null_runs):
     ]
     now, then = views_of(null_runs)[0][Channel.JOINT_RATES], views_of(late)[0][Channel.JOINT_RATES]
     signals = now.signals
-    column = signals.finish_rate(signals.velocity_rad_s)
+    column = signals.finish_rate(signals.stack.states.velocity_rad_s)
 
     def age_s(view):
         good = view.usable[:, 2]
@@ -172,7 +173,7 @@ def test_channel_k_standing_feet_stand(null):
 
 
 def test_channel_i_knows_gravity_and_the_age_of_packets(null, null_runs):
-    assert null[Channel.BASE_WRENCH].signals.imu_gravity_m_s2 == 9.81
+    assert null[Channel.BASE_WRENCH].signals.stack.imu_gravity_m_s2 == 9.81
     wrong = [
         dataclasses.replace(
             r,
@@ -200,7 +201,7 @@ def test_channel_i_takes_a_unit_without_gravity_for_what_it_is(null_runs):
         return dataclasses.replace(run, states=dataclasses.replace(run.states, imu=changed))
 
     views, _ = views_of([without(r) for r in null_runs])
-    assert views[Channel.BASE_WRENCH].signals.imu_gravity_m_s2 == 0.0
+    assert views[Channel.BASE_WRENCH].signals.stack.imu_gravity_m_s2 == 0.0
     assert np.max(robust_scale(views[Channel.INERTIAL_UNIT])) < 1.6
     assert abs(median(views[Channel.BASE_WRENCH], "force_z")) < 2.0
 
@@ -288,7 +289,7 @@ def test_missing_signals_switch_off_the_channels_that_need_them(null_runs):
 def test_logs_of_two_robots_are_refused(null_runs):
     other = cropped(null_runs[1], (1, 2, 5), ("shoulder", "elbow", "wrist"))
     with pytest.raises(BadInputError, match="diagnose logs of one robot at a time"):
-        stack([record(null_runs[0]), record(other)])
+        stacked([record(null_runs[0]), record(other)])
 
 
 def test_long_logs_are_thinned_and_tell_what_all_rows_tell(null_runs, monkeypatch):
@@ -317,7 +318,7 @@ def test_long_logs_are_thinned_and_tell_what_all_rows_tell(null_runs, monkeypatc
 @pytest.fixture(scope="module")
 def signals() -> tuple[DynamicsSignals, StanceSignals]:
     views, _ = build_views(
-        stack([record(run) for run in planted_runs(Truth(), 1, sequence=walk_sequence(3.0))]), NOMINAL
+        stacked([record(run) for run in planted_runs(Truth(), 1, sequence=walk_sequence(3.0))]), NOMINAL
     )
     return views[Channel.LOAD_TO_MOTION].signals, views[Channel.STANCE_KINEMATICS].signals
 
@@ -340,7 +341,7 @@ def test_what_smoothed_signals_change_is_what_the_signals_change(
     _, k = signals
     step = 0.01 * (np.arange(getattr(k.raw, name).shape[-1]) == 2)
     raw, new = (replace(x, **{name: getattr(x, name) + step}) for x in (k.raw, k.inputs))
-    afresh = k.nominal - smooth(standing_feet(raw, k.standing), k.rows)
+    afresh = smooth(standing_feet(k.raw, k.standing), k.rows) - smooth(standing_feet(raw, k.standing), k.rows)
     got = k.correction(Channel.STANCE_KINEMATICS, name, **{name: getattr(new, name)})
     stands = np.repeat(k.stack.inner(k.standing)[k.rows], 3, axis=1)
     afresh, got = afresh[:, :12][stands], got[:, :12][stands]

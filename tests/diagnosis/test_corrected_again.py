@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.document import Difference, Number
 from diagnosis.library import JointGroups
@@ -35,7 +35,7 @@ FRICTION = LIBRARY["coulomb_friction"]
 
 def found_with(truth: tuple[Effect, ...], nominal: RobotModel) -> list[tuple[str, tuple[str, ...], float]]:
     """Friction and torque gains that planted loads show beside a nominal model: name, joints, value."""
-    logs = stack([record(run) for run in planted_runs(Truth(effects=truth), 2)])
+    logs = stacked([record(run) for run in planted_runs(Truth(effects=truth), 2)])
     view = build_views(logs, nominal)[0][Channel.SET_POINT_TO_LOAD]
     robot = JointGroups(logs.joint_names, logs.legs)
     board = lay_out({view.name: view}, robot, range(2), ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
@@ -134,7 +134,7 @@ def test_a_delay_may_be_shorter_than_the_nominal_one() -> None:
 
 
 def test_an_effect_with_an_error_of_its_own_has_no_second_column() -> None:
-    logs = stack([record(run) for run in planted_runs(Truth(), 1)])
+    logs = stacked([record(run) for run in planted_runs(Truth(), 1)])
     for effect, columns in ((replace(WORN, level_nm=0.5), 1), (TorqueGain(joints=("kn",), gain=0.9), 0)):
         view = build_views(logs, NOMINAL.with_effects(effect))[0][Channel.SET_POINT_TO_LOAD]
         robot = JointGroups(logs.joint_names, logs.legs)

@@ -17,7 +17,6 @@ from diagnosis.verdict.belief import (
     CALIBRATED,
     LEAST,
     beyond_formulas,
-    either_of,
     group_of,
     is_none,
     most_log_odds,
@@ -70,7 +69,6 @@ def test_one_run_does_not_prove_that_nothing_is_wrong() -> None:
     assert is_none((), 0.01, 1) == pytest.approx(1.0 - ODD_RUN)
     assert is_none((), 0.01, 3) > 0.95
     assert is_none((0.5, 0.5), 0.2, 9) == pytest.approx(0.25 * 0.8)
-    assert either_of((0.5, 0.5)) == pytest.approx(0.75)
 
 
 def _measured(before: float, share: float | None) -> Measurements:

@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.channels import Array, Channel, ChannelView
 from diagnosis.channels.actuator import ActuatorSignals, actuator_view
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.library import acts_last, effect_columns
 from diagnosis.library.limits import added_by_sag_nm
 from diagnosis.library.registry import LIBRARY, library_entry
@@ -37,7 +37,7 @@ def runs():
 
 @pytest.fixture(scope="module")
 def view(runs) -> ChannelView:
-    found = actuator_view(stack([record(r) for r in runs]), ())
+    found = actuator_view(stacked([record(r) for r in runs]), ())
     assert isinstance(found, ChannelView)
     return found
 
@@ -86,17 +86,21 @@ def test_a_faster_formula_is_that_of_the_effect(name, view):
 
 def test_a_lower_voltage_takes_torque_of_joints_that_the_nominal_model_bounds_by_speed(runs, view):
     knees = next(e for e in paper_model(PAPER_IDENTIFIED).effects if isinstance(e, TorqueSpeedCurve))
-    bounded = actuator_view(stack([record(r) for r in runs]), (knees,))
+    bounded = actuator_view(stacked([record(r) for r in runs]), (knees,))
     assert isinstance(bounded, ChannelView)
     entry, is_knee = LIBRARY["bus_sag"], select_joints(("kn",))
     shape = entry.shapes({Channel.SET_POINT_TO_LOAD: bounded}, ALL)[-1]
     # The curve at full voltage: 25.03 rad/s without load, falling by 97 N·m over 25.03 − 9.48 rad/s.
-    assert shape["open_voltage_v"] / shape["back_emf_v_s_per_rad"] == pytest.approx(0.8 * 25.03)
-    assert shape["stall_nm_per_v"] * shape["open_voltage_v"] == pytest.approx(97.0 * 25.03 / (25.03 - 9.48))
+    assert shape["open_voltage_v"] / shape["back_emf_v_s_per_rad"] == pytest.approx(0.5 * 25.03)
+    assert shape["stall_nm_per_v"] * shape["open_voltage_v"] == pytest.approx(0.7 * 97.0 * 25.03 / (25.03 - 9.48))
     weak = {**shape, "stall_nm_per_v": 0.1}
     for about, cut in ((bounded, is_knee), (view, ALL)):
         touched = entry.columns(about, weak, ALL)[:, :, 0].any(axis=0)
         np.testing.assert_array_equal(touched, cut)
+    drawn_w = np.maximum(view.signals.load_nm * view.signals.velocity_rad_s, 0.0).sum(axis=1)[view.signals.stack.used]
+    too_low_v = 2.0 * float(np.sqrt(0.6 * np.quantile(drawn_w, 0.9)))
+    assert weak["resistance_ohm"] == 0.6
+    assert not entry.columns(view, {**weak, "open_voltage_v": too_low_v}, ALL).any()
     model = RobotModel(effects=(knees,))
     assert entry.add_to(model, weak, ("all",)).effects[-1].mask.tolist() == is_knee.tolist()
     assert entry.add_to(RobotModel(), weak, ("all",)).effects[-1].mask.all()
@@ -117,7 +121,7 @@ class Grease(ModelEffect):
 
 
 def test_a_persons_effect_in_a_nominal_model_predicts_what_it_takes(runs, view):
-    with_it = actuator_view(stack([record(r) for r in runs]), (Grease(joints=("kn",), drag_nm_s_per_rad=0.3),))
+    with_it = actuator_view(stacked([record(r) for r in runs]), (Grease(joints=("kn",), drag_nm_s_per_rad=0.3),))
     assert isinstance(with_it, ChannelView)
     taken = with_it.response - view.response
     expected = view.signals.finish(0.3 * view.signals.velocity_rad_s) * select_joints(("kn",))

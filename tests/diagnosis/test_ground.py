@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.decision_constants import ERROR_SCALES, FORMULA_ERROR, GROUP_ODDS, LEAST_NATS
 from diagnosis.library import JointGroups
 from diagnosis.library.ground import HEIGHTS
@@ -29,7 +29,7 @@ TRUTHS = {"ground_slope": GroundSlope(rise_x_rad=0.07), "imu_tilt": ImuTilt(pitc
 def nats(truth: str, turn_rad_s: float) -> dict[str, float]:
     """What each explains of the standing feet's heights, before any price."""
     walk = sequence_of("walk", 4.0, (0, 0.6, 0, turn_rad_s), (2, 0.9, 0, turn_rad_s))
-    logs = stack([record(run) for run in planted_runs(Truth((TRUTHS[truth],)), 1, sequence=walk)])
+    logs = stacked([record(run) for run in planted_runs(Truth((TRUTHS[truth],)), 1, sequence=walk)])
     view = build_views(logs, NOMINAL)[0][Channel.STANCE_KINEMATICS]
     usable = view.usable.copy()
     usable[:, : HEIGHTS.start] = False

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from diagnosis.command import diagnose
 from diagnosis.document import CalibratedNumber, Calibration, Difference, Number, Verdict, load_verdict
 from diagnosis.report import history as filing
-from diagnosis.report.drift import Drift, drift_of
+from diagnosis.report.drift import Drift, Key, drift_of
 from diagnosis.report.history import file_next, read_history
 from diagnosis.report.history_page import history_page, write_history
 from diagnosis.session import DiagnosisRequest
@@ -139,6 +139,10 @@ def drift(history: Path) -> Drift:
     return drift_of(read_history(history))
 
 
+def values(history: Path, key: Key) -> list[float]:
+    return [row.numbers[key].value for row in drift(history).rows]
+
+
 def test_a_number_changed_only_if_the_intervals_say_so(history) -> None:
     steady = tuple(number(1.0, where=f"{leg}_{kind}") for leg in ("fl", "hl", "hr") for kind in ("hx", "hy", "kn"))
     put(history, "2026-11-12", gains=(*steady, number(0.97)), since="2026-11-05")
@@ -152,8 +156,8 @@ def test_a_number_changed_only_if_the_intervals_say_so(history) -> None:
     assert told.startswith("Changed, beyond what the intervals allow: torque gain of fr_kn 0.97 → 0.8 (0.78 to 0.82)")
     (told,) = drift(history).since_first
     assert "torque gain of fr_kn 1 → 0.8" in told
-    first = drift(history).tracks[0]
-    assert (first.where, first.has_changed, [p.value for p in first.points]) == (KNEE, True, [1.0, 0.97, 0.8])
+    (first,) = drift(history).changed
+    assert (first, values(history, first)) == (("torque_gain", "gain", KNEE), [1.0, 0.97, 0.8])
 
 
 def test_a_slow_drift_shows_since_the_first_date_alone(history) -> None:
@@ -172,8 +176,9 @@ def test_a_named_difference_is_told_with_its_size_and_held_afterwards(history) -
     put(history, "2026-11-19", play, since="2026-11-12")
     wider = (play, Backlash(joints=(KNEE,), gap_rad=0.01))
     put(history, "2026-11-26", *wider, differences=(backlash(0.01),), since="2026-11-19")
-    track = drift(history).tracks[0]
-    assert [(p.value, p.low) for p in track.points] == [
+    key = ("backlash", "gap_rad", KNEE)
+    assert drift(history).changed == (key,)
+    assert [(row.numbers[key].value, row.numbers[key].low) for row in drift(history).rows] == [
         (0.0, None), (0.02, 0.015), (0.02, None), (pytest.approx(0.03), pytest.approx(0.025)),
     ]  # fmt: skip
     # A difference against a model of the user's is no change since the date before.
@@ -186,8 +191,8 @@ def test_what_the_first_date_names_is_no_change(history) -> None:
     named = backlash(0.02).model_copy(update={"name": "torque_gain", "parameters": {}})
     put(history, "2026-11-01", gains=gains, differences=(named,), status="explained")
     put(history, "2026-11-12", gains=gains, differences=(named,), status="explained", since="2026-11-05")
-    assert drift_of(read_history(history)[:1]).tracks[0].is_named is False
-    assert drift(history).tracks[0].is_named is True
+    assert drift_of(read_history(history)[:1]).changed == ()
+    assert drift(history).changed == (("torque_gain", "gain", KNEE),)
 
 
 def test_what_nothing_explains_and_what_cannot_be_told_is_said(history) -> None:
@@ -210,7 +215,11 @@ def test_page_and_data_are_derived_and_written_anew(history) -> None:
     assert "href='2026-11-12/report.html'" in text
     assert "headline of 2026-11-05" in text
     assert text.count("<svg") >= 1
-    assert Drift.model_validate(json.loads((history / "history.json").read_text())) == found
+    told = json.loads((history / "history.json").read_text())
+    assert told["since_last"] == list(found.since_last)
+    assert [(row["date"], row["numbers"][0]["value"]) for row in told["rows"]] == [
+        ("2026-11-05", 1.0), ("2026-11-12", 0.8),
+    ]  # fmt: skip
     assert write_history(history)[0] == found
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.channels import Channel, Flags, Views
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library import JointGroups, LibraryEffect, Location
 from diagnosis.library.held import IN_CHANNELS, groups_of, less_held
@@ -81,7 +81,7 @@ def fit(effect: LibraryEffect, views: Views, joints: Flags) -> tuple[Scored, Map
 @pytest.fixture(scope="module")
 def null_views():
     runs = planted_runs(Truth(), 2, sequence=walk_sequence(2.5))
-    return build_views(stack([record(r) for r in runs]), NOMINAL)[0]
+    return build_views(stacked([record(r) for r in runs]), NOMINAL)[0]
 
 
 def test_the_library_knows_every_effect_of_the_simulator_but_what_surrounds_a_robot():
@@ -181,7 +181,7 @@ def test_a_planted_effect_is_recovered_by_its_own_channels(case):
     entry = LIBRARY[case.effect]
     effect = entry.effect(joints=case.joints, **case.values)
     runs = planted_runs(Truth(effects=(effect,)), case.runs, sequence=walk_sequence(case.duration_s))
-    views, _ = build_views(stack([record(r) for r in runs]), NOMINAL)
+    views, _ = build_views(stacked([record(r) for r in runs]), NOMINAL)
     found, values = fit(entry, views, select_joints(case.joints))
     assert found.value > 0.0
     for name, planted in case.values.items():
@@ -196,7 +196,7 @@ def test_a_planted_effect_is_recovered_by_its_own_channels(case):
             assert value == pytest.approx(expected, rel=case.tolerance.get(name, 0.15)), name
     # A nominal model that holds the effect leaves little of it to be found again.
     if isinstance(effect, IN_CHANNELS) and case.effect != "ground_compliance":
-        held, _ = build_views(stack([record(r) for r in runs]), NOMINAL.with_effects(effect))
+        held, _ = build_views(stacked([record(r) for r in runs]), NOMINAL.with_effects(effect))
     else:
         held = less_held(views, (effect,), LIBRARY)
     again, _ = fit(entry, held, select_joints(case.joints))

@@ -10,7 +10,7 @@ import pytest
 from diagnosis.channels import ChannelOff, ChannelView
 from diagnosis.channels.program import FAST_QUANTILE, timing_view
 from diagnosis.channels.receipts import Receipts, read
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.library.program import CommandDropEntry, CommandJitterEntry
 from spot_log.format.records import RunHeader
 from spot_log.read.run import run_of_columns
@@ -137,7 +137,7 @@ def test_where_most_hide_none_is_counted_and_the_uncertainty_says_so() -> None:
 
 
 def test_the_channel_has_rows_and_noise_of_the_count() -> None:
-    logs = stack([recording(every=6, loss=0.03, jitter_s=0.002, seed=s)[0] for s in range(2)])
+    logs = stacked([recording(every=6, loss=0.03, jitter_s=0.002, seed=s)[0] for s in range(2)])
     view = timing_view(logs, (CommandDelay(delay_s=UP_S + LINK_S),))
     assert isinstance(view, ChannelView)
     assert view.rows == ("delay", "spread", "lost")
@@ -152,7 +152,7 @@ def test_the_channel_has_rows_and_noise_of_the_count() -> None:
 
 
 def test_commands_that_wait_out_a_pause_are_no_matter_of_the_link() -> None:
-    logs = stack([recording(shift_s=1.5)[0]])
+    logs = stacked([recording(shift_s=1.5)[0]])
     off = timing_view(logs, ())
     assert isinstance(off, ChannelOff)
     assert "within a second" in off.reason

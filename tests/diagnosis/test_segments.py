@@ -20,7 +20,7 @@ def recording():
 
 
 def kinds(segmentation):
-    return [s.kind for s in segmentation.segments if s.is_cut]
+    return [s.kind for s in segmentation.segments]
 
 
 def test_a_good_log_loses_its_start_alone(recording):
@@ -65,9 +65,8 @@ def test_a_fall_ends_the_log(recording):
     assert not found.used[400:].any()
 
 
-def test_standing_is_marked_and_kept():
+def test_standing_is_kept():
     still = cut(record(planted_runs(Truth(), 1, sequence=standing_sequence(2.0))[0]))
-    assert still.standing[400:].all()
     assert still.used[400:].all()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.channels import ChannelView
 from diagnosis.channels.actuator import actuator_view
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report.output import write_all
 from diagnosis.verdict.diagnose import Diagnosis, diagnose_runs
@@ -86,7 +86,7 @@ def test_an_uneven_log_leaves_no_more_of_the_load_than_the_whole_stream() -> Non
     coarse = thinned(run, uneven(len(run.states), np.random.default_rng(1)))
     left = []
     for log in (run, coarse):
-        view = actuator_view(stack([record(log)]), ())
+        view = actuator_view(stacked([record(log)]), ())
         assert isinstance(view, ChannelView)
         left.append(np.sqrt(np.mean(view.response[view.usable] ** 2)))
     assert left[1] < 1.3 * left[0]

@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.search import ranked
@@ -80,7 +80,7 @@ def test_without_an_inertial_unit_it_cannot_be_seen() -> None:
     none = dataclasses.replace(imu, **{f.name: getattr(imu, f.name)[:0] for f in dataclasses.fields(imu)})
     blind = dataclasses.replace(run, states=dataclasses.replace(run.states, imu=none))
     for log, channels in ((run, (Channel.BASE_WRENCH,)), (blind, ())):
-        views, _ = build_views(stack([record(log)]), NOMINAL)
+        views, _ = build_views(stacked([record(log)]), NOMINAL)
         assert Channel.BASE_WRENCH in views
         assert LIBRARY["swinging_mass"].show(views) == channels
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
-from diagnosis import document
 from diagnosis.channels import Channel
 from diagnosis.document import (
     Difference,
@@ -63,9 +62,18 @@ def test_unknown_keys_and_impossible_probabilities_are_errors() -> None:
         Verdict.model_validate(data | {"probability_none": 1.5})
 
 
-def test_the_schema_file_is_that_of_the_model() -> None:
-    schema = json.dumps(Verdict.model_json_schema(by_alias=True), indent=1, sort_keys=True) + "\n"
-    assert Path(document.__file__).with_name("verdict.schema.json").read_text() == schema
+def test_keys_and_types_change_on_purpose_alone() -> None:
+    """What changes is told in CHANGELOG.md, under another ``schema`` if files no longer load; then here."""
+
+    def bare(schema: Any) -> Any:
+        if isinstance(schema, list):
+            return [bare(part) for part in schema]
+        if not isinstance(schema, dict):
+            return schema
+        return {key: bare(part) for key, part in schema.items() if key != "description" or isinstance(part, dict)}
+
+    keys = json.dumps(bare(Verdict.model_json_schema()), sort_keys=True)
+    assert hashlib.sha256(keys.encode()).hexdigest()[:16] == "4ac6a786fd544be7"
 
 
 @pytest.mark.parametrize("n", [0, 1, 3, 5])

@@ -12,7 +12,7 @@ import pytest
 from diagnosis.channels import Channel, Views
 from diagnosis.channels.build import build_views
 from diagnosis.channels.dynamics import wrench_of_joints
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.decision_constants import NAMED
 from diagnosis.library import lacks_loads, with_stand_in
 from diagnosis.library.registry import LIBRARY
@@ -50,7 +50,7 @@ def _blind(run: Run) -> Run:
 
 @pytest.fixture(scope="module")
 def views() -> Views:
-    found, _ = build_views(stack([record(run) for run in _without_loads(Truth(()))]), NOMINAL)
+    found, _ = build_views(stacked([record(run) for run in _without_loads(Truth(()))]), NOMINAL)
     return found
 
 
@@ -109,7 +109,7 @@ def test_a_drive_lacks_loads_and_a_mass_or_what_other_channels_show_does_not(vie
     assert lacks_loads(LIBRARY["armature"], stand_in)
     assert not lacks_loads(LIBRARY["leg_mass"], stand_in)
     assert not lacks_loads(LIBRARY["encoder_offset"], stand_in)
-    measured, _ = build_views(stack([record(run) for run in planted_runs(Truth(()), 1)]), NOMINAL)
+    measured, _ = build_views(stacked([record(run) for run in planted_runs(Truth(()), 1)]), NOMINAL)
     assert not lacks_loads(LIBRARY["torque_gain"], with_stand_in(measured))
 
 
@@ -147,7 +147,7 @@ def test_commands_without_gains_are_no_servo_law() -> None:
             run, commands=dataclasses.replace(run.commands, kp_nm_per_rad=unknown, kd_nm_s_per_rad=unknown)
         )
 
-    on, off = build_views(stack([record(without_gains(run)) for run in _without_loads(Truth(()))]), NOMINAL)
+    on, off = build_views(stacked([record(without_gains(run)) for run in _without_loads(Truth(()))]), NOMINAL)
     assert not on.keys() & {Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH}
     assert "no joint torques" in {c.name: c.reason for c in off}[Channel.BASE_WRENCH]
 

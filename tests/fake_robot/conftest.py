@@ -17,7 +17,6 @@ from fake_robot.network.requests import CameraView, StandPose, WalkPlan
 from fake_robot.network.status import (
     BehaviorFault,
     EstopLevel,
-    FaultKind,
     Mode,
     MotorPower,
     Snapshot,
@@ -26,9 +25,8 @@ from fake_robot.network.status import (
 )
 from fake_robot.scenario.parts import ServicesConfig
 from fake_robot.services.auth import Credentials
-from fake_robot.start.certificates import ServerCertificates, ensure_certificates
+from fake_robot.start.certificates import ServerCertificates, make_certificates
 from fake_robot.start.server import Endpoints, FakeServer
-from spot_model.errors import BadInputError
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -79,29 +77,16 @@ class StubSubscription:
 class StubCommandStream:
     """Remembers what was submitted, and fails when a test says so."""
 
-    def __init__(self, robot: StubRobot, on_failure: Callable[[], None]) -> None:
+    def __init__(self, on_failure: Callable[[], None]) -> None:
         self.requests: list[Any] = []
         self.is_closed = False
-        self._robot = robot
         self._on_failure = on_failure
-        self._failure: StreamFailure | None = None
+        self.failure: StreamFailure | None = None
         self.arrived = threading.Semaphore(0)
 
-    def submit(self, request: Any) -> None:
-        self.requests.append(request)
-        self._robot.last_command_key = request.joint_command.user_command_key
-        self._robot.commands_submitted += 1
-        self.arrived.release()
-
-    def failure(self) -> StreamFailure | None:
-        return self._failure
-
     def fail(self, status: int, message: str) -> None:
-        self._failure = StreamFailure(status, message)
+        self.failure = StreamFailure(status, message)
         self._on_failure()
-
-    def close(self) -> None:
-        self.is_closed = True
 
 
 class StubRobot:
@@ -221,12 +206,21 @@ class StubRobot:
         self.set(system_faults=(*self.state.system_faults, fault))
 
     def open_command_stream(self, on_failure: Callable[[], None]) -> StubCommandStream:
-        self.streams.append(StubCommandStream(self, on_failure))
+        self.streams.append(StubCommandStream(on_failure))
         return self.streams[-1]
+
+    def submit(self, stream: StubCommandStream, request: Any) -> None:
+        stream.requests.append(request)
+        self.last_command_key = request.joint_command.user_command_key
+        self.commands_submitted += 1
+        stream.arrived.release()
+
+    def close_stream(self, stream: StubCommandStream) -> None:
+        stream.is_closed = True
 
     def submit_to_open_stream(self, request: Any) -> None:
         if self.streams:
-            self.streams[-1].submit(request)
+            self.submit(self.streams[-1], request)
 
     def subscribe_state(self) -> StubSubscription:
         self.subscriptions.append(StubSubscription())
@@ -244,12 +238,7 @@ class StubRobot:
     def wait_for_command_key(self, key: int, timeout_s: float, *, beyond: int = 0) -> bool:
         return self.last_command_key >= key and self.commands_submitted > beyond
 
-    def fault_kinds(self) -> tuple[FaultKind, ...]:
-        return (FaultKind("stub_fault", "Nothing happens.", {"size": "How much."}),)
-
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
-        if not set(parameters) <= {"size"}:
-            raise BadInputError(f"fault {name} has no such parameter; allowed: size")
         self.injected[len(self.injected) + 1] = name
         return len(self.injected)
 
@@ -305,7 +294,7 @@ class ServedStub:
 @pytest.fixture(scope="session")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> ServerCertificates:
     """Certificates for the whole session."""
-    return ensure_certificates(tmp_path_factory.mktemp("certificates"))
+    return make_certificates(tmp_path_factory.mktemp("certificates"))
 
 
 @pytest.fixture

@@ -105,7 +105,7 @@ def test_no_request_breaks_the_admin_service(garbage_stub: Any) -> None:
                 request = GetMessageClass(method.input_type)()
                 fill(request, rng)
                 if method.name == "InjectFault" and rng.random() < 0.5:
-                    request.name = "stub_fault"
+                    request.name = "weak_motor"
                 answer_in_order(call, request.SerializeToString())
     assert garbage_stub.is_alive()
 

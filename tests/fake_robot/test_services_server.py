@@ -30,7 +30,7 @@ from bosdyn.client.lease import ResourceAlreadyClaimedError
 from cryptography import x509
 
 from fake_robot.services.authority import power
-from fake_robot.start.certificates import CertificateError, ServerCertificates, ensure_certificates
+from fake_robot.start.certificates import CertificateError, ServerCertificates, make_certificates
 from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
 from fake_robot.start.server import BindError, sdk_host
 from fake_robot.start.state_folder import ensure_credentials, read_password
@@ -41,41 +41,48 @@ from spot_protos.stub import stub as stub_of
 # ---------------------------------------------------------------------------------------------------- certificates
 
 
-def test_certificates_are_private_complete_and_reused(tmp_path: Path) -> None:
-    made = ensure_certificates(tmp_path / "state")
-    assert ensure_certificates(tmp_path / "state") == made
+def test_certificates_are_private_and_complete(tmp_path: Path) -> None:
+    made = make_certificates(tmp_path / "state", addresses=("192.168.80.3", "spot.lan"))
     leaf = x509.load_pem_x509_certificate(made.certificate_pem)
     names = leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    assert names.get_values_for_type(x509.DNSName) == ["*.spot.robot", "localhost"]
-    assert [str(address) for address in names.get_values_for_type(x509.IPAddress)] == ["127.0.0.1"]
+    assert names.get_values_for_type(x509.DNSName) == ["*.spot.robot", "localhost", "spot.lan"]
+    assert [str(address) for address in names.get_values_for_type(x509.IPAddress)] == ["127.0.0.1", "192.168.80.3"]
     for path in (tmp_path / "state").iterdir():
         assert stat.S_IMODE(path.stat().st_mode) == 0o600, path.name
     assert stat.S_IMODE((tmp_path / "state").stat().st_mode) == 0o700
     assert "PRIVATE" not in repr(made)
 
 
-def test_certificates_are_made_anew_when_they_no_longer_serve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = ensure_certificates(tmp_path)
-    wider = ensure_certificates(tmp_path, addresses=("192.168.80.3",))
-    assert wider != made
-    assert ensure_certificates(tmp_path) == wider, "one that names more still serves"
-    (tmp_path / "server.key").write_bytes(b"torn")
-    mended = ensure_certificates(tmp_path)
-    assert mended != wider
-    monkeypatch.setattr("fake_robot.start.certificates.VALIDITY", dt.timedelta(days=3))
-    (tmp_path / "ca.pem").unlink()
-    short = ensure_certificates(tmp_path)
-    assert ensure_certificates(tmp_path) != short, "it ends within a week"
-
-
-def test_a_robot_that_runs_is_still_trusted_after_others_were_made(tmp_path: Path) -> None:
-    runs, later = ensure_certificates(tmp_path), ensure_certificates(tmp_path, addresses=("192.168.80.3",))
+def test_robots_of_one_folder_are_trusted_alike_whenever_they_were_started(tmp_path: Path) -> None:
+    runs, later = make_certificates(tmp_path), make_certificates(tmp_path, addresses=("192.168.80.3",))
+    assert runs.ca_pem == later.ca_pem == (tmp_path / "ca.pem").read_bytes()
+    assert runs.key_pem != later.key_pem
     assert _is_trusted(runs, later.ca_pem, tmp_path)
-    assert _is_trusted(later, later.ca_pem, tmp_path)
-    assert not _is_trusted(later, runs.ca_pem, tmp_path)
-    assert ensure_certificates(tmp_path, addresses=("10.0.0.7",)) != later
-    both = ensure_certificates(tmp_path, addresses=("192.168.80.3", "10.0.0.7"))
-    assert both == ensure_certificates(tmp_path), "two addresses do not take turns"
+    assert _is_trusted(later, runs.ca_pem, tmp_path)
+
+
+@pytest.mark.parametrize("spoil", ["ca.pem", "ca.key", "torn", "foreign", "old"])
+def test_an_authority_that_no_longer_serves_is_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spoil: str
+) -> None:
+    if spoil == "old":
+        with monkeypatch.context() as patch:
+            patch.setattr("fake_robot.start.certificates.VALIDITY", dt.timedelta(days=30))
+            before = make_certificates(tmp_path)  # whose authority ends in 300 days
+    else:
+        before = make_certificates(tmp_path)
+    if spoil.startswith("ca."):
+        (tmp_path / spoil).unlink()
+    elif spoil == "torn":
+        (tmp_path / "ca.key").write_bytes(b"torn")
+    elif spoil == "foreign":
+        make_certificates(tmp_path / "other")
+        (tmp_path / "other" / "ca.key").rename(tmp_path / "ca.key")
+    made = make_certificates(tmp_path)
+    assert made.ca_pem != before.ca_pem
+    assert _is_trusted(made, made.ca_pem, tmp_path)
+    assert not _is_trusted(made, before.ca_pem, tmp_path)
+    assert make_certificates(tmp_path).ca_pem == made.ca_pem
 
 
 def _is_trusted(server: ServerCertificates, ca_pem: bytes, folder: Path) -> bool:
@@ -99,7 +106,7 @@ def _is_trusted(server: ServerCertificates, ca_pem: bytes, folder: Path) -> bool
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(CertificateError, match=r"file/state.*--state-dir"):
-        ensure_certificates(tmp_path / "file" / "state")
+        make_certificates(tmp_path / "file" / "state")
 
 
 def test_passwords_come_from_private_files_only(tmp_path: Path) -> None:
@@ -270,20 +277,20 @@ def test_lasting_faults_end_by_time_or_by_hand(stub: Any) -> None:
     assert not robot.is_estopped()
     assert stub.robot.calls[-1] == "estop none"
     unlicensed = faults.inject("license_invalid", {"state": "missing"}, None)
-    stub_fault = faults.inject("stub_fault", {"size": 1.0}, None)
-    assert set(faults.active()) == {unlicensed, stub_fault}
-    assert set(faults.clear()) == {unlicensed, stub_fault}
+    weakened = faults.inject("weak_motor", {"gain": 0.5}, None)
+    assert set(faults.active()) == {unlicensed, weakened}
+    assert set(faults.clear()) == {unlicensed, weakened}
     assert stub.server.world.license.state == "valid"
 
 
 @pytest.mark.parametrize(
     ("name", "parameters", "duration_s", "message"),
     [
-        ("gremlin", {}, None, r"no fault 'gremlin'; allowed: .*estop_pressed.*stub_fault"),
+        ("gremlin", {}, None, r"no fault 'gremlin'; allowed: .*estop_pressed.*weak_motor"),
         ("lease_stolen", {"thief": "x"}, None, "thief = 'x': unknown key; allowed: owner"),
         ("license_invalid", {"state": "eaten"}, None, "state = 'eaten': Input should be 'expired' or 'missing'"),
         ("estop_pressed", {}, -1.0, "duration_s = -1"),
-        ("stub_fault", {"weight": 1.0}, None, "allowed: size"),
+        ("weak_motor", {"weight": 1.0}, None, "allowed: joint, gain"),
     ],
 )
 def test_faults_that_do_not_exist(
@@ -411,11 +418,11 @@ def test_faults_truth_and_status_over_the_admin_service(stub: Any) -> None:
     channel, admin = admin_of(stub)
     with channel:
         names = [fault.name for fault in admin.ListFaults(fake_admin_pb2.ListFaultsRequest()).faults]
-        assert "stub_fault" in names
+        assert {"estop_pressed", "weak_motor"} <= set(names)
         assert names == sorted(names)
-        injected = admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="stub_fault", numbers={"size": 2.0}))
+        injected = admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="weak_motor", numbers={"gain": 0.5}))
         status = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
-        assert status.active_faults[0].name == "stub_fault"
+        assert status.active_faults[0].name == "weak_motor"
         assert status.motor_power == "off"
         cleared = admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest(fault_ids=[injected.fault_id]))
         assert list(cleared.cleared_fault_ids) == [injected.fault_id]

@@ -33,7 +33,6 @@ from spot_tools.hal_conformance import (
     brings_states_in_order,
     takes_commands_and_hands_back,
 )
-from spot_tools.replay import ReplayHal
 from spot_tools.run import run
 from tests.spot_runtime.conftest import HandMadeRobot
 
@@ -50,16 +49,11 @@ def spot(fake: FakeAddress, sink: MemorySink, monkeypatch: pytest.MonkeyPatch) -
     return BosdynHal(parse_address(fake.robot), config, sink, LockStep(fake.admin, HostClock().now_ns()))
 
 
-@pytest.fixture(params=["hand-made", "replay", "bosdyn"])
-def hal(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, make_state: Callable[..., RobotState]
-) -> Iterator[Hal]:
+@pytest.fixture(params=["hand-made", "bosdyn"])
+def hal(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hal]:
     """Each adapter, not yet connected."""
     if request.param == "hand-made":
         yield request.getfixturevalue("robot")
-    elif request.param == "replay":
-        states = [make_state(1_700_000_000_000_000_000 + i * 3 * MS) for i in range(2000)]
-        yield ReplayHal(states, MemorySink(), robot_id="recorded")
     else:
         yield spot(request.getfixturevalue("fake"), MemorySink(), monkeypatch)
 
@@ -147,7 +141,7 @@ def test_a_run_without_credentials_is_refused_before_it_has_a_log(
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("spott", "HAL adapter 'spott' is unknown; allowed: replay, spot, or module:function of your own"),
+        ("spott", "HAL adapter 'spott' is unknown; allowed: .*spot, or module:function of your own"),
         ("nowhere_at_all:make", "cannot be loaded: No module named 'nowhere_at_all'; check module and function"),
     ],
 )
@@ -190,36 +184,3 @@ def test_motors_that_lost_power_are_not_powered_on_again(
     assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
     hal.power_off()
     hal.close()
-
-
-# Replay --------------------------------------------------------------------------------------------------------------
-
-
-def test_a_replay_gives_back_every_recorded_state_and_keeps_what_was_sent(
-    make_state: Callable[..., RobotState],
-) -> None:
-    recorded = [make_state(1_700_000_000_000_000_000 + i * 3 * MS) for i in range(50)]
-    sink = MemorySink()
-    hal = ReplayHal(recorded, sink, robot_id="recorded")
-    hal.connect()
-    played: list[RobotState] = []
-    while chunk := hal.receive(hal.robot_now_ns() + 20 * MS, 0.01):
-        assert chunk[-1].robot_stamp_ns <= chunk[0].robot_stamp_ns + 20 * MS
-        played += chunk
-    assert played == recorded
-    assert sink.decoded_states == recorded
-    assert [stop.reason.label for stop in hal.problems()] == ["recording_over"]
-    assert list(hal.problems()) == []
-
-
-def test_after_a_replay_time_goes_on_so_that_watchdogs_see_the_silence(make_state: Callable[..., RobotState]) -> None:
-    hal = ReplayHal([make_state()], MemorySink())
-    hal.receive(0, 0.01)
-    before = hal.robot_now_ns()
-    assert list(hal.receive(0, 0.01)) == []
-    assert hal.robot_now_ns() == before + 10 * MS
-
-
-def test_a_recording_without_states_is_refused() -> None:
-    with pytest.raises(BadInputError, match="holds no state"):
-        ReplayHal([], MemorySink())

@@ -187,21 +187,20 @@ def test_only_an_end_that_somebody_wanted_gives_way() -> None:
     assert ending_after(ending_after(None, twice), silent) == Ending(twice, DAMP)
     wanted = ending_after(None, done)
     assert ending_after(wanted, asked) is wanted
-    wishes = {"completed", "recording_over", "operator_stop", "operator_damp", "operator_estop"}
+    wishes = {"completed", "operator_stop", "operator_damp", "operator_estop"}
     assert {reason.label for reason in StopReason if not reason.is_fault} == wishes
 
 
 def test_every_stop_but_a_completed_run_has_an_exit_code_of_its_own() -> None:
     codes = [reason.exit_code for reason in StopReason if reason.exit_code]
     assert len(codes) == len(set(codes))
-    assert {r for r in StopReason if r.exit_code == 0} == {StopReason.COMPLETED, StopReason.RECORDING_OVER}
+    assert {r for r in StopReason if r.exit_code == 0} == {StopReason.COMPLETED}
     assert all(0 < code < 126 for code in codes)
 
 
 TABLE = {
     # reason: reaction, exit code, urgent
     "completed": (HAND_BACK, 0, False),
-    "recording_over": (EXPIRE, 0, False),
     "operator_stop": (HAND_BACK, 10, False),
     "operator_damp": (DAMP, 11, False),
     "operator_estop": (ESTOP, 12, False),
@@ -268,7 +267,6 @@ def test_a_stop_says_what_happened_with_figures_and_what_to_do() -> None:
     ("reason", "name", "severity"),
     [
         (StopReason.COMPLETED, "completed", Severity.INFO),
-        (StopReason.RECORDING_OVER, "completed", Severity.INFO),
         (StopReason.OPERATOR_STOP, "stop", Severity.INFO),
         (StopReason.OPERATOR_DAMP, "stop", Severity.ERROR),
         (StopReason.OPERATOR_ESTOP, "stop", Severity.ERROR),

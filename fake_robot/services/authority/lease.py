@@ -137,6 +137,11 @@ class LeaseService(Service):
             result.latest_resources.add().CopyFrom(_of_resource(claim.latest, LEAF_RESOURCE))
             return result
 
+    def admits(self, request: Any, response: Any) -> bool:
+        """Judge the lease of a request, say so in the answer's ``lease_use_result``, and whether it is good."""
+        response.lease_use_result.CopyFrom(self.use(request.lease))
+        return bool(response.lease_use_result.status == Use.STATUS_OK)
+
     def owner(self) -> lease_pb2.LeaseOwner:
         """The owner of the live claim; empty where there is none."""
         with self.lock:

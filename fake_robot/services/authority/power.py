@@ -6,7 +6,7 @@ import time
 from collections import OrderedDict
 from typing import Any
 
-from bosdyn.api import lease_pb2, license_pb2, power_pb2, power_service_pb2
+from bosdyn.api import license_pb2, power_pb2, power_service_pb2
 
 from fake_robot.network.status import EstopLevel, MotorPower, Snapshot, SystemFault
 from fake_robot.services.calls import Service, ns_of, refuse, timestamp_from_ns
@@ -47,10 +47,9 @@ class PowerService(Service):
 
     def PowerCommand(self, request: Any, response: Any) -> None:  # noqa: N802
         """Begin a power change; needs the lease."""
-        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
         response.license_status = license_pb2.LicenseInfo.STATUS_VALID
         response.status = power_pb2.STATUS_INTERNAL_ERROR
-        if response.lease_use_result.status != lease_pb2.LeaseUseResult.STATUS_OK:
+        if not self._world.leases.admits(request, response):
             return
         known = {name: number for name, number in Request.Request.items() if number != Request.REQUEST_UNKNOWN}
         if request.request not in known.values():
@@ -82,8 +81,7 @@ class PowerService(Service):
 
     def FanPowerCommand(self, request: Any, response: Any) -> None:  # noqa: N802
         """Set the fans for a while; needs the lease. They cool nothing here."""
-        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
-        if response.lease_use_result.status == lease_pb2.LeaseUseResult.STATUS_OK:
+        if self._world.leases.admits(request, response):
             self._fans_end_ns = self._world.now_ns() + ns_of(request.duration)
             self._fan_command += 1
             response.command_id = self._fan_command
@@ -109,7 +107,7 @@ class PowerService(Service):
 
     def ResetSafetyStop(self, request: Any, response: Any) -> None:  # noqa: N802
         """The base robot has no redundant safety stop."""
-        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
+        self._world.leases.admits(request, response)
         response.status = response.STATUS_INCOMPATIBLE_HARDWARE_ERROR
 
     def _begin(self, wanted: int, response: power_pb2.PowerCommandResponse) -> int:

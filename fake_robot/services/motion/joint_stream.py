@@ -10,7 +10,7 @@ import grpc
 from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
 
 from fake_robot.network.status import StreamFailure
-from fake_robot.robot.robot import CommandStream
+from fake_robot.robot.joint_control import Stream
 from fake_robot.services.calls import fill_header
 from fake_robot.services.world import World
 
@@ -74,14 +74,14 @@ class RobotCommandStreamingService(
                         Response.STATUS_INVALID_REQUEST, "another joint-control stream is open; end that one first"
                     )
                 other.end(StreamFailure(Response.STATUS_INACTIVE, "another joint-control stream took over"))
-                other.stream.close()
+                self._world.robot.close_stream(other.stream)
             stream.open()
             self._current = stream
             return None
 
     def _release(self, stream: OpenStream) -> None:
         with self._lock:
-            stream.stream.close()
+            self._world.robot.close_stream(stream.stream)
             if self._current is stream:
                 self._current = None
 
@@ -89,7 +89,7 @@ class RobotCommandStreamingService(
 class OpenStream:
     """One stream on its way: who reads it, and why it ended."""
 
-    stream: CommandStream
+    stream: Stream
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -108,7 +108,7 @@ class OpenStream:
 
     def failure(self) -> StreamFailure | None:
         """Why it ended; None if the client ended it in good order."""
-        return self._own_failure or self.stream.failure()
+        return self._own_failure or self.stream.failure
 
     def read(self, requests: Iterator[robot_command_pb2.JointControlStreamRequest]) -> None:
         """Pass on what arrives until the client stops, the call ends, or the robot finds fault."""
@@ -120,7 +120,7 @@ class OpenStream:
                 if self.ended.is_set():
                     return
                 self.last_header = request.header
-                self.stream.submit(request)
+                self._world.robot.submit(self.stream, request)
                 count += 1
                 if is_limited and count > max_count:
                     now_s = time.monotonic()

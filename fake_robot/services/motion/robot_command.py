@@ -30,9 +30,8 @@ class RobotCommandService(Service):
 
     def RobotCommand(self, request: Any, response: Any) -> None:  # noqa: N802
         """Begin a motion; needs the lease, the motors' power and no uncleared behaviour fault."""
-        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
         try:
-            if response.lease_use_result.status != lease_pb2.LeaseUseResult.STATUS_OK:
+            if not self._world.leases.admits(request, response):
                 raise RefusedCommandError("INVALID_REQUEST", "the lease is not good: see lease_use_result")
             self._check_time_sync(request)
             command = parse(request.command, self._world.config)
@@ -61,9 +60,8 @@ class RobotCommandService(Service):
 
     def ClearBehaviorFault(self, request: Any, response: Any) -> None:  # noqa: N802
         """Clear a behaviour fault; needs the lease."""
-        response.lease_use_result.CopyFrom(self._world.leases.use(request.lease))
         response.status = response.STATUS_NOT_CLEARED
-        if response.lease_use_result.status != lease_pb2.LeaseUseResult.STATUS_OK:
+        if not self._world.leases.admits(request, response):
             return
         for fault in self._world.robot.snapshot().behavior_faults:
             if fault.fault_id == request.behavior_fault_id:

@@ -176,29 +176,28 @@ def _fill_velocity(velocity: geometry_pb2.SE3Velocity, linear: list[float], angu
 
 def frame_tree(snapshot: Snapshot) -> geometry_pb2.FrameTreeSnapshot:
     """The tree of a real robot: the body is the root; odom, vision, flat_body and an arm's hand hang from it."""
-    frames = geometry_pb2.FrameTreeSnapshot()
-    edges = frames.child_to_parent_edge_map
-    edges[ROOT_FRAME].SetInParent()
     odom_from_body = _pose(snapshot.position_of_body_in_odom_m.tolist(), snapshot.odom_from_body_wxyz.tolist())
     vision_from_body = _pose(snapshot.position_of_body_in_vision_m.tolist(), snapshot.vision_from_body_wxyz.tolist())
-    for name, pose in (("odom", odom_from_body), ("vision", vision_from_body)):
-        edges[name].parent_frame_name = ROOT_FRAME
-        edges[name].parent_tform_child.CopyFrom(pose.inverse().to_proto())
     flat = SE3Pose(0.0, 0.0, 0.0, odom_from_body.rot.inverse() * Quat.from_yaw(odom_from_body.rot.to_yaw()))
-    edges["flat_body"].parent_frame_name = ROOT_FRAME
-    edges["flat_body"].parent_tform_child.CopyFrom(flat.to_proto())
     ground = SE3Pose(odom_from_body.x, odom_from_body.y, snapshot.ground_height_in_odom_m, Quat())
-    edges["gpe"].parent_frame_name = "odom"
-    edges["gpe"].parent_tform_child.CopyFrom(ground.to_proto())
-    center = snapshot.foot_position_in_body_m.mean(axis=0).tolist()
-    edges["feet_center"].parent_frame_name = ROOT_FRAME
-    edges["feet_center"].parent_tform_child.CopyFrom(SE3Pose(*center, Quat()).to_proto())
+    edges = [
+        ("odom", ROOT_FRAME, odom_from_body.inverse()),
+        ("vision", ROOT_FRAME, vision_from_body.inverse()),
+        ("flat_body", ROOT_FRAME, flat),
+        ("gpe", "odom", ground),
+        ("feet_center", ROOT_FRAME, SE3Pose(*snapshot.foot_position_in_body_m.mean(axis=0).tolist(), Quat())),
+    ]
     if snapshot.arm.size:
         rotation, origin = arm_frames(snapshot.arm[0])[ARM_LINK_NAMES.index("link_wr1")]
         wrist = SE3Pose(*origin.tolist(), Quat.from_matrix(rotation))
-        for name, pose in ((WR1_FRAME_NAME, wrist), (HAND_FRAME_NAME, wrist * SE3Pose(*HAND_FROM_WRIST_M, Quat()))):
-            edges[name].parent_frame_name = ROOT_FRAME
-            edges[name].parent_tform_child.CopyFrom(pose.to_proto())
+        hand = wrist * SE3Pose(*HAND_FROM_WRIST_M, Quat())
+        edges += [(WR1_FRAME_NAME, ROOT_FRAME, wrist), (HAND_FRAME_NAME, ROOT_FRAME, hand)]
+    frames = geometry_pb2.FrameTreeSnapshot()
+    frames.child_to_parent_edge_map[ROOT_FRAME].SetInParent()
+    for name, parent, parent_from_child in edges:
+        edge = frames.child_to_parent_edge_map[name]
+        edge.parent_frame_name = parent
+        edge.parent_tform_child.CopyFrom(parent_from_child.to_proto())
     return frames
 
 

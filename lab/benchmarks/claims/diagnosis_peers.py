@@ -41,7 +41,7 @@ from many_robots import make_all, two_steps
 
 from diagnosis.channels import Channel
 from diagnosis.channels.build import build_views
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import stacked
 from diagnosis.closed_loop.simulation import rollouts_under, run_all
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.verdict.diagnose import diagnose_runs
@@ -92,7 +92,7 @@ def robot(seed: int, number: int, catalogue: str, out: Path, late_s: float) -> s
         return found
 
     def least_squares() -> Any:
-        views, _ = build_views(stack([record(run) for run in runs]), nominal, policy=policy)
+        views, _ = build_views(stacked([record(run) for run in runs]), nominal, policy=policy)
         return estimates(views[Channel.SET_POINT_TO_LOAD]).tolist()
 
     def network() -> Any:
@@ -113,7 +113,7 @@ def robot(seed: int, number: int, catalogue: str, out: Path, late_s: float) -> s
     gap = timed("two_sample", lambda: measure.to([nominal])[0])
     kept["two_sample"], kept["cma_es"] = {"gap": gap[1], "effects": {}}, {"gap": gap.mean(), "effects": {}}
     if is_large:
-        views, _ = build_views(stack([record(run) for run in runs]), nominal, policy=policy)
+        views, _ = build_views(stacked([record(run) for run in runs]), nominal, policy=policy)
         tried = candidates(views)
         distances = timed("two_sample", lambda: distances_of(measure, nominal, tried))
         kept["two_sample"]["effects"] = nearest(tried, distances[:, 1])

@@ -62,7 +62,7 @@ class Driver:
         return request
 
     def send(self, position_rad: Any = None, *, ahead_s: float = 0.06) -> None:
-        self.stream.submit(self.request(position_rad, ahead_s=ahead_s))
+        self.robot.submit(self.stream, self.request(position_rad, ahead_s=ahead_s))
 
     def hold(self, seconds: float, position_rad: Any = None, *, every_s: float = 0.021) -> None:
         """Send the same set-points again and again while robot time passes."""

@@ -32,7 +32,7 @@ def controlled_arm(make: Any) -> Any:
     driver = make(**WITH_ARM)
     driver.stand_up()
     driver.open()
-    driver.stream.submit(arm_request(driver, STOWED_RAD))
+    driver.robot.submit(driver.stream, arm_request(driver, STOWED_RAD))
     driver.robot.enter_joint_control()
     return driver
 
@@ -40,7 +40,7 @@ def controlled_arm(make: Any) -> Any:
 def ask(driver: Any, arm_rad: Any, seconds: float, **gains: float) -> np.ndarray:
     """Measured angles after some time of this set-point."""
     for _ in range(round(seconds / 0.03)):
-        driver.stream.submit(arm_request(driver, arm_rad, **gains))
+        driver.robot.submit(driver.stream, arm_request(driver, arm_rad, **gains))
         driver.run(0.03)
     return np.asarray(driver.robot.snapshot().arm[0])
 
@@ -87,8 +87,8 @@ def test_a_joint_without_stiffness_stays_where_it_is_left(make: Any) -> None:
 def test_a_command_for_the_legs_alone_is_refused(make: Any) -> None:
     driver = make(**WITH_ARM)
     driver.open()
-    driver.stream.submit(driver.request())
-    assert "position has 12 values; allowed: 19, one a joint (with an arm)" in driver.stream.failure().message
+    driver.robot.submit(driver.stream, driver.request())
+    assert "position has 12 values; allowed: 19, one a joint (with an arm)" in driver.stream.failure.message
 
 
 def test_a_start_beyond_a_stop_is_refused(make: Any) -> None:

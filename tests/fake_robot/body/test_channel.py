@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.network.streams import DelayLine
+from fake_robot.network.streams import ChannelFault, DelayLine
 from fake_robot.scenario.parts import COMMAND_CHANNEL, STATE_CHANNEL, ChannelConfig
 from spot_model.plant.delay import ConstantDelay, GammaDelay
 
@@ -42,9 +42,9 @@ def test_no_message_overtakes_another(seed: int, gaps: list[int]):
 
 def test_an_arrival_is_the_later_of_its_own_and_the_one_before():
     line = channel(delay=ConstantDelay(delay_s=0.001))
-    line.extra_delay_ns = 9 * MS
+    line.fault = ChannelFault(delay_s=0.009)
     line.send(1, 0)
-    line.extra_delay_ns = 0
+    line.fault = ChannelFault()
     line.send(2, 3 * MS)
     line.send(3, 12 * MS)
     assert [arrival for arrival, _, _ in line.receive(10**12)] == [10 * MS, 10 * MS, 13 * MS]
@@ -59,14 +59,14 @@ def test_drops_have_their_probability():
 
 def test_a_drop_fault_adds_to_the_drops_of_the_channel():
     line = channel(delay=ConstantDelay(delay_s=0.0))
-    line.extra_drop_probability = 1.0
+    line.fault = ChannelFault(drop_probability=1.0)
     line.send(1, 0)
     assert line.receive(10**9) == []
 
 
 def test_a_jitter_fault_delays_by_its_mean():
     line = channel(delay=ConstantDelay(delay_s=0.0))
-    line.extra_jitter_s = 0.003
+    line.fault = ChannelFault(jitter_s=0.003)
     for number in range(3000):
         line.send(number, number * 10**9)
     delays = [arrival - sent for arrival, sent, _ in line.receive(10**15)]

@@ -50,7 +50,7 @@ FROM_A_STAND: dict[Mode, Callable[[Any], None]] = {
     Mode.SITTING_DOWN: lambda driver: driver.robot.sit(),
     Mode.FROZEN: expire,
     Mode.JOINT_CONTROL: control,
-    Mode.DAMPING: lambda driver: driver.robot.add_behavior_fault("hardware"),
+    Mode.DAMPING: lambda driver: driver.robot.inject("behavior_fault", {"cause": "hardware"}, None),
     Mode.RIGHTING: lambda driver: driver.robot.selfright(),
 }
 CUTS: dict[str, Callable[[Any], None]] = {
@@ -72,7 +72,7 @@ COMMANDS: dict[str, Callable[[Any], None]] = {
     "stop_motion": lambda driver: driver.robot.stop_motion(),
     "safe_power_off": lambda driver: driver.robot.safe_power_off(),
     "power_on": lambda driver: driver.robot.power_on(),
-    "fault": lambda driver: driver.robot.add_behavior_fault("hardware"),
+    "fault": lambda driver: driver.robot.inject("behavior_fault", {"cause": "hardware"}, None),
 }
 
 

@@ -47,8 +47,8 @@ def test_an_invalid_message_ends_the_stream(make, name: str):
     request = driver.request()
     change, text = INVALID[name]
     change(request)
-    driver.stream.submit(request)
-    failure = driver.stream.failure()
+    driver.robot.submit(driver.stream, request)
+    failure = driver.stream.failure
     assert failure is not None
     assert failure.status == STATUS.STATUS_INVALID_REQUEST
     assert text in failure.message
@@ -126,7 +126,7 @@ def test_both_orders_of_activation(standing, order: str):
     target = pose + np.tile([0.0, 0.05, -0.1], 4)
     driver.hold(0.5, target)
     assert driver.robot.snapshot().mode is Mode.JOINT_CONTROL
-    assert driver.stream.failure() is None
+    assert driver.stream.failure is None
     moved = driver.robot.truth().joint_position_rad - pose
     assert (moved[2::3] < -0.07).all()
     assert (moved[1::3] > 0.01).all()
@@ -136,10 +136,10 @@ def test_a_stream_without_activation_is_inactive_after_the_wait(standing):
     driver = standing(joint_control={"activation_wait_s": 0.5})
     driver.open()
     driver.hold(0.45)
-    assert driver.stream.failure() is None
+    assert driver.stream.failure is None
     driver.hold(0.1)
-    assert driver.stream.failure().status == STATUS.STATUS_INACTIVE
-    assert "the robot is standing, not in joint control, for 0.5 s" in driver.stream.failure().message
+    assert driver.stream.failure.status == STATUS.STATUS_INACTIVE
+    assert "the robot is standing, not in joint control, for 0.5 s" in driver.stream.failure.message
 
 
 def test_activation_without_a_stream_returns_to_the_stand(standing):
@@ -158,7 +158,7 @@ def test_a_stand_request_leaves_joint_control_and_the_stream_may_go_on(controlle
     driver = controlled()
     driver.robot.stand()
     driver.hold(0.5)
-    assert driver.stream.failure() is None
+    assert driver.stream.failure is None
     driver.run(1.0)
     assert driver.robot.snapshot().mode is Mode.STANDING
 
@@ -168,7 +168,7 @@ def test_a_late_command_is_expired(standing):
     driver.open()
     driver.send(ahead_s=0.04)
     driver.run(0.06)
-    failure = driver.stream.failure()
+    failure = driver.stream.failure
     assert failure.status == STATUS.STATUS_EXPIRED
     assert "arrived 10.0 ms after its end_time" in failure.message
 
@@ -179,7 +179,7 @@ def test_what_is_over_or_far_off_when_it_is_sent_is_refused_at_once(make, ahead_
     driver = make()
     driver.open()
     driver.send(ahead_s=ahead_s)
-    assert driver.stream.failure().status == status
+    assert driver.stream.failure.status == status
     assert driver.robot.wait_for_command_key(driver.key, 0.0)
 
 
@@ -188,8 +188,8 @@ def test_an_end_too_far_ahead_is_too_distant(standing):
     driver.open()
     driver.send(ahead_s=2.0)
     driver.run(0.02)
-    assert driver.stream.failure().status == STATUS.STATUS_TOO_DISTANT
-    assert "allowed: 1 s" in driver.stream.failure().message
+    assert driver.stream.failure.status == STATUS.STATUS_TOO_DISTANT
+    assert "allowed: 1 s" in driver.stream.failure.message
 
 
 def test_a_first_setpoint_far_away_is_too_distant_where_the_policy_says_so(standing):
@@ -199,8 +199,8 @@ def test_a_first_setpoint_far_away_is_too_distant_where_the_policy_says_so(stand
     driver.robot.enter_joint_control()
     driver.send(pose + np.tile([0.0, 0.4, 0.0], 4))
     driver.run(0.02)
-    assert driver.stream.failure().status == STATUS.STATUS_TOO_DISTANT
-    assert re.search(r"first set-point of .._hy lies 0\.4.*allowed: 0\.3 rad", driver.stream.failure().message)
+    assert driver.stream.failure.status == STATUS.STATUS_TOO_DISTANT
+    assert re.search(r"first set-point of .._hy lies 0\.4.*allowed: 0\.3 rad", driver.stream.failure.message)
 
 
 def test_commands_have_no_effect_before_they_arrive(controlled):
@@ -222,7 +222,7 @@ def test_motor_torque_is_the_servo_law(controlled):
         del request.joint_command.gains.k_q_p[:], request.joint_command.gains.k_qd_p[:]
         request.joint_command.gains.k_q_p.extend([350.0] * 12)
         request.joint_command.gains.k_qd_p.extend([6.0] * 12)
-        driver.stream.submit(request)
+        driver.robot.submit(driver.stream, request)
         driver.run(0.021)
     simulation = driver.robot._simulation
     position, velocity = simulation.body.joint_position_rad.copy(), simulation.body.joint_velocity_rad_s.copy()
@@ -246,8 +246,8 @@ def test_an_expired_command_ends_in_the_named_policy(controlled, policy: str, mo
     snapshot = driver.robot.snapshot()
     assert snapshot.mode is modes[0]
     assert snapshot.is_joint_control_failed
-    assert driver.stream.failure().status == STATUS.STATUS_EXPIRED
-    assert f"command {driver.key} ended" in driver.stream.failure().message
+    assert driver.stream.failure.status == STATUS.STATUS_EXPIRED
+    assert f"command {driver.key} ended" in driver.stream.failure.message
     driver.run(4.5)
     assert driver.robot.snapshot().mode is modes[1]
     expected = 0.52 if policy == "hold_vendor_stand" else 0.1
@@ -266,19 +266,19 @@ def test_an_expired_command_stops_within_two_physics_steps_of_its_end(controlled
 def test_a_closed_stream_leaves_its_last_command_until_it_ends(controlled):
     driver = controlled()
     driver.send(ahead_s=0.06)
-    driver.stream.close()
+    driver.robot.close_stream(driver.stream)
     driver.run(0.04)
     assert driver.robot.snapshot().mode is Mode.JOINT_CONTROL
     driver.run(0.04)
     assert driver.robot.snapshot().mode is Mode.DAMPING
-    assert driver.stream.failure() is None
+    assert driver.stream.failure is None
 
 
 def test_a_command_that_arrives_late_on_a_closed_stream_hurts_nobody(standing):
     driver = standing(command_channel={"delay": {"kind": "constant", "delay_s": 0.05}})
     driver.open()
     driver.send(ahead_s=0.02)
-    driver.stream.close()
+    driver.robot.close_stream(driver.stream)
     driver.run(0.1)
     assert driver.robot.snapshot().joint_commands_received == 1
 
@@ -290,13 +290,13 @@ def test_a_joint_above_the_velocity_limit_is_a_behaviour_fault(standing):
     driver.robot.enter_joint_control()
     request = driver.request(pose + np.tile([0.0, 0.3, -0.6], 4))
     request.joint_command.velocity_safety_limit.value = 1.0
-    driver.stream.submit(request)
+    driver.robot.submit(driver.stream, request)
     driver.run(0.05)
     snapshot = driver.robot.snapshot()
     assert [fault.cause for fault in snapshot.behavior_faults] == ["command_failure"]
     assert snapshot.mode is Mode.DAMPING
-    assert driver.stream.failure().status == STATUS.STATUS_INACTIVE
-    assert "velocity_safety_limit = 1" in driver.stream.failure().message
+    assert driver.stream.failure.status == STATUS.STATUS_INACTIVE
+    assert "velocity_safety_limit = 1" in driver.stream.failure.message
 
 
 def test_waiting_for_a_key_sees_what_was_submitted(make):

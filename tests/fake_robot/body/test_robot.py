@@ -85,7 +85,7 @@ def test_what_it_cannot_do_is_refused_with_the_reason(make):
         driver.robot.power_on()
     driver.robot.set_estop_level(EstopLevel.NONE)
     driver.stand_up()
-    driver.robot.add_behavior_fault("hardware")
+    driver.robot.inject("behavior_fault", {"cause": "hardware"}, None)
     with pytest.raises(MotionRefusedError, match=r"joint control: behaviour faults are active: hardware \(1\)"):
         driver.robot.enter_joint_control()
     assert not driver.robot.clear_behavior_fault(9)
@@ -120,8 +120,8 @@ def test_an_estop_that_settles_sits_first_and_then_cuts(standing):
 def test_an_estop_ends_joint_control_at_once(controlled):
     driver = controlled()
     driver.robot.set_estop_level(EstopLevel.CUT)
-    assert driver.stream.failure() is not None
-    assert "the e-stop was pressed (cut)" in driver.stream.failure().message
+    assert driver.stream.failure is not None
+    assert "the e-stop was pressed (cut)" in driver.stream.failure.message
 
 
 def test_a_fall_is_a_behaviour_fault_that_ends_joint_control(controlled):
@@ -132,8 +132,8 @@ def test_a_fall_is_a_behaviour_fault_that_ends_joint_control(controlled):
     snapshot = driver.robot.snapshot()
     assert [fault.cause for fault in snapshot.behavior_faults] == ["fall"]
     assert driver.robot.truth().has_fallen
-    assert driver.stream.failure() is not None
-    assert "tilted by" in driver.stream.failure().message
+    assert driver.stream.failure is not None
+    assert "tilted by" in driver.stream.failure.message
     driver.run(4.0)
     assert driver.robot.snapshot().mode is Mode.SITTING
 
@@ -189,7 +189,7 @@ def test_a_critical_battery_makes_it_sit_and_power_off(controlled):
     driver = controlled()
     driver.robot.inject("low_battery", {"percent": 1.0}, None)
     driver.run(0.003)
-    assert "the battery is critically low" in driver.stream.failure().message
+    assert "the battery is critically low" in driver.stream.failure.message
     assert driver.robot.snapshot().mode is Mode.SITTING_DOWN
     driver.run(2.5)
     assert driver.robot.snapshot().motor_power is MotorPower.OFF

@@ -28,12 +28,6 @@ def test_shipped_scenarios_load_and_survive_a_round_trip(name: str, tmp_path: Pa
     path = tmp_path / "copy.yaml"
     path.write_text(yaml.safe_dump(scenario.to_data()))
     assert load_scenario(path) == scenario
-    assert load_scenario(path).digest() == scenario.digest()
-
-
-def test_every_top_level_change_changes_the_digest():
-    assert Scenario().with_changes(seed=2).digest() != Scenario().digest()
-    assert Scenario().with_changes(terrain={"friction": 0.3}).digest() != Scenario().digest()
 
 
 @pytest.mark.parametrize(

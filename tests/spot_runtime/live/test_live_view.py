@@ -64,8 +64,7 @@ def test_channels_are_the_log_s_with_whole_schemas(live: LiveProcess) -> None:
     found = {c["topic"]: c for c in viewer.channels.values()}
     viewer.close()
     # The SDK does not advertise what has no schema data it can read, so all of them count.
-    assert set(found) == {topic.name for topic in ALL_TOPICS} | {"/gait"}
-    assert found["/gait"]["encoding"] == "json"
+    assert set(found) == {topic.name for topic in ALL_TOPICS}
     for topic in ALL_TOPICS:
         channel = found[topic.name]
         assert (channel["encoding"], channel["schemaEncoding"]) == ("protobuf", "protobuf")
@@ -175,9 +174,3 @@ def test_a_port_that_is_taken_is_said_in_words() -> None:
             LiveProcess(port),
         ):
             pass
-
-
-def test_no_view_is_the_default() -> None:
-    with LiveProcess.if_wanted(0) as live:
-        assert live.url == ""
-        assert SOCKET_VARIABLE not in os.environ
