@@ -182,7 +182,7 @@ def train_config_from_data(data: Any, *, source: str, overrides: tuple[str, ...]
     try:
         return TrainConfig.model_validate(merged)
     except ValidationError as error:
-        raise BadInputError(f"{source}:\n{explain(error)}{_hints(error)}") from error
+        raise BadInputError(f"{source}:\n{explain(error, TrainConfig)}") from error
 
 
 def load_train_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfig:
@@ -193,12 +193,3 @@ def load_train_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfi
 def config_yaml(config: TrainConfig) -> str:
     """The whole config, defaults included, as YAML."""
     return yaml.safe_dump(config.model_dump(by_alias=True, mode="json"), sort_keys=False, allow_unicode=True)
-
-
-def _hints(error: ValidationError) -> str:
-    lines = []
-    for problem in error.errors(include_url=False):
-        if problem["type"] == "extra_forbidden":
-            keys = allowed_keys(TrainConfig, tuple(str(p) for p in problem["loc"][:-1]))
-            lines.append(f"\n  allowed there: {', '.join(keys)}")
-    return "".join(lines)

@@ -67,8 +67,8 @@ def check_agreement(actions: FloatArray, wanted: FloatArray) -> None:
         raise BadInputError(f"torch and onnxruntime differ by {error:g}; allowed: at most {allowed:g}")
 
 
-def policy_of_checkpoint(checkpoint: Path, name: str | None = None) -> tuple[Policy, TrainConfig]:
-    """The policy of a checkpoint, no gait stated, and the config of its training, whose name it has by default.
+def policy_of_checkpoint(checkpoint: Path) -> tuple[Policy, TrainConfig]:
+    """The policy of a checkpoint, no gait stated, and the config of its training, whose name it has.
 
     Raises:
         BadInputError: It is not a checkpoint of this trainer.
@@ -83,7 +83,7 @@ def policy_of_checkpoint(checkpoint: Path, name: str | None = None) -> tuple[Pol
         model_sha256=load_models(config.model)[0].digest(),
     )
     layers = actor_layers(content["algorithm"]["actor_state_dict"])
-    return policy_of_layers(layers, contract_of(config, name or config.name, training), str(checkpoint)), config
+    return policy_of_layers(layers, contract_of(config, config.name, training), str(checkpoint)), config
 
 
 def contract_of(config: TrainConfig, name: str, training: TrainingRecord) -> PolicyContract:

@@ -97,14 +97,14 @@ def test_nothing_is_overwritten(out: Path, logs: list[Run], policy_path: Path, t
 
 def test_without_measured_load_only_distributions_speak(logs: list[Run], policy_path: Path) -> None:
     blind = [replace(r, states=replace(r.states, load_nm=np.full_like(r.states.load_nm, np.nan))) for r in logs]
-    preparation = prepare(log_set(blind), load_policy(policy_path), policy_path.read_bytes(), QUICK)
+    preparation = prepare(log_set(blind), load_policy(policy_path), QUICK)
     assert preparation.samples is None
     assert [c.what for c in preparation.changes] == ["command delay"]
 
 
 def test_the_contact_with_the_best_score_is_taken(logs: list[Run], policy_path: Path) -> None:
     config = QUICK.model_copy(update={"simulation": SimulationConfig(timestep_s=0.005, final_robots_per_sequence=1)})
-    preparation = prepare(log_set(logs[:2]), load_policy(policy_path), policy_path.read_bytes(), config)
+    preparation = prepare(log_set(logs[:2]), load_policy(policy_path), config)
     change = preparation.changes[-1]
     assert change.what == "contact time constant"
     assert change.value in CONTACT_CHOICES_S
