@@ -13,7 +13,7 @@ from spot_model.effects.commands import CommandDelay
 from spot_model.effects.friction import Armature
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
-from spot_model.plant.delay import read_delay_csv
+from spot_model.plant.delay import EmpiricalDelay
 from spot_model.policy.policy import load_policy
 from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
@@ -70,8 +70,10 @@ def test_the_identified_model_is_one_that_others_load(out: Path) -> None:
 
 
 def test_noise_and_delays_are_files_that_others_read(out: Path) -> None:
-    assert set(yaml.safe_load((out / "noise.yaml").read_text())) == {"task", "sensors"}
-    assert np.median(read_delay_csv(out / "command_delay.csv").sample(np.random.default_rng(0), 1000)) > 0.0045
+    data = yaml.safe_load((out / "noise.yaml").read_text())
+    assert set(data) == {"task", "sensors", "command_channel"}
+    delay = EmpiricalDelay.model_validate(data["command_channel"]["delay"])
+    assert np.median(delay.sample(np.random.default_rng(0), 1000)) > 0.0045
 
 
 def test_the_page_stands_alone_and_escapes_what_it_shows(out: Path) -> None:
