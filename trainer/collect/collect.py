@@ -54,15 +54,14 @@ def collect(
     collection = Collection.prepare(
         policy=policy, folder=out, sequences=sequences, repeats=repeats, other_gains=other_gains
     )
-    shared = run_arguments(
-        robot=robot,
-        config=config,
-        ca_file=ca_file,
-        credentials_file=credentials_file,
-        labels=tuple(label or ()),
-        lock_step=lock_step,
-    )
-
+    options = {
+        "--robot": robot,
+        "--config": config,
+        "--ca-file": ca_file,
+        "--credentials-file": credentials_file,
+        "--lock-step": lock_step,
+    }
+    shared = run_arguments(options, label or ())
     left = collection.record(shared, _start, attempts=attempts, say=lambda text: typer.echo(text, err=True))
     if left:
         names = ", ".join(f"{r.sequence.name} repeat {r.repeat}" for r in left)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -266,25 +266,7 @@ def parse_gains(text: str) -> tuple[float, float]:
     return kp, kd
 
 
-def run_arguments(
-    *,
-    robot: str,
-    config: Path | None,
-    ca_file: Path | None,
-    credentials_file: Path | None,
-    labels: tuple[str, ...],
-    lock_step: str | None,
-) -> list[str]:
-    """The arguments of ``spot-rl run`` that all runs share."""
-    arguments = ["--robot", robot]
-    for flag, value in (
-        ("--config", config),
-        ("--ca-file", ca_file),
-        ("--credentials-file", credentials_file),
-        ("--lock-step", lock_step),
-    ):
-        if value is not None:
-            arguments += [flag, str(value)]
-    for label in labels:
-        arguments += ["--label", label]
-    return arguments
+def run_arguments(options: Mapping[str, object], labels: Sequence[str]) -> list[str]:
+    """The arguments of ``spot-rl run`` that all runs share: flags with their values, None for those not given."""
+    words = [str(word) for flag, value in options.items() if value is not None for word in (flag, value)]
+    return words + [word for label in labels for word in ("--label", label)]
