@@ -20,7 +20,7 @@ def play(
         typer.Argument(
             parser=policy_or_log,
             metavar="POLICY",
-            help="ONNX file, a built-in policy's name, a running training's folder, or a log (*.mcap, with --web).",
+            help="ONNX file, a built-in policy's name, a running training's folder, or a log (*.mcap).",
         ),
     ],
     model: Annotated[
@@ -31,27 +31,26 @@ def play(
         str | None,
         typer.Option(
             "--velocity",
-            help="Initial vx,vy,wz in m/s and rad/s; default: 0.5,0,0 with --web, and a film accelerates forward.",
+            help="Initial vx,vy,wz in m/s and rad/s; default: 0.5,0,0, and a film accelerates forward.",
         ),
     ] = None,
     seconds: Annotated[
         float | None, typer.Option("--seconds", help="End after this many seconds; default for a film: 12.")
     ] = None,
-    gamepad: Annotated[bool, typer.Option("--gamepad", help="Hold the dead-man button and use the sticks.")] = False,
     video: Annotated[
-        Path | None, typer.Option("--video", help="Write a film, FILE.mp4 or FILE.gif, and open no window.")
+        Path | None, typer.Option("--video", help="Write a film, FILE.mp4 or FILE.gif, and serve no page.")
     ] = None,
-    web: Annotated[
-        bool, typer.Option("--web", help="Walk in a browser, also over SSH; needs neither display nor OpenGL.")
-    ] = False,
-    port: Annotated[int, typer.Option("--port", help="Port of --web; 0: any that is free.", min=0, max=65535)] = 8080,
+    port: Annotated[
+        int, typer.Option("--port", help="Port of the page; 0: any that is free.", min=0, max=65535)
+    ] = 8080,
     host: Annotated[
-        str, typer.Option("--host", help="Address of --web; with 0.0.0.0 anybody in the network can watch and steer.")
+        str,
+        typer.Option("--host", help="Address of the page; with 0.0.0.0 anybody in the network can watch and steer."),
     ] = "127.0.0.1",
     diagnosis: Annotated[
         Path | None,
         typer.Option(
-            "--diagnosis", help="With a log: folder of its diagnosis, whose effects --web offers as switches."
+            "--diagnosis", help="With a log: folder of its diagnosis, whose effects the page offers as switches."
         ),
     ] = None,
     ran: Annotated[
@@ -64,38 +63,34 @@ def play(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Random seed of pushes, sensors and delays.", min=0)] = 0,
 ) -> None:
-    """Watch a policy walk in a browser or a window, with velocity commands and pushes, or film it.
+    """Watch a policy walk in a browser, with velocity commands and pushes, or film it.
 
-    Given a training's folder, it plays the newest checkpoint and switches to each new one when it is written. Given a
-    log, it shows the recorded robot beside a simulation of the same commands, in a browser.
+    The page needs neither a display nor OpenGL on this computer, and is reached over SSH, too. Given a training's
+    folder, it plays the newest checkpoint and switches to each new one when it is written. Given a log, it shows the
+    recorded robot beside a simulation of the same commands.
     """
     if seconds is not None and not 0.1 <= seconds <= 3600.0:
         raise BadInputError(f"--seconds {seconds}: it must be 0.1 to 3600")
-    if web + gamepad + (video is not None) > 1:
-        raise BadInputError("--web, --video and --gamepad (which steers in a window) exclude each other; keep one")
     is_log = ".mcap" in policy.name
-    if is_log and not web:
-        raise BadInputError(f"{policy} is a log, which is shown in a browser: add --web")
+    if is_log and video is not None:
+        raise BadInputError(f"{policy} is a log, which is shown in a browser: leave out --video")
     if not is_log and (diagnosis is not None or ran is not None):
         raise BadInputError("--diagnosis and --policy belong to a log; give one (*.mcap), or leave them out")
     if is_log and velocity is not None:
         raise BadInputError("a log holds its own velocity commands; leave out --velocity")
-    if web:
+    if video is None:
         os.environ["MUJOCO_GL"] = "disable"
     typer.echo("loading the simulator …", err=True)
-    from trainer.play.start import Started, film_it, in_browsers, in_window
+    from trainer.play.start import Started, film_it, in_browsers
 
     if is_log:
         typer.echo(_log_in_browsers(policy, model, ran, diagnosis, seed, (host, port), seconds))
         return
     started = Started.of(policy, model or USUAL_MODEL, velocity, seed)
     if video is not None:
-        told = film_it(started, video, seconds or 12.0)
-    elif web:
-        told = in_browsers(started, (host, port), seconds)
+        typer.echo(film_it(started, video, seconds or 12.0))
     else:
-        told = in_window(started, seconds, has_gamepad=gamepad)
-    typer.echo(told)
+        typer.echo(in_browsers(started, (host, port), seconds))
 
 
 def _log_in_browsers(

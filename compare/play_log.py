@@ -1,4 +1,4 @@
-"""A log for ``spot-rl play LOG --web``: the recorded walk, a model's, and what a diagnosis found."""
+"""A log for ``spot-rl play LOG``: the recorded walk, a model's, and what a diagnosis found."""
 
 from __future__ import annotations
 

@@ -39,7 +39,6 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import BUILT_IN, RobotModel, RobotName, model_from_data
 from spot_model.io.settings import explain
 from spot_model.io.yaml_text import read_yaml
-from spot_model.plant.delay import read_delay_csv
 
 SCHEMA: Final = "spot-rl/scenario/1"
 SHIPPED_FOLDER: Final = Path(__file__).parent / "shipped"
@@ -116,7 +115,7 @@ class Scenario(Part):
         Raises:
             BadInputError: A key or value is not allowed.
         """
-        return _validated({**self.to_data(), **changes}, "scenario")
+        return scenario_from_data({**self.to_data(), **changes})
 
     def to_data(self) -> dict[str, Any]:
         """Plain data for YAML or JSON, complete with defaults."""
@@ -124,11 +123,8 @@ class Scenario(Part):
         return data
 
 
-def scenario_from_data(data: Any, *, source: str = "scenario", folder: Path | None = None) -> Scenario:
+def scenario_from_data(data: Any, *, source: str = "scenario") -> Scenario:
     """Build a scenario from plain data.
-
-    A channel's delay may be ``{kind: csv, path: FILE}``, a histogram with the columns low_s, high_s and count;
-    ``folder`` is where a relative path starts.
 
     Raises:
         BadInputError: A key or value is not allowed; the message names it and ``source``.
@@ -137,7 +133,13 @@ def scenario_from_data(data: Any, *, source: str = "scenario", folder: Path | No
         data = {}
     if not isinstance(data, dict):
         raise BadInputError(f"{source}: a scenario is a mapping of keys, not {data!r:.80}")
-    return _validated(_with_histograms(data, source, folder or Path()), source)
+    try:
+        # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
+        return Scenario.model_validate_json(json.dumps(data, default=_plain), strict=True)
+    except ValidationError as error:
+        raise BadInputError(f"{source}:\n{explain(error, Scenario)}") from error
+    except BadInputError as error:
+        raise BadInputError(f"{source}: {error}") from error
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
@@ -152,40 +154,12 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
             f"{', '.join(shipped_names())}"
         )
     data = read_yaml(path, "scenario file")
-    return scenario_from_data(data, source=f"scenario file {path}", folder=path.parent)
+    return scenario_from_data(data, source=f"scenario file {path}")
 
 
 def shipped_names() -> tuple[str, ...]:
     """Names of the scenarios that come with the package."""
     return tuple(sorted(path.stem for path in SHIPPED_FOLDER.glob("*.yaml")))
-
-
-def _validated(data: dict[str, Any], source: str) -> Scenario:
-    try:
-        # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
-        return Scenario.model_validate_json(json.dumps(data, default=_plain), strict=True)
-    except ValidationError as error:
-        raise BadInputError(f"{source}:\n{explain(error, Scenario)}") from error
-    except BadInputError as error:
-        raise BadInputError(f"{source}: {error}") from error
-
-
-def _with_histograms(data: dict[str, Any], source: str, folder: Path) -> dict[str, Any]:
-    out = dict(data)
-    for name in ("state_channel", "command_channel"):
-        channel = out.get(name)
-        if not isinstance(channel, dict):
-            continue
-        delay = channel.get("delay")
-        if not (isinstance(delay, dict) and delay.get("kind") == "csv"):
-            continue
-        if set(delay) != {"kind", "path"} or not isinstance(delay["path"], str):
-            raise BadInputError(f"{source}: {name}.delay = {delay!r}; allowed: {{kind: csv, path: FILE}}")
-        try:
-            out[name] = {**channel, "delay": read_delay_csv(folder / delay["path"])}
-        except BadInputError as error:
-            raise BadInputError(f"{source}: {name}.delay: {error}") from error
-    return out
 
 
 def _plain(value: object) -> Any:

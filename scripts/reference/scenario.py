@@ -21,8 +21,7 @@ payload: {mass_kg: 5}
 DELAYS = """\
 ## Delays
 
-The key `delay` of a channel takes one of these kinds, such as `{kind: constant, delay_s: 0.005}`, or `{kind: csv, path:
-FILE}`, a histogram with the columns `low_s`, `high_s` and `count`.
+The key `delay` of a channel takes one of these kinds, such as `{kind: constant, delay_s: 0.005}`.
 """
 
 

@@ -14,12 +14,10 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-import yaml
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings, explain
-from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
 
@@ -102,8 +100,3 @@ def joint_experiment_from_data(data: Any, *, source: str = "joint experiment") -
 def load_joint_experiment(path: Path) -> JointExperiment:
     """Read a joint experiment. Raises BadInputError: the file cannot be read or is not valid."""
     return joint_experiment_from_data(read_yaml(path, "joint experiment"), source=f"joint experiment {path}")
-
-
-def save_joint_experiment(experiment: JointExperiment, path: Path) -> None:
-    """Write a joint experiment as YAML; refuses to overwrite. Raises OutputExistsError: the file exists."""
-    write_new(path, yaml.safe_dump(experiment.model_dump(by_alias=True, mode="json"), sort_keys=False))

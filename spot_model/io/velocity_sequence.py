@@ -124,21 +124,17 @@ def forward_sequence(top_speed_m_s: float = 4.0) -> VelocitySequence:
     return sequence_of("forward", 20.0, (0.0,), (1.0,), (11.0, *top), (16.0, *top), (18.5, 0.0, 0.0, 0.0, True))
 
 
-def six_directions_sequence(speed: float = 1.5) -> VelocitySequence:
+def six_directions_sequence() -> VelocitySequence:
     """Forward, back, left, right (m/s), turn left, turn right (rad/s) at moderate speed. Source: the paper."""
     directions = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
-    points = [(1.0 + 3.0 * i, speed * x, speed * y, speed * yaw) for i, (x, y, yaw) in enumerate(directions)]
+    points = [(1.0 + 3.0 * i, 1.5 * x, 1.5 * y, 1.5 * yaw) for i, (x, y, yaw) in enumerate(directions)]
     return sequence_of("six_directions", 20.0, (0.0,), *points, (19.0,))
 
 
-def random_sequence(
-    seed: int = 0,
-    low: tuple[float, float, float] = (-1.5, -1.0, -1.5),
-    high: tuple[float, float, float] = (3.0, 1.0, 1.5),
-) -> VelocitySequence:
+def random_sequence(seed: int = 0) -> VelocitySequence:
     """Commands drawn evenly within bounds, a new one every 2 s. Source: the paper's randomly changing commands."""
     rng = np.random.default_rng(seed)
-    points = [(1.0 + 2.0 * i, *rng.uniform(low, high).tolist()) for i in range(9)]
+    points = [(1.0 + 2.0 * i, *rng.uniform((-1.5, -1.0, -1.5), (3.0, 1.0, 1.5)).tolist()) for i in range(9)]
     return sequence_of("random", 20.0, (0.0,), *points, (19.0,))
 
 

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Literal, Union
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings
-from spot_model.io.yaml_text import read_at_most
-
-MAX_CSV_BYTES = 1024 * 1024
 
 
 class ConstantDelay(Settings):
@@ -91,35 +84,3 @@ Delay = Annotated[
     Union[ConstantDelay, LogNormalDelay, GammaDelay, EmpiricalDelay],  # noqa: UP007 - pydantic on Python 3.10
     Field(discriminator="kind"),
 ]
-
-
-def read_delay_csv(path: Path) -> EmpiricalDelay:
-    """Read a histogram from CSV with the header ``low_s,high_s,count`` and touching bins, lowest first.
-
-    Raises:
-        BadInputError: The file cannot be read, or is not such a histogram; the message names the row.
-    """
-    try:
-        text = read_at_most(path, MAX_CSV_BYTES).decode("utf-8-sig")
-        rows = list(csv.DictReader(io.StringIO(text, newline="")))
-    except (OSError, ValueError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise BadInputError(f"delay histogram {path}: {reason}; give a readable CSV file") from error
-    edges: list[float] = []
-    counts: list[float] = []
-    for number, row in enumerate(rows, start=2):
-        try:
-            low, high, count = (float(row[key]) for key in ("low_s", "high_s", "count"))
-        except (KeyError, TypeError, ValueError) as error:
-            raise BadInputError(
-                f"delay histogram {path}, line {number}: {row}; allowed: numbers under low_s,high_s,count"
-            ) from error
-        if edges and not math.isclose(low, edges[-1], abs_tol=1e-9):
-            raise BadInputError(f"delay histogram {path}, line {number}: low_s = {low}; bins must touch at {edges[-1]}")
-        edges = edges or [low]
-        edges.append(high)
-        counts.append(count)
-    try:
-        return EmpiricalDelay(edges_s=tuple(edges), counts=tuple(counts))
-    except ValueError as error:
-        raise BadInputError(f"delay histogram {path}: {error}") from error

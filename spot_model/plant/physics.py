@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, Union
 
 import mujoco
 import numpy as np
@@ -15,113 +15,49 @@ from spot_model.errors import BadInputError, SpotRlError
 from spot_model.plant.model_fields import PlantFields
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
-from spot_model.robot.rotation import AnyArray
+
+if TYPE_CHECKING:
+    from spot_model.plant.warp_physics import WarpPhysics
 
 FOOT_SENSOR_SIZE = 4
 """Number of contacts, then the force of the foot on the ground, three components in the world frame."""
 
 
-class Physics(Protocol):
-    """Many simulations of one MuJoCo model. Arrays are live: what is written into them is the next state."""
-
-    model: mujoco.MjModel
-    fields: PlantFields
-    """Per-simulation fields of the model."""
-    batch: Batch
-    """On the cores the simulations themselves; for a GPU it only holds the fields."""
-    qpos: AnyArray
-    """Shape (n_sims, 19)."""
-    qvel: AnyArray
-    """Shape (n_sims, 18)."""
-    ctrl: AnyArray
-    """Motor torques, shape (n_sims, 12), N·m."""
-    sensordata: AnyArray
-    time: AnyArray
-    """Since the last reset, shape (n_sims,), s."""
-    build: int
-    """Number of the model that is simulated; work of a GPU that was recorded with an earlier one is void."""
-
-    def live(self, name: str) -> AnyArray:
-        """An array of MuJoCo's data by its name, with the simulations as first axis."""
-        ...
-
-    def gravity(self) -> AnyArray:
-        """Gravity in the frame of the ground, m/s², each simulation's own from then on; shape (n_sims, 3)."""
-        ...
-
-    def step(self) -> None:
-        """Advance all simulations by one physics step."""
-        ...
-
-    def state(self) -> list[Any]:
-        """All that moves."""
-        ...
-
-    def restart(self, mask: AnyArray) -> None:
-        """Forget velocities, torques and the solver's last solution in the simulations of ``mask``, shape (n_sims,)."""
-        ...
-
-    def forward(self, mask: AnyArray) -> None:
-        """Bring contacts, forces and sensors up to date with the state in the simulations of ``mask``."""
-        ...
-
-    def foot_contact(self) -> AnyArray:
-        """Whether each foot touches the ground, bool, shape (n_sims, 4)."""
-        ...
-
-    def body_contact(self) -> AnyArray:
-        """Whether anything but a foot touches the ground, bool, shape (n_sims,)."""
-        ...
-
-    def contacts(self) -> tuple[AnyArray, AnyArray]:
-        """Both of these, read once."""
-        ...
-
-    def standing(self) -> AnyArray:
-        """Feet on the ground, shape (n_sims, 4), by the cheapest means that there are."""
-        ...
-
-    def is_recording(self) -> bool:
-        """Whether a GPU's work is being recorded now, as part of something larger."""
-        ...
-
-    def diverged(self) -> AnyArray:
-        """Simulations whose numbers mean nothing any more, bool, shape (n_sims,)."""
-        ...
-
-    def first_divergence(self) -> tuple[int, str]:
-        """Number of the first such simulation, and what is wrong with it."""
-        ...
-
-    def contacts_lost(self) -> float:
-        """Share of contacts, or of simulations' constraints, without room at the fullest step since the last call."""
-        ...
-
-
 class CorePhysics:
-    """On the cores, by ``mujoco.batch``; the result is bit-identical at any number of threads."""
+    """Many simulations of one MuJoCo model on the cores, by ``mujoco.batch``, bit-identical at any number of threads.
+
+    Arrays are live: what is written into them is the next state. :class:`~spot_model.plant.warp_physics.WarpPhysics`
+    has the same members on a GPU.
+    """
 
     build = 0
+    """Number of the model that is simulated; work of a GPU that was recorded with an earlier one is void."""
 
     def __init__(self, model: mujoco.MjModel, n_sims: int, n_threads: int) -> None:
         self.model = model
         self.batch = batch = Batch(model, n_sims, nthread=n_threads)
+        """The simulations themselves; for a GPU it only holds the fields."""
         self.fields = PlantFields(batch)
+        """Per-simulation fields of the model."""
         self.qpos: NDArray[np.float64] = batch.bind("qpos")
+        """Shape (n_sims, 19)."""
         self.qvel: NDArray[np.float64] = batch.bind("qvel")
+        """Shape (n_sims, 18)."""
         self.ctrl: NDArray[np.float64] = batch.bind("ctrl")
+        """Motor torques, shape (n_sims, 12), N·m."""
         self.time: NDArray[np.float64] = batch.bind("time")
+        """Since the last reset, shape (n_sims,), s."""
         self.sensordata: NDArray[np.float64] = batch.bind("sensordata")
         self._ncon: NDArray[np.int32] = batch.bind("ncon")
         self._foot_contacts = self.sensordata[:, : FOOT_SENSOR_SIZE * facts.N_LEGS : FOOT_SENSOR_SIZE]
 
     def live(self, name: str) -> NDArray[Any]:
-        """An array of MuJoCo's data by its name."""
+        """An array of MuJoCo's data by its name, with the simulations as first axis."""
         found: NDArray[Any] = self.batch.bind(name)
         return found
 
     def gravity(self) -> NDArray[np.float64]:
-        """Gravity in the frame of the ground, shape (n_sims, 3)."""
+        """Gravity in the frame of the ground, m/s², each simulation's own from then on; shape (n_sims, 3)."""
         return self.fields["opt.gravity"]
 
     def step(self) -> None:
@@ -133,11 +69,11 @@ class CorePhysics:
         return [self.batch.state]
 
     def restart(self, mask: NDArray[np.bool_]) -> None:
-        """Forget velocities, torques and the solver's last solution."""
+        """Forget velocities, torques and the solver's last solution in the simulations of ``mask``, shape (n_sims,)."""
         self.batch.reset(np.flatnonzero(mask), stage=mujoco.mjtStage.mjSTAGE_NONE.value)
 
     def forward(self, mask: NDArray[np.bool_]) -> None:
-        """Bring contacts, forces and sensors up to date with the state."""
+        """Bring contacts, forces and sensors up to date with the state in the simulations of ``mask``."""
         self.batch.forward(np.flatnonzero(mask))
 
     def foot_contact(self) -> NDArray[np.bool_]:
@@ -154,7 +90,7 @@ class CorePhysics:
         return self.foot_contact(), self.body_contact()
 
     def standing(self) -> NDArray[np.bool_]:
-        """Whether each foot touches the ground, shape (n_sims, 4)."""
+        """Feet on the ground, shape (n_sims, 4), by the cheapest means that there are."""
         return self.foot_contact()
 
     def contacts_lost(self) -> float:
@@ -162,7 +98,7 @@ class CorePhysics:
         return 0.0
 
     def is_recording(self) -> bool:
-        """Never, on the cores."""
+        """Whether a GPU's work is being recorded now, as part of something larger: never, on the cores."""
         return False
 
     def diverged(self) -> NDArray[np.bool_]:
@@ -180,6 +116,9 @@ class CorePhysics:
         """MuJoCo's warnings from a full contact list on, shape (n_sims, k)."""
         counts: NDArray[Any] = self.batch.warning[:, mujoco.mjtWarning.mjWARN_CONTACTFULL.value :, 1]
         return counts
+
+
+Physics: TypeAlias = Union[CorePhysics, "WarpPhysics"]
 
 
 class PlantDivergedError(SpotRlError):

@@ -215,19 +215,11 @@ class Plant(PlantState):
             self._records[key] = self.recorded(lambda: self._advance(n_substeps), self._rng)
         return self._records[key]
 
-    def push(
-        self,
-        ids: SimIds = None,
-        *,
-        linear_vel_in_world_m_s: ArrayLike = 0.0,
-        angular_vel_in_body_rad_s: ArrayLike = 0.0,
-    ) -> None:
-        """Add to the body's velocity at once; each argument broadcasts to (len(ids), 3)."""
-        mask = self._mask(ids)
-        for columns, value in ((slice(3), linear_vel_in_world_m_s), (slice(3, 6), angular_vel_in_body_rad_s)):
-            velocity = self._qvel[:, columns]
-            rows = velocity[np.flatnonzero(mask)] if self._is_on_host else velocity
-            self._write(velocity, mask, rows + self._here(value))
+    def push(self, ids: SimIds = None, *, linear_vel_in_world_m_s: ArrayLike) -> None:
+        """Add to the body's velocity at once; it broadcasts to (len(ids), 3)."""
+        mask, velocity = self._mask(ids), self._qvel[:, :3]
+        rows = velocity[np.flatnonzero(mask)] if self._is_on_host else velocity
+        self._write(velocity, mask, rows + self._here(linear_vel_in_world_m_s))
 
     def reset(
         self,

@@ -34,7 +34,8 @@ class PlantState:
     def __init__(self, physics: Physics, *, has_link_torque: bool) -> None:
         self.physics = physics
         self._has_link_torque = has_link_torque
-        self._qpos, self._qvel, self._ctrl = physics.qpos, physics.qvel, physics.ctrl
+        self._qpos: AnyArray = physics.qpos
+        self._qvel, self._ctrl = physics.qvel, physics.ctrl
         self._joint_pos = self._qpos[:, FIRST_JOINT_COORDINATE:]
         self._joint_vel = self._qvel[:, FIRST_JOINT_DOF:]
         xp = namespace_of(self._qpos)

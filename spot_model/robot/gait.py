@@ -130,15 +130,15 @@ def measure_gait(time_s: ArrayLike, contact: ArrayLike, descent_m_s: ArrayLike |
     )
 
 
-def without_chatter(time_s: Array, contact: Contact, shortest_s: float = SHORTEST_PHASE_S) -> Contact:
-    """Contacts (T, 4) with gaps, then contacts, shorter than ``shortest_s`` filled in."""
+def without_chatter(time_s: Array, contact: Contact) -> Contact:
+    """Contacts (T, 4) with gaps, then contacts, shorter than :data:`SHORTEST_PHASE_S` filled in."""
     clean = contact.copy()
     for leg in range(contact.shape[1]):
         for value in (False, True):
             column = clean[:, leg]
             edges = np.flatnonzero(np.diff(column.astype(np.int8))) + 1
             for first, last in itertools.pairwise(edges):
-                if column[first] == value and time_s[last] - time_s[first] < shortest_s - 1e-9:
+                if column[first] == value and time_s[last] - time_s[first] < SHORTEST_PHASE_S - 1e-9:
                     clean[first:last, leg] = not value
     return clean
 

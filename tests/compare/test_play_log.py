@@ -1,4 +1,4 @@
-"""``spot-rl play LOG --web``: the recorded walk, the model's, and what a diagnosis found, in a browser too."""
+"""``spot-rl play LOG``: the recorded walk, the model's, and what a diagnosis found, in a browser too."""
 
 from __future__ import annotations
 
@@ -109,9 +109,8 @@ def test_a_diagnosis_whose_model_is_gone_names_the_next_step(run: Run, verdict: 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ({}, "add --web"),
-        ({"web": True, "velocity": "1,0,0"}, "leave out --velocity"),
-        ({"web": True, "gamepad": True}, "exclude each other"),
+        ({"velocity": "1,0,0"}, "leave out --velocity"),
+        ({"video": Path("a.mp4")}, "leave out --video"),
     ],
 )
 def test_options_that_a_log_does_not_have_are_refused(words: dict[str, object], message: str, tmp_path: Path) -> None:

@@ -27,7 +27,11 @@ def scenario_seeds() -> list[bytes]:
 
     shipped = [file.read_bytes() for file in sorted(SHIPPED_FOLDER.glob("*.yaml"))]
     short = [text for text in shipped if len(text) <= SCENARIO_BYTES]
-    return short + parts_of(Scenario().to_data()) + [b"state_channel: {delay: {kind: csv, path: x.csv}}"]
+    return (
+        short
+        + parts_of(Scenario().to_data())
+        + [b"state_channel: {delay: {kind: empirical, edges_s: [0.0, 0.1], counts: [1]}}"]
+    )
 
 
 SCENARIO_BYTES = 300
@@ -212,17 +216,6 @@ def credentials_seeds() -> list[bytes]:
     return [b"username: user\npassword: canary\n", b"username: [canary]\n", b"password: canary: canary\n"]
 
 
-def delays(data: bytes) -> None:
-    """A histogram of delays."""
-    from spot_model.plant.delay import read_delay_csv
-
-    text_file(data, read_delay_csv)
-
-
-def delays_seeds() -> list[bytes]:
-    return [b"low_s,high_s,count\n0.0,0.001,5\n0.001,0.002,1\n", b"low_s,high_s,count\n0.0,0.0,0\n"]
-
-
 YAML_WORDS = (b"&a ", b"*a", b"<<: ", b"!!", b"- ", b": ", b".nan", b".inf", b"-.inf", b"null", b"1e999", b"{}", b"[]")
 PURE_PYTHON = "PyYAML in Python: some 200 µs for 200 bytes"
 
@@ -235,5 +228,4 @@ FILES = {
     "sequence": Target(sequence, sequence_seeds, MODELS, 256, YAML_WORDS, PURE_PYTHON),
     "credentials": Target(credentials, credentials_seeds, max_len=128, words=YAML_WORDS),
     "recording": Target(recording, recording_seeds, IMPORTING, 1200, (), "NumPy's reader of NPZ, some 200 µs a file"),
-    "delays": Target(delays, delays_seeds, MODELS, 256),
 }

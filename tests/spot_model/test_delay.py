@@ -1,13 +1,10 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from spot_model.errors import BadInputError
-from spot_model.plant.delay import ConstantDelay, Delay, EmpiricalDelay, GammaDelay, LogNormalDelay, read_delay_csv
+from spot_model.plant.delay import ConstantDelay, Delay, EmpiricalDelay, GammaDelay, LogNormalDelay
 
 
 @pytest.mark.parametrize(
@@ -46,18 +43,7 @@ def test_empirical_needs_rising_edges_and_fitting_counts():
         EmpiricalDelay(edges_s=(0.0, 0.1), counts=(1.0, 2.0))
 
 
-def test_histogram_from_csv(tmp_path: Path):
-    file = tmp_path / "delay.csv"
-    file.write_text("low_s,high_s,count\n0.003,0.004,10\n0.004,0.006,30\n")
-    delay = read_delay_csv(file)
-    assert delay.edges_s == (0.003, 0.004, 0.006)
-    drawn = delay.sample(np.random.default_rng(0), 20_000)
+def test_a_histogram_is_drawn_by_its_counts():
+    drawn = EmpiricalDelay(edges_s=(0.003, 0.004, 0.006), counts=(10.0, 30.0)).sample(np.random.default_rng(0), 20_000)
+    assert 0.003 <= drawn.min() < drawn.max() <= 0.006
     assert np.mean(drawn < 0.004) == pytest.approx(0.25, abs=0.01)
-    file.write_text("low_s,high_s,count\n0.003,0.004,10\n0.005,0.006,30\n")
-    with pytest.raises(BadInputError, match=r"line 3: low_s = 0\.005; bins must touch at 0\.004"):
-        read_delay_csv(file)
-    file.write_text("low,high\n1,2\n")
-    with pytest.raises(BadInputError, match="low_s,high_s,count"):
-        read_delay_csv(file)
-    with pytest.raises(BadInputError, match="No such file"):
-        read_delay_csv(tmp_path / "none.csv")

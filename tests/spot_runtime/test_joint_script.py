@@ -16,7 +16,7 @@ from fake_robot.start.process import FakeProcess
 from spot_log import read_run
 from spot_log.write.sink import MemorySink
 from spot_model.errors import BadInputError
-from spot_model.io.joint_experiment import Squat, Standing, save_joint_experiment
+from spot_model.io.joint_experiment import Squat, Standing
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.joint_script import joint_script
 from spot_model.robot import facts
@@ -115,7 +115,7 @@ def test_a_run_needs_something_to_run(tmp_path: Path) -> None:
 @pytest.mark.timeout(120)
 def test_an_experiment_on_the_fake_robot_ends_well_and_leaves_a_log(tmp_path: Path) -> None:
     file = tmp_path / "squat.yaml"
-    save_joint_experiment(Squat(name="squat", duration_s=4.0), file)
+    file.write_text(Squat(name="squat", duration_s=4.0).model_dump_json(by_alias=True))  # JSON is YAML
     scenario = tmp_path / "brisk.yaml"
     scenario.write_text("power: {power_on_s: 0.2}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n")
     with FakeProcess(is_lock_step=True, scenario=str(scenario)) as fake:

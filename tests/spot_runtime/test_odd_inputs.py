@@ -11,7 +11,6 @@ from spot_log import LogReadError, read_run
 from spot_log.importing import import_log, load_mapping
 from spot_model.errors import BadInputError
 from spot_model.io.yaml_text import YamlError, parse_yaml
-from spot_model.plant.delay import read_delay_csv
 from spot_runtime.config import load_config
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE, find_credentials
@@ -149,11 +148,6 @@ def test_recordings_that_are_no_files_or_name_a_column_twice(tmp_path: Path) -> 
     (tmp_path / "r.csv").write_text("t,t,q_0\n0,1,2\n", encoding="utf-8")
     with pytest.raises(BadInputError, match="'t' comes twice"):
         import_log(mapping, tmp_path / "r.csv", tmp_path / "o.mcap")
-
-
-def test_a_histogram_without_end() -> None:
-    with pytest.raises(BadInputError, match="more bytes than are allowed"):
-        read_delay_csv(Path("/dev/zero"))
 
 
 def test_a_log_that_is_not_there(tmp_path: Path) -> None:

@@ -158,9 +158,8 @@ def test_bad_gains_are_refused(text: str) -> None:
 
 
 def test_shared_arguments_reach_every_run() -> None:
-    arguments = run_arguments(
-        robot="h", config=None, ca_file=Path("ca"), credentials_file=None, labels=("a=b",), lock_step="x"
-    )
+    options = {"--robot": "h", "--config": None, "--ca-file": Path("ca"), "--lock-step": "x"}
+    arguments = run_arguments(options, ["a=b"])
     assert arguments == ["--robot", "h", "--ca-file", "ca", "--lock-step", "x", "--label", "a=b"]
 
 

@@ -86,12 +86,6 @@ def test_the_floor_is_the_mean_over_pairs_of_different_runs() -> None:
     assert np.all(alone.scale > 0.0)
 
 
-def test_weights_choose_real_runs() -> None:
-    distances = np.array([[[1.0, 1.0], [3.0, 3.0]]])
-    assert score_of_distances(distances, np.ones(2), np.array([1.0, 0.0])) == pytest.approx(1.0)
-    assert score_of_distances(distances, np.ones(2)) == pytest.approx(2.0)
-
-
 def test_many_runs_at_once_are_as_far_as_one_by_one() -> None:
     torch = pytest.importorskip("torch")
     rng = np.random.default_rng(3)

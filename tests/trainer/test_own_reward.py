@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from spot_model.errors import BadInputError
 from trainer.config.task_config import LateRewards, RewardShape, RewardWeights, TaskConfig
-from trainer.config.train_config import TrainConfig, apply_overrides
+from trainer.config.train_config import apply_overrides
 from trainer.task.rewards import TERMS, reward_term
 
 OWN = '''
@@ -70,10 +70,10 @@ def test_a_misspelt_name_is_refused_when_the_config_is_read() -> None:
 
 
 def test_it_can_be_set_on_the_command_line() -> None:
-    data = apply_overrides({}, ("rewards.a.package.rewards:low_body=0.5",), TrainConfig)
+    data = apply_overrides({}, ("rewards.a.package.rewards:low_body=0.5",))
     assert data == {"task": {"rewards": {"a.package.rewards:low_body": 0.5}}}
     with pytest.raises(BadInputError, match="did you mean 'gait'"):
-        apply_overrides({}, ("rewards.gati=1",), TrainConfig)
+        apply_overrides({}, ("rewards.gati=1",))
 
 
 def test_a_task_pays_it(module: str) -> None:

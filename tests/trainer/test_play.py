@@ -1,5 +1,4 @@
 import itertools
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,14 +10,11 @@ from compare.play_command import play
 from spot_model.errors import BadInputError
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.policy import load_policy
-from spot_tools.sources import PadReading
 from trainer.play.film import columns, gait_diagram
-from trainer.play.steering import PUSH, STAND, KeySteering, parse_velocity, stick_steering
-from trainer.play.walk import PUSH_M_S, Walk
-from trainer.play.window import check_display
+from trainer.play.start import parse_velocity
+from trainer.play.walk import PUSH_M_S, Walk, following
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
-UP, RIGHT = 265, 262
 
 
 def a_walk() -> Walk:
@@ -87,51 +83,16 @@ def test_a_push_adds_a_metre_a_second_and_a_fallen_robot_gets_up() -> None:
     assert not walk.plant.body_contact[0]
 
 
-def test_keys_move_the_command_within_the_policys_range() -> None:
-    pushes: list[None] = []
-    contract = load_policy(POLICY).contract
-    steering = KeySteering(contract, np.zeros(3), lambda: pushes.append(None))
-    assert steering.velocity_at(0.0).tolist() == [0.0, 0.0, 0.0]
-    for key in (UP, UP, RIGHT, PUSH, ord("W")):
-        steering.press(key)
+def test_a_command_goes_evenly_to_what_is_wanted() -> None:
+    wanted = np.zeros(3)
+    velocity_at = following(lambda: wanted)
+    assert velocity_at(0.0).tolist() == [0.0, 0.0, 0.0]
+    wanted = np.array([0.5, 0.0, -0.25])
     # 2 m/s² for a hundredth of a second, then long enough to arrive.
-    np.testing.assert_allclose(steering.velocity_at(0.01), [0.02, 0.0, -0.02])
+    np.testing.assert_allclose(velocity_at(0.01), [0.02, 0.0, -0.02])
     for tick in range(100):
-        command = steering.velocity_at(0.02 + 0.02 * tick)
+        command = velocity_at(0.02 + 0.02 * tick)
     np.testing.assert_allclose(command, [0.5, 0.0, -0.25])
-    assert len(pushes) == 1
-    for _ in range(100):
-        steering.press(UP)
-    for tick in range(200):
-        command = steering.velocity_at(3.0 + 0.02 * tick)
-    assert command[0] == pytest.approx(contract.velocity_command_high[0])
-    steering.press(STAND)
-    for tick in range(200):
-        command = steering.velocity_at(8.0 + 0.02 * tick)
-    assert command.tolist() == [0.0, 0.0, 0.0]
-
-
-class HeldPad:
-    """A pad whose left stick is pushed fully forward."""
-
-    def __init__(self, *, held: bool) -> None:
-        self.held = held
-
-    def read(self) -> PadReading:
-        return PadReading((0.0, -1.0, 0.0, 0.0), (False,) * 4 + (self.held,), is_attached=True)
-
-    def close(self) -> None:
-        pass
-
-
-@pytest.mark.parametrize("held", [False, True])
-def test_a_stick_asks_for_the_top_only_while_the_dead_man_button_is_held(held: bool) -> None:
-    contract = load_policy(POLICY).contract
-    velocity_at = stick_steering(contract, HeldPad(held=held))
-    for tick in range(200):
-        command = velocity_at(0.02 * tick)
-    top = min(contract.velocity_command_high[0], 5.0)
-    np.testing.assert_allclose(command, [top if held else 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -141,19 +102,6 @@ def test_a_stick_asks_for_the_top_only_while_the_dead_man_button_is_held(held: b
 def test_a_velocity_that_is_none_is_refused(text: str, message: str) -> None:
     with pytest.raises(BadInputError, match=message):
         parse_velocity(text, load_policy(POLICY).contract)
-
-
-def test_without_a_display_the_error_names_the_film(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(BadInputError, match=r"no display.*--video walk\.mp4"):
-        check_display()
-
-
-@pytest.mark.skipif(not os.environ.get("DISPLAY"), reason="needs a display")
-def test_a_window(capsys: pytest.CaptureFixture[str]) -> None:
-    play(POLICY, seconds=0.5)
-    assert "0.5 s, 0 falls" in capsys.readouterr().out
 
 
 def test_a_film_of_that_name_stays(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""``spot-rl play --web``: what is drawn, the effects' switches, the server, and the page in a browser."""
+"""``spot-rl play``: what is drawn, the effects' switches, the server, and the page in a browser."""
 
 import itertools
 import re
@@ -178,7 +178,7 @@ def test_a_browser_that_never_comes(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no headless Chromium is installed")
 def test_a_browser_watches_and_steers(tmp_path) -> None:
-    command = [sys.executable, "-m", "spot_model", "play", "walk", "--web", "--port", "0", "--velocity", "0.5,0,0"]
+    command = [sys.executable, "-m", "spot_model", "play", "walk", "--port", "0", "--velocity", "0.5,0,0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
         url = re.search(r"http://\S+", served.stdout.readline())[0]
         with Page(url, tmp_path / "profile") as page:
@@ -199,7 +199,7 @@ def test_a_browser_watches_and_steers(tmp_path) -> None:
 def test_neither_opengl_nor_torch_is_loaded() -> None:
     program = (
         "import sys; from compare.play_command import play; from spot_model.policy.built_in import policy_file;"
-        "play(policy_file('walk'), web=True, port=0, seconds=0.1);"
+        "play(policy_file('walk'), port=0, seconds=0.1);"
         "loaded = open('/proc/self/maps').read() + ' '.join(sys.modules);"
         "print(*(word for word in ('libGL', 'libEGL', 'OSMesa', 'glfw', 'torch') if word in loaded))"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -158,12 +158,12 @@ def incomplete(run: Run, sequence: VelocitySequence, policy: Policy) -> str:
 
 
 ROBOT_FAULT = "robot_fault"
+"""Outcome of a run that the robot refused for a fault, such as the fall before it."""
 STOPPING = {
     ROBOT_FAULT: "the robot reports a fault that a person must clear; after that, give the command again",
     "": "no run can begin, for the reason above; after that is mended, give the command again",
 }
 """Outcomes of a run after which no other is tried, with what is then said; empty: it left no log."""
-"""Outcome of a run that the robot refused for a fault, such as the fall before it."""
 Starter = Callable[[list[str]], int]
 """Runs ``spot-rl`` with arguments and gives its exit code."""
 
@@ -266,25 +266,7 @@ def parse_gains(text: str) -> tuple[float, float]:
     return kp, kd
 
 
-def run_arguments(
-    *,
-    robot: str,
-    config: Path | None,
-    ca_file: Path | None,
-    credentials_file: Path | None,
-    labels: tuple[str, ...],
-    lock_step: str | None,
-) -> list[str]:
-    """The arguments of ``spot-rl run`` that all runs share."""
-    arguments = ["--robot", robot]
-    for flag, value in (
-        ("--config", config),
-        ("--ca-file", ca_file),
-        ("--credentials-file", credentials_file),
-        ("--lock-step", lock_step),
-    ):
-        if value is not None:
-            arguments += [flag, str(value)]
-    for label in labels:
-        arguments += ["--label", label]
-    return arguments
+def run_arguments(options: Mapping[str, object], labels: Sequence[str]) -> list[str]:
+    """The arguments of ``spot-rl run`` that all runs share: flags with their values, None for those not given."""
+    words = [str(word) for flag, value in options.items() if value is not None for word in (flag, value)]
+    return words + [word for label in labels for word in ("--label", label)]

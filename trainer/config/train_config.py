@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 
 import yaml
 from pydantic import BaseModel, Field, ValidationError
+from pydantic.fields import FieldInfo
 
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings, explain
@@ -16,7 +17,7 @@ from spot_model.io.yaml_text import read_yaml
 from trainer.config.task_config import TaskConfig
 
 
-def apply_overrides(data: dict[str, Any], overrides: tuple[str, ...], model: type[BaseModel]) -> dict[str, Any]:
+def apply_overrides(data: dict[str, Any], overrides: tuple[str, ...]) -> dict[str, Any]:
     """A copy of ``data`` with each override set; values are YAML, so lists and numbers work.
 
     A path may leave out ``task.`` in front of a task's key: ``rewards.gait=5`` means ``task.rewards.gait=5``.
@@ -33,52 +34,37 @@ def apply_overrides(data: dict[str, Any], overrides: tuple[str, ...], model: typ
             value = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise BadInputError(f"override {override!r}: its value is no YAML: {error}") from error
-        _set(result, resolve_path(path.strip(), model), value)
+        _set(result, resolve_path(path.strip()), value)
     return result
 
 
-def resolve_path(path: str, model: type[BaseModel]) -> tuple[str, ...]:
+def resolve_path(path: str) -> tuple[str, ...]:
     """The keys that ``path`` names, from the root.
 
     Raises:
         BadInputError: There is no such key; the message lists those that are allowed.
     """
     parts = tuple(path.split("."))
-    if parts[0] not in allowed_keys(model, ()) and parts[0] in allowed_keys(model, ("task",)):
+    if parts[0] not in _fields(TrainConfig) and parts[0] in _fields(TaskConfig):
         parts = ("task", *parts)
+    here: Any = TrainConfig
     for depth, key in enumerate(parts):
-        allowed = allowed_keys(model, parts[:depth])
-        if ":" in path and path.endswith(".".join(parts[depth:])) and takes_more_keys(model, parts[:depth]):
-            return (*parts[:depth], ".".join(parts[depth:]))
-        if not allowed:
+        if not (isinstance(here, type) and issubclass(here, BaseModel)):
             raise BadInputError(f"key {path!r}: {'.'.join(parts[:depth])} has no keys below it; set it as a whole")
+        if ":" in path and here.model_config.get("extra") == "allow":
+            return (*parts[:depth], ".".join(parts[depth:]))  # of the form module:function
+        allowed = _fields(here)
         if key not in allowed:
             close = difflib.get_close_matches(key, allowed, n=1)
             hint = f"did you mean {close[0]!r}? " if close else ""
             raise BadInputError(f"key {path!r}: {key!r} is unknown; {hint}allowed: {', '.join(allowed)}")
+        here = allowed[key].annotation
     return parts
 
 
-def allowed_keys(model: type[BaseModel], path: tuple[str, ...]) -> list[str]:
-    """Keys below ``path``; empty where a plain value stands."""
-    below = _model_at(model, path)
-    return [] if below is None else [field.alias or name for name, field in below.model_fields.items()]
-
-
-def takes_more_keys(model: type[BaseModel], path: tuple[str, ...]) -> bool:
-    """Whether what stands at ``path`` takes keys of the form ``module:function`` beside its own."""
-    below = _model_at(model, path)
-    return below is not None and below.model_config.get("extra") == "allow"
-
-
-def _model_at(model: type[BaseModel], path: tuple[str, ...]) -> type[BaseModel] | None:
-    for key in path:
-        field = {f.alias or name: f for name, f in model.model_fields.items()}.get(key)
-        annotation = field.annotation if field is not None else None
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            return None
-        model = annotation
-    return model
+def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of a part of the config by the keys that a file has for them."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def _set(data: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
@@ -178,11 +164,11 @@ def train_config_from_data(data: Any, *, source: str, overrides: tuple[str, ...]
     """
     if not isinstance(data, dict):
         raise BadInputError(f"{source}: holds {type(data).__name__}; allowed: a mapping of keys")
-    merged = apply_overrides(data, overrides, TrainConfig)
+    merged = apply_overrides(data, overrides)
     try:
         return TrainConfig.model_validate(merged)
     except ValidationError as error:
-        raise BadInputError(f"{source}:\n{explain(error)}{_hints(error)}") from error
+        raise BadInputError(f"{source}:\n{explain(error, TrainConfig)}") from error
 
 
 def load_train_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfig:
@@ -193,12 +179,3 @@ def load_train_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfi
 def config_yaml(config: TrainConfig) -> str:
     """The whole config, defaults included, as YAML."""
     return yaml.safe_dump(config.model_dump(by_alias=True, mode="json"), sort_keys=False, allow_unicode=True)
-
-
-def _hints(error: ValidationError) -> str:
-    lines = []
-    for problem in error.errors(include_url=False):
-        if problem["type"] == "extra_forbidden":
-            keys = allowed_keys(TrainConfig, tuple(str(p) for p in problem["loc"][:-1]))
-            lines.append(f"\n  allowed there: {', '.join(keys)}")
-    return "".join(lines)

@@ -32,7 +32,6 @@ class Setting:
         mjcf: The physics; another step and integrator than training's shows what depends on them.
         seed: Of everything that is drawn.
         randomisation: Ranges for the trials under randomisation.
-        noise: Observation noise.
         n_threads: CPU threads, 0 for all.
         device: What simulates: "cpu" or a GPU.
     """
@@ -43,7 +42,6 @@ class Setting:
     mjcf: MjcfOptions = field(default_factory=MjcfOptions)
     seed: int = 0
     randomisation: RandomisationConfig = RandomisationConfig()
-    noise: NoiseConfig = NoiseConfig()
     n_threads: int = 0
     device: str = "cpu"
 
@@ -93,8 +91,7 @@ class Setting:
 
     def noise_sigma(self) -> Array:
         """Noise of each observation feature in the policy's joint order, shape (48,)."""
-        canonical = self.noise.sigmas().astype(np.float64)
-        return self.policy.with_joints_in_policy_order(canonical)
+        return self.policy.with_joints_in_policy_order(NoiseConfig().sigmas().astype(np.float64))
 
 
 def set_friction(plant: Plant, friction: Array) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant
@@ -16,7 +17,7 @@ from spot_model.robot.facts import Array
 from trainer.config.task_config import CommandConfig
 from trainer.evaluate.holds import CONDITIONS, SECONDS, holds
 from trainer.evaluate.setting import Setting, set_friction
-from trainer.simulate.walks import WalkRecord, record_walks, walk_at
+from trainer.simulate.walks import Disturb, WalkRecord, record_walks, walk_at
 
 RAMP_M_S2 = 0.5
 """Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""
@@ -29,12 +30,12 @@ STEADY_FROM_M_S = 0.5
 PAPER = CommandConfig()
 
 
-def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
+def tracking(setting: Setting) -> dict[str, Any]:
     """Mean tracking error over the policy's command range: V_x, V_y and ω_z one at a time, 10 s after a ramp."""
     low, high = (np.array(v) for v in _command_bounds(setting))
     commands = [np.zeros(3)]
     for axis in range(3):
-        commands += [np.eye(3)[axis] * value for value in _grid(low[axis], high[axis], step)]
+        commands += [np.eye(3)[axis] * value for value in _grid(low[axis], high[axis], 0.5)]
     for v_x in (v for v in (1.0, 2.0, 3.0) if v <= high[0]):
         commands += [np.array([v_x, min(0.5, high[1]), 0.0]), np.array([v_x, 0.0, min(1.0, high[2])])]
     target = np.array(commands)
@@ -69,10 +70,10 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
     }
 
 
-def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
+def top_speed(setting: Setting) -> dict[str, Any]:
     """Highest sustained speed: a ramp to each speed, held 10 s; the mean of its last 5 s, if the robot never fell."""
     _, high = _command_bounds(setting)
-    speeds = np.array(sorted({*_grid(step, high[0], step), high[0]}))
+    speeds = np.array(sorted({*_grid(0.25, high[0], 0.25), high[0]}))
     target = np.stack([speeds, 0 * speeds, 0 * speeds], axis=-1)
     ramp_s = float(high[0] / RAMP_M_S2)
     recording = walk_at(setting.policy, setting.plant(len(target)), target, ramp_s, ramp_s + 10.0)
@@ -107,11 +108,6 @@ def episodes(
     push_tick = rng.integers(round(5.0 * rate), round(15.0 * rate), n)
     push = np.concatenate([rng.uniform(*setting.randomisation.push_m_s, (n, 2)), np.zeros((n, 1))], axis=-1)
 
-    def shove(robots: Plant, tick: int) -> None:
-        rows = push_tick == tick
-        if rows.any():
-            robots.push(linear_vel_in_world_m_s=np.where(rows[:, None], push, 0.0))
-
     recording = record_walks(
         setting.policy,
         plant,
@@ -119,7 +115,7 @@ def episodes(
         round(20.0 * rate),
         noise_sigma=setting.noise_sigma(),
         rng=rng,
-        disturb=shove,
+        disturb=_shoved(push_tick, push),
     )
     falls = int((~recording.survived).sum())
     robot_s = max(1.0, float(recording.alive.sum())) / rate  # a robot may fall in its first tick
@@ -133,23 +129,28 @@ def episodes(
     }
 
 
-def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: float = 1.0) -> dict[str, Any]:
+def pushes(setting: Setting, n: int = 100, v_x_m_s: float = 1.0) -> dict[str, Any]:
     """Robots that walk are pushed by 1 m/s in a direction drawn evenly; how many still walk 5 s later."""
     rng = np.random.default_rng(setting.seed + 1)
     rate, angle = setting.policy.contract.rate_hz, rng.uniform(-np.pi, np.pi, n)
-    delta = speed_m_s * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    delta = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     # Pushed at different phases of the stride.
     when = round(4.0 * rate) + rng.integers(0, round(rate), n)
+    return _survival(setting, n, v_x_m_s, 10.0, _shoved(when, delta), rng)
+
+
+def _shoved(when: NDArray[np.int_], delta_m_s: Array) -> Disturb:
+    """Each robot is pushed at a tick of its own, shape (n,), by a velocity in the world, shape (n, 3)."""
 
     def shove(robots: Plant, tick: int) -> None:
         rows = when == tick
         if rows.any():
-            robots.push(linear_vel_in_world_m_s=np.where(rows[:, None], delta, 0.0))
+            robots.push(linear_vel_in_world_m_s=np.where(rows[:, None], delta_m_s, 0.0))
 
-    return _survival(setting, n, v_x_m_s, 10.0, shove, rng)
+    return shove
 
 
-def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_s: float = 2.0) -> dict[str, Any]:
+def slippery_patch(setting: Setting, n: int = 100, v_x_m_s: float = 2.0) -> dict[str, Any]:
     """Robots at 2 m/s meet μ 0.3 (times the factors of the model) for one second; how many walk 5 s later."""
     rng = np.random.default_rng(setting.seed + 2)
     rate = setting.policy.contract.rate_hz
@@ -160,13 +161,13 @@ def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_
         since = tick - when
         inside = (since >= 0) & (since < round(rate))
         if np.isin(since, (0, round(rate))).any():
-            set_friction(robots, np.where(inside, friction, usual)[:, None] * grip)
+            set_friction(robots, np.where(inside, 0.3, usual)[:, None] * grip)
 
     return _survival(setting, n, v_x_m_s, 12.0, change, rng)
 
 
 def _survival(
-    setting: Setting, n: int, v_x_m_s: float, seconds: float, disturb: Any, rng: np.random.Generator
+    setting: Setting, n: int, v_x_m_s: float, seconds: float, disturb: Disturb, rng: np.random.Generator
 ) -> dict[str, Any]:
     recording = walk_at(
         setting.policy,

@@ -1,4 +1,4 @@
-"""A policy's walk, started in a window, as a film or in browsers; each ends with a sentence."""
+"""A policy's walk, started as a film or in browsers; each ends with a sentence."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.io.whole import check_new
 from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.policy.contract import PolicyContract
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import Array
-from trainer.play.steering import HELP, KeySteering, parse_velocity, stick_steering
 from trainer.play.switches import BUILT_IN
-from trainer.play.walk import Walk
+from trainer.play.walk import Walk, following
 
 if TYPE_CHECKING:
     from trainer.play.scene import WebScene, WebServer
@@ -67,10 +67,24 @@ class Started:
             f"gait: {'too short to say' if gait is None else gait.sentence()}"
         )
 
-    def keys(self) -> KeySteering:
-        """Steering by keys, from the velocity that was asked for."""
-        wanted = np.zeros(3) if self.wanted is None else self.wanted
-        return KeySteering(self.walk.policy.contract, wanted, self.walk.push)
+
+def parse_velocity(text: str, contract: PolicyContract) -> Array:
+    """Read ``vx,vy,wz`` in m/s and rad/s.
+
+    Raises:
+        BadInputError: It is not three numbers, or outside the policy's range.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 3:
+        raise BadInputError(f"--velocity {text!r} is not three numbers vx,vy,wz in m/s and rad/s, such as 1,0,0.5")
+    ranges = zip(("vx", "vy", "wz"), values, contract.velocity_command_low, contract.velocity_command_high, strict=True)
+    for name, value, low, high in ranges:
+        if not low <= value <= high:
+            raise BadInputError(f"--velocity: {name} = {value} is outside the policy's range of {low:g} to {high:g}")
+    return np.array(values)
 
 
 def film_it(started: Started, out: Path, seconds: float) -> str:
@@ -79,41 +93,10 @@ def film_it(started: Started, out: Path, seconds: float) -> str:
 
     check_new(out)
     check_film(out)
-    walk = started.walk
-    ramp = top_speed_ramp(walk.policy, seconds) if started.wanted is None else started.keys().velocity_at
-    write_film(walk, ramp, out, seconds)
+    walk, wanted = started.walk, started.wanted
+    velocity_at = top_speed_ramp(walk.policy, seconds) if wanted is None else following(lambda: wanted)
+    write_film(walk, velocity_at, out, seconds)
     return f"wrote {out}: {started.sentence()}"
-
-
-def in_window(started: Started, seconds: float | None, *, has_gamepad: bool) -> str:
-    """Walk in a window until it is closed."""
-    try:
-        from trainer.play.window import check_display, show_walk
-    except ImportError as error:  # MuJoCo's viewer does not say that a module was not found
-        raise BadInputError(
-            "a window needs MuJoCo's viewer; install the extra cameras: pip install 'spot-rl[cameras]'; or use --web"
-        ) from error
-
-    check_display()
-    walk, keys = started.walk, started.keys()
-    if not has_gamepad:
-        typer.echo(HELP)
-        show_walk(walk, keys.velocity_at, keys.press, seconds)
-        return started.sentence()
-    from spot_tools.sources import PygamePad
-
-    pad = PygamePad(0)
-    sticks = stick_steering(walk.policy.contract, pad)
-
-    def steered(time_s: float) -> Array:
-        keys.velocity_at(time_s)  # pushes still come from the keys
-        return sticks(time_s)
-
-    try:
-        show_walk(walk, steered, keys.press, seconds)
-    finally:
-        pad.close()
-    return started.sentence()
 
 
 class Page(Protocol):
@@ -146,7 +129,7 @@ def serve_page(page_on: Callable[[WebServer], Page], address: tuple[str, int], s
     try:
         from trainer.play.scene import WebServer, address_lines
     except ModuleNotFoundError as error:
-        raise missing("--web", error, "web") from error
+        raise missing("the page", error, "web") from error
     server = WebServer(*address)
     try:
         page = page_on(server)

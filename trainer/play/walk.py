@@ -14,6 +14,7 @@ from spot_model.plant.plant import Plant
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array
 from spot_model.robot.gait import Gait, measure_gait
+from spot_runtime.sources import Shaper
 
 VelocityAt = Callable[[float], Array]
 """The velocity command V_x, V_y (m/s), ω_z (rad/s), shape (3,), at a time in s since the start."""
@@ -26,6 +27,14 @@ LIES_S = 1.0
 """Time that a robot lies after a fall before it is put back on its feet, s."""
 PUSH_M_S = 1.0
 """Horizontal velocity that a push adds to the body, m/s."""
+ACCELERATION_M_S2 = 2.0
+"""Rise of a command towards what is wanted; rad/s² for turns."""
+
+
+def following(wanted: Callable[[], Array]) -> VelocityAt:
+    """A command that goes evenly to what is wanted just then: V_x, V_y (m/s), ω_z (rad/s), shape (3,)."""
+    shaper = Shaper(ACCELERATION_M_S2, release_s=1.0)
+    return lambda time_s: shaper.follow(wanted(), round(time_s * 1e9))
 
 
 class Walk:

@@ -12,12 +12,10 @@ import numpy as np
 from spot_model.effects.base import Effect
 from spot_model.plant.plant import PlantDivergedError
 from spot_model.robot.facts import Array
-from spot_runtime.sources import Shaper
 from trainer.play.live_plots import SpeedHistory, live_html
 from trainer.play.scene import PACES, DrawnRobot, WebScene, WebServer, offer
-from trainer.play.steering import ACCELERATION_M_S2
 from trainer.play.switches import Switch, Switched
-from trainer.play.walk import PUSH_M_S, Walk
+from trainer.play.walk import PUSH_M_S, Walk, following
 
 LATE_S: Final = 0.5
 """Lateness beyond which the walk slows down instead of catching up, s."""
@@ -56,20 +54,15 @@ class LivePage:
         self.scene = WebScene(server)
         self._robot = DrawnRobot(server, "robot", walk.plant.model)
         self._switched = Switched(own)
-        self._shaper = Shaper(ACCELERATION_M_S2, release_s=1.0)
         self._wishes: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._history = SpeedHistory()
         self._build(offered, start)
 
-    def velocity_at(self, time_s: float) -> Array:
-        """The command at a time since the start, shape (3,)."""
-        wanted = np.array([slider.value for slider in self._sliders])
-        return self._shaper.follow(wanted, round(time_s * 1e9))
-
     def run(self, seconds: float | None) -> None:
         """Walk in real time until ``seconds`` of the robot's time have passed."""
         walk, tick_s = self._walk, 1.0 / self._walk.policy.contract.rate_hz
-        ticks = walk.ticks(self.velocity_at)
+        velocity_at = following(lambda: np.array([slider.value for slider in self._sliders]))
+        ticks = walk.ticks(velocity_at)
         due_s = seen_s = drawn_s = plotted_s = time.monotonic()
         while seconds is None or walk.time_s < seconds - 0.5 * tick_s:
             while not self._wishes.empty():
@@ -80,7 +73,7 @@ class LivePage:
                     next(ticks)
                 except PlantDivergedError:
                     walk.plant.reset()
-                    ticks = walk.ticks(self.velocity_at)
+                    ticks = walk.ticks(velocity_at)
                     self._told.content = "The simulation broke down under these effects and started again."
                 if walk.falls > falls:
                     self._told.content = f"It fell at {walk.time_s:.1f} s and is put back at the start."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +67,8 @@ def check_agreement(actions: FloatArray, wanted: FloatArray) -> None:
         raise BadInputError(f"torch and onnxruntime differ by {error:g}; allowed: at most {allowed:g}")
 
 
-def policy_of_checkpoint(checkpoint: Path, name: str | None = None) -> tuple[Policy, TrainConfig]:
-    """The policy of a checkpoint, no gait stated, and the config of its training, whose name it has by default.
+def policy_of_checkpoint(checkpoint: Path) -> tuple[Policy, TrainConfig]:
+    """The policy of a checkpoint, no gait stated, and the config of its training, whose name it has.
 
     Raises:
         BadInputError: It is not a checkpoint of this trainer.
@@ -83,7 +83,7 @@ def policy_of_checkpoint(checkpoint: Path, name: str | None = None) -> tuple[Pol
         model_sha256=load_models(config.model)[0].digest(),
     )
     layers = actor_layers(content["algorithm"]["actor_state_dict"])
-    return policy_of_layers(layers, contract_of(config, name or config.name, training), str(checkpoint)), config
+    return policy_of_layers(layers, contract_of(config, config.name, training), str(checkpoint)), config
 
 
 def contract_of(config: TrainConfig, name: str, training: TrainingRecord) -> PolicyContract:
@@ -189,16 +189,12 @@ def networks_of_policy(path: Path) -> tuple[dict[str, Any], tuple[int, ...]]:
         if found[key] != value:
             raise BadInputError(f"policy {path} has {key} = {found[key]}; only {value} can be trained further")
     layers = read_layers(path.read_bytes(), str(path))
-    columns = [i for f in OBSERVATION for i in _columns_of(f.name, order if f.is_of_joints else range(f.width))]
+    columns = [COLUMNS[f.name].start + i for f in OBSERVATION for i in (order if f.is_of_joints else range(f.width))]
     layers[0] = (layers[0][0][:, columns], layers[0][1])
     layers[-1] = (layers[-1][0][order], layers[-1][1][order])
     actor = {f"mlp.{2 * i}.{name}": v for i, pair in enumerate(layers) for name, v in zip(PARTS, pair, strict=True)}
     actor["distribution.std_param"] = torch.full((facts.N_JOINTS,), POLICY_STD)
     return {"algorithm": {"actor_state_dict": actor}}, tuple(len(bias) for _, bias in layers[:-1])
-
-
-def _columns_of(feature: str, indices: Iterable[int]) -> list[int]:
-    return [COLUMNS[feature].start + i for i in indices]
 
 
 def run_torch(layers: Layers, observation: torch.Tensor) -> torch.Tensor:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
+from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -110,18 +112,12 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
 
     def act(self, obs: Any) -> Tensor:
         """Sample actions with as many torch threads as learning has: nothing else runs meanwhile."""
-        before = torch.get_num_threads()
-        torch.set_num_threads(self.learning_threads)
-        try:
+        with self._all_threads():
             actions: Tensor = super().act(obs)
-        finally:
-            torch.set_num_threads(before)
         return actions
 
     def update(self) -> dict[str, float]:
         """Learn from the storage, with :attr:`learning_threads` torch threads; returns the mean losses by name."""
-        before = torch.get_num_threads()
-        torch.set_num_threads(self.learning_threads)
         entropy, desired_kl = self._settled(self.entropy_coef, self.desired_kl)
         self._entropy_weight.fill_(entropy)
         self._kl_target.fill_(desired_kl)
@@ -130,13 +126,11 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         mirrors = self.mirror_weight > 0.0 and self.env.iteration >= self.mirror_from_iteration
         if mirrors not in self._passes:
             self._passes[mirrors] = Captured(lambda: self._learn(mirrors=mirrors), (), is_recorded=self.uses_graphs)
-        try:
+        with self._all_threads():
             losses: Tensor = self._passes[mirrors]()
             seen = self.storage.observations.flatten(0, 1)
             self.actor.update_normalization(seen)
             self.critic.update_normalization(seen)
-        finally:
-            torch.set_num_threads(before)
         self.storage.clear()
         return dict(zip(LOSSES if mirrors else LOSSES[:-1], losses.tolist(), strict=False))
 
@@ -153,6 +147,15 @@ class DevicePpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         return has_iteration
+
+    @contextlib.contextmanager
+    def _all_threads(self) -> Iterator[None]:
+        before = torch.get_num_threads()
+        torch.set_num_threads(self.learning_threads)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(before)
 
     @property
     def _is_on_gpu(self) -> bool:

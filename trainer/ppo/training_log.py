@@ -8,13 +8,13 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from rsl_rl.utils import WandbLogWriter
 from torch.utils.tensorboard import SummaryWriter
 
 from spot_model.console.progress import Progress
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.process.signals import answered
 from trainer.config.train_config import TrainConfig
 
 
@@ -32,26 +32,17 @@ class StopRequest:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Take the first SIGINT or SIGTERM as a request; a second one acts as usual, at once."""
+        """Take the first SIGINT or SIGTERM as a request; a second one ends the program as Ctrl-C does, at once."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-        def give_back() -> None:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-        def ask(*_: Any) -> None:
-            self.is_made = True
-            give_back()
-
-        for number in before:
-            signal.signal(number, ask)
-        try:
+        with answered(self._ask, signal.SIGINT, signal.SIGTERM):
             yield
-        finally:
-            give_back()
+
+    def _ask(self, _: int) -> None:
+        if self.is_made:
+            raise KeyboardInterrupt
+        self.is_made = True
 
 
 class TrainingLog:

@@ -132,6 +132,7 @@ def _setting(policy: Policy, robot: RefinedRobotConfig) -> Setting:
 SCHEMA: Final = "spot-rl/refine-search/2"
 FRESH: Final = 1_000_000
 """First seed of the starts on which the outcome is compared with the policy it came from; no generation sees them."""
+N_SEEDS: Final = 5
 
 
 @dataclass(frozen=True)
@@ -185,13 +186,13 @@ def search_gains(
 
 
 def compare_candidates(
-    problem: RefineProblem, values: Array, *, place: Place = IN_THIS_PROCESS, seeds: int = 5
+    problem: RefineProblem, values: Array, *, place: Place = IN_THIS_PROCESS
 ) -> tuple[list[Judgement], list[Judgement]]:
     """The policy and the candidate on starts that the search did not see, one judgement a seed."""
-    both = [np.zeros_like(values)] * seeds + [values] * seeds
+    both = [np.zeros_like(values)] * N_SEEDS + [values] * N_SEEDS
     with Engine(_judge, problem, place) as engine:
-        judged = engine.map([(point, FRESH + 10 * (i % seeds)) for i, point in enumerate(both)])
-    return judged[:seeds], judged[seeds:]
+        judged = engine.map([(point, FRESH + 10 * (i % N_SEEDS)) for i, point in enumerate(both)])
+    return judged[:N_SEEDS], judged[N_SEEDS:]
 
 
 def _seed(config: RefineConfig, index: int) -> int:

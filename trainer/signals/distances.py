@@ -202,10 +202,12 @@ class SequenceReference:
         return np.array([distance(simulated, real) for real in self.real])
 
     def distances_of_many(self, features: Any) -> Array:
-        """From many simulated runs, a tensor of shape (k, n, 36), to each real run, shape (k, n_real, 2).
+        """From many simulated runs, shape (k, n, 36), to each real run, shape (k, n_real, 2).
 
-        As :meth:`distances` of each, up to a GPU's rounding.
+        Those of :meth:`distances`; a tensor's, which are worked out together, up to its rounding.
         """
+        if isinstance(features, np.ndarray):
+            return np.stack([self.distances(run) for run in features])
         xp = namespace_of(features)
         is_finite = on_host(xp.all(xp.isfinite(features), axis=(1, 2)))
         samples = xp.where(xp.isfinite(features), features, xp.zeros_like(features))
@@ -237,20 +239,19 @@ def digest(features: NDArray[Any], fourier: FourierFeatures) -> RunDigest:
     return RunDigest(np.sort(np.ascontiguousarray(samples.T), axis=-1), fourier.mean_embedding(samples))
 
 
-def score_of_distances(distances: Array, scale: Array, real_weights: Array | None = None) -> Array:
+def score_of_distances(distances: Array, scale: Array) -> Array:
     """Average pair distances to one number a sequence, in units of ``scale`` (1 = the floor).
 
     Args:
         distances: Shape (..., n_sim, n_real, 2).
         scale: Shape (2,).
-        real_weights: Weights of the real runs, shape (n_real,), sum 1; equal by default.
 
     Returns:
         Shape (...). Not finite where a distance is not.
     """
     by_real = np.mean(distances, axis=-3)
-    weights = np.full(by_real.shape[-2], 1.0 / by_real.shape[-2]) if real_weights is None else real_weights
-    by_measure = np.einsum("...rm,r->...m", by_real, weights)
+    n_real = by_real.shape[-2]
+    by_measure = np.einsum("...rm,r->...m", by_real, np.full(n_real, 1.0 / n_real))
     return np.asarray(np.mean(by_measure / scale, axis=-1))
 
 

@@ -12,9 +12,9 @@ from spot_model.effects.base import Effect
 from spot_model.effects.commands import CommandDelay
 from spot_model.plant.closed_loop import ClosedLoop, StartState, put_at, schedule_by_rate
 from spot_model.plant.plant import Plant, PlantOptions
-from spot_model.policy.observation import N_OBSERVATION, is_fallen
+from spot_model.policy.observation import is_fallen
 from spot_model.policy.policy import Policy
-from spot_model.robot.arrays import like, namespace_of, on_host
+from spot_model.robot.arrays import namespace_of, on_host
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import AnyArray
@@ -24,14 +24,12 @@ from trainer.simulate.recorded_loop import padded
 
 @dataclass(frozen=True)
 class RolloutCase:
-    """One simulated run: where it starts, what it is told, and the noise that its policy sees."""
+    """One simulated run: where it starts and what it is told."""
 
     sequence: str
     start: StartState
     velocity_command: Array
     """One a policy tick, shape (n_ticks, 3)."""
-    observation_noise: NDArray[np.float32] | None = None
-    """Shape (n_ticks, N_OBSERVATION); None for none. The same for every candidate."""
 
 
 @dataclass(frozen=True)
@@ -77,25 +75,18 @@ def roll_out(
     n_cases, n_ticks = len(cases), max(len(c.velocity_command) for c in cases)
     plant, last_action = _started_plant(effects, n_candidates, cases, options)
     commands = np.stack([padded(c.velocity_command, n_ticks) for c in cases])
-    noise = np.stack([_noise(c, n_ticks) for c in cases])
     told = np.tile(commands, (n_candidates, 1, 1))
-    seen_noise = like(plant.joint_position_rad, np.tile(noise, (n_candidates, 1, 1)))
-    is_on_host = isinstance(seen_noise, np.ndarray)
-
-    def noisy(tick: int, seen: AnyArray) -> AnyArray:
-        xp = namespace_of(seen)
-        return xp.astype(seen, xp.float32) + xp.astype(seen_noise[:, tick], xp.float32)
+    xp = namespace_of(plant.joint_position_rad)
 
     def act(seen: AnyArray) -> AnyArray:
         return np.concatenate([policy.act(block) for block in np.split(seen, n_candidates)])
 
-    loop = ClosedLoop(plant, policy, see=noisy, act=act if is_on_host else None)
+    loop = ClosedLoop(plant, policy, see=lambda _, seen: xp.astype(seen, xp.float32), act=act if xp is np else None)
     schedule = schedule_by_rate(n_ticks, policy.contract.rate_hz, options.timestep_s)
     kept = [
         (tick.observation, tick.action, plant.applied_torque_nm)
         for tick in loop.run(lambda t: told[:, t], schedule, last_action)
     ]
-    xp = namespace_of(kept[0][0])
     observation, action, torque = (xp.stack(list(column), axis=1) for column in zip(*kept, strict=True))
     features = features_of_observations(observation, action, policy)
     has_fallen = on_host(is_fallen(observation))
@@ -135,10 +126,3 @@ def _started_plant(
         PlantOptions(mjcf=mjcf, device=options.device, n_threads=options.n_threads, on_divergence="flag"),
     )
     return plant, put_at(plant, [c.start for c in cases] * n_candidates)
-
-
-def _noise(case: RolloutCase, n_ticks: int) -> NDArray[np.float32]:
-    noise = np.zeros((n_ticks, N_OBSERVATION), dtype=np.float32)
-    if case.observation_noise is not None:
-        noise[: len(case.observation_noise)] = case.observation_noise
-    return noise

@@ -226,8 +226,6 @@ class SimulationConfig(Settings):
     """Friction coefficient of feet and ground."""
     contact_time_constant_s: float | None = Field(default=None, gt=0.0, le=0.1)
     """MuJoCo's contact time constant; none: chosen from six values by score, before the search."""
-    sensor_noise: bool = False
-    """Whether the simulated policy sees sensor noise as large as in the logs; in the paper it sees none."""
     measured_delay: bool = True
     """Whether the model's command delay is set to the logs' median, from state to servo."""
     measured_inertia: bool = True

@@ -60,7 +60,7 @@ class Identification:
     """
 
 
-def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig, device: str = "cpu") -> Preparation:
+def prepare(logs: LogSet, policy: Policy, config: SysidConfig, device: str = "cpu") -> Preparation:
     """Read off what needs no search, and set up the search, whose candidates are simulated on ``device``."""
     space, simulation = config.space(), config.simulation
     recordings = [record(run) for run in logs.runs]
@@ -85,12 +85,11 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
     def posed(robots_per_sequence: int) -> SysidProblem:
         return build_problem(
             space,
-            policy_bytes,
+            policy.file_bytes,
             logs.compared,
             options,
             robots_per_sequence=robots_per_sequence,
             weights=config.sequence_weights,
-            noise_sigma=policy.with_joints_in_policy_order(noise.sigma) if simulation.sensor_noise else None,
             seed=config.search.seed,
         )
 

@@ -12,7 +12,6 @@ Source: the paper, section on observation noise.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +31,7 @@ from spot_model.effects.commands import CommandDelay
 from spot_model.effects.friction import Armature
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
-from spot_model.io.whole import whole_file, write_new
+from spot_model.io.whole import write_new
 from spot_model.plant.delay import EmpiricalDelay
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, ObservationField, observations_at_rest, observed
 from spot_model.robot import facts
@@ -121,13 +120,17 @@ def observation_noise(logs: Sequence[Recording]) -> ObservationNoise:
     return ObservationNoise(sigma=sigma[:N_OBSERVATION], load_nm=sigma[N_OBSERVATION:])
 
 
-def write_noise(noise: ObservationNoise, path: Path) -> None:
-    """Write what a training config takes under ``task.noise`` and a scenario under ``sensors``; refuses to overwrite.
+def write_noise(noise: ObservationNoise, delays: MeasuredDelays, path: Path) -> None:
+    """Write a training config's ``task.noise``, and a scenario's ``sensors`` and ``command_channel``.
+
+    Negative delays mean that the clocks of the logs do not fit together; then no channel is written.
 
     Raises:
         OutputExistsError: The file exists.
     """
-    data = {"task": {"noise": noise.trainer_data()}, "sensors": noise.scenario_data()}
+    data: dict[str, Any] = {"task": {"noise": noise.trainer_data()}, "sensors": noise.scenario_data()}
+    if len(delays.transit_s) and float(np.min(delays.transit_s)) >= 0.0:
+        data["command_channel"] = {"delay": delay_histogram(delays.transit_s).model_dump(mode="json")}
     write_new(path, yaml.safe_dump(data, sort_keys=False))
 
 
@@ -200,36 +203,11 @@ def measure_delays(runs: Sequence[Run]) -> MeasuredDelays:
 
 
 def delay_histogram(delays_s: Array) -> EmpiricalDelay:
-    """Histogram of delays, as a distribution that trainer, search and fake robot can draw from.
-
-    Raises:
-        BadInputError: There is no delay, or one is negative: the clocks of the log do not fit together.
-    """
-    if not len(delays_s):
-        raise BadInputError("delays: no command's receipt is in the logs; give logs with commands and their keys")
-    if float(np.min(delays_s)) < 0.0:
-        raise BadInputError(
-            f"delays: {int(np.sum(delays_s < 0))} of {len(delays_s)} commands were received before they were sent, by "
-            f"up to {-1e3 * float(np.min(delays_s)):.2f} ms; the estimate of the robot's clock in these logs is off by "
-            "more than the delay"
-        )
+    """Histogram of delays, shape (n,), at least one, none of them negative, as a fake robot's channel takes it."""
     low, high = int(np.min(delays_s) / BIN_S), int(np.max(delays_s) / BIN_S) + 1
     edges = np.arange(low, high + 1) * BIN_S
     counts, _ = np.histogram(delays_s, edges)
-    return EmpiricalDelay(edges_s=tuple(float(e) for e in edges), counts=tuple(float(c) for c in counts))
-
-
-def write_delay_csv(delay: EmpiricalDelay, path: Path) -> None:
-    """Write a histogram as :func:`spot_model.plant.delay.read_delay_csv` reads it; refuses to overwrite.
-
-    Raises:
-        OutputExistsError: The file exists.
-    """
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["low_s", "high_s", "count"])
-        for low, high, count in zip(delay.edges_s, delay.edges_s[1:], delay.counts, strict=False):
-            writer.writerow([f"{low:.6f}", f"{high:.6f}", f"{count:g}"])
+    return EmpiricalDelay(edges_s=tuple(round(float(e), 6) for e in edges), counts=tuple(float(c) for c in counts))
 
 
 LEAST_INERTIA_KG_M2: Final = 0.002

@@ -11,16 +11,15 @@ from pydantic import Field
 from spot_model.io.model_file import save_model
 from trainer.sysid.config import SysidConfig
 from trainer.sysid.identify import Identification
-from trainer.sysid.measured import MeasuredData, ResultPart, delay_histogram, write_delay_csv, write_noise
+from trainer.sysid.measured import MeasuredData, ResultPart, write_noise
 from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict
 
 SCHEMA: Final = "spot-rl/sysid-result/1"
 RESULT_NAME: Final = "result.json"
 MODEL_NAME: Final = "identified.yaml"
 NOISE_NAME: Final = "noise.yaml"
-DELAY_NAME: Final = "command_delay.csv"
 REPORT_NAME: Final = "report.html"
-OUTPUTS: Final = (RESULT_NAME, MODEL_NAME, NOISE_NAME, DELAY_NAME, REPORT_NAME)
+OUTPUTS: Final = (RESULT_NAME, MODEL_NAME, NOISE_NAME, REPORT_NAME)
 
 
 class SequenceData(ResultPart):
@@ -120,10 +119,7 @@ def write_result(found: Identification, config: SysidConfig, folder: Path) -> Re
     """Write result, identified model, noise and delays into a folder that holds none of them."""
     data = result_data(found, config)
     save_model(found.model, folder / MODEL_NAME)
-    write_noise(found.preparation.noise, folder / NOISE_NAME)
-    transit = found.preparation.delays.transit_s
-    if len(transit) and float(np.min(transit)) >= 0.0:
-        write_delay_csv(delay_histogram(transit), folder / DELAY_NAME)
+    write_noise(found.preparation.noise, found.preparation.delays, folder / NOISE_NAME)
     (folder / RESULT_NAME).write_text(data.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
     return data
 

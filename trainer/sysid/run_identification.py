@@ -18,7 +18,7 @@ from trainer.sysid.identify import prepare, search_and_fit
 from trainer.sysid.logs import LogSet
 from trainer.sysid.page import identification_page, overlays_of
 from trainer.sysid.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result
-from trainer.sysid.search import CandidateResult, SysidProblem, candidates_engine
+from trainer.sysid.search import CandidateResult, candidates_engine
 from trainer.sysid.verdict import ParameterVerdict
 
 CHECKPOINT_NAME = "search.jsonl"
@@ -69,10 +69,11 @@ def run_identification(
     if resume and not checkpoint.exists():
         raise BadInputError(f"folder {out} holds no unfinished search; leave --resume out to start one")
     say(f"measuring noise, delay, inertia and contact in {counted(len(logs.runs), 'log')} …")
-    preparation = prepare(logs, load_policy(policy), policy.read_bytes(), config, place.device)
+    preparation = prepare(logs, load_policy(policy), config, place.device)
     out.mkdir(parents=True, exist_ok=True)
     problem = preparation.problem
-    place = replace(place, workers=min(place.workers, useful_workers(problem)))
+    # More would have nothing to do.
+    place = replace(place, workers=min(place.workers, 4 * len(problem.references)))
     with Progress("generations", config.search.generations) as progress, candidates_engine(problem, place) as engine:
 
         def show(generation: Generation[CandidateResult]) -> None:
@@ -89,8 +90,3 @@ def run_identification(
     say(identification_summary(data))
     say(f"model {out / MODEL_NAME}  report {out / REPORT_NAME}")
     return data
-
-
-def useful_workers(problem: SysidProblem) -> int:
-    """How many workers a problem can feed; more than this many would have nothing to do."""
-    return max(1, 4 * len(problem.references))

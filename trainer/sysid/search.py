@@ -13,7 +13,6 @@ import numpy as np
 from cmaes import CMA
 
 from spot_log import Run
-from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot.facts import Array
 from trainer.signals.distances import SequenceReference, features_of_observations, score_of_distances
@@ -80,7 +79,6 @@ class SysidProblem:
                 for array in (start.position_rad, start.velocity_rad_s, start.world_from_body_wxyz):
                     h.update(np.ascontiguousarray(array).tobytes())
                 h.update(np.ascontiguousarray(case.velocity_command).tobytes())
-                h.update(b"" if case.observation_noise is None else case.observation_noise.tobytes())
             for run in reference.real:
                 h.update(np.ascontiguousarray(run.sorted_features).tobytes())
         return h.hexdigest()
@@ -93,27 +91,6 @@ class SysidProblem:
     def evaluate(self, values: Array) -> list[CandidateResult]:
         """Simulate and measure candidates, shape (k, n_parameters), physical values."""
         rollouts = self.simulate(values)
-        if isinstance(rollouts.features, np.ndarray):
-            return [self._result(rollouts, k) for k in range(len(values))]
-        return self._results_of_many(rollouts)
-
-    def score(self, result: CandidateResult, real_weights: Sequence[Array] | None = None) -> float:
-        """One number: 1 at the real-versus-real floor; infinite where a simulation diverged.
-
-        Args:
-            result: Of one candidate.
-            real_weights: For each sequence the weights of its real runs; equal by default.
-        """
-        total = 0.0
-        for i, (distances, reference, weight) in enumerate(
-            zip(result.distances, self.references, self.sequence_weights, strict=True)
-        ):
-            runs = None if real_weights is None else real_weights[i]
-            total += weight * float(score_of_distances(distances, reference.scale, runs))
-        return total if np.isfinite(total) else float("inf")
-
-    def _results_of_many(self, rollouts: Rollouts) -> list[CandidateResult]:
-        """The same, on the GPU that simulated them."""
         by_sequence, first = [], 0
         for cases, reference in zip(self.cases, self.references, strict=True):
             runs = [
@@ -125,18 +102,11 @@ class SysidProblem:
         fallen = (rollouts.fallen_tick < rollouts.features.shape[2]).mean(axis=1)
         return [CandidateResult(tuple(d[k] for d in by_sequence), float(share)) for k, share in enumerate(fallen)]
 
-    def _result(self, rollouts: Rollouts, candidate: int) -> CandidateResult:
-        distances, first = [], 0
-        for cases, reference in zip(self.cases, self.references, strict=True):
-            rows = []
-            for offset, case in enumerate(cases):
-                features = rollouts.features[candidate, first + offset, : len(case.velocity_command)]
-                rows.append(reference.distances(features))
-            distances.append(np.array(rows))
-            first += len(cases)
-        n_ticks = rollouts.features.shape[2]
-        fallen = float(np.mean(rollouts.fallen_tick[candidate] < n_ticks))
-        return CandidateResult(tuple(distances), fallen)
+    def score(self, result: CandidateResult) -> float:
+        """One number: 1 at the real-versus-real floor; infinite where a simulation diverged."""
+        parts = zip(result.distances, self.references, self.sequence_weights, strict=True)
+        total = sum(weight * float(score_of_distances(d, reference.scale)) for d, reference, weight in parts)
+        return total if np.isfinite(total) else float("inf")
 
 
 def _or_null(value: float) -> float | None:
@@ -151,7 +121,6 @@ def build_problem(
     *,
     robots_per_sequence: int,
     weights: dict[str, float],
-    noise_sigma: Array | None = None,
     seed: int = 0,
 ) -> SysidProblem:
     """Group runs by command sequence, in order of their names, and prepare all that an evaluation needs.
@@ -163,28 +132,17 @@ def build_problem(
         options: How to simulate.
         robots_per_sequence: Simulated robots a sequence; they start as its real runs did.
         weights: Weight of a sequence by name, 1 where absent.
-        noise_sigma: Observation noise that simulated policies see, shape (48,), or None.
-        seed: Seed of that noise and of the measures' random features.
+        seed: Seed of the measures' random features.
     """
     policy = policy_from_bytes(policy_bytes, source="policy")
     names = sorted({sequence_of_log(run) for run in runs})
-    rng = np.random.default_rng(seed)
     cases, references = [], []
     for name in names:
         group = sorted((run for run in runs if sequence_of_log(run) == name), key=lambda run: run.header.repeat)
         features = [features_of_observations(r.ticks.observation, r.ticks.action, policy) for r in group]
         references.append(SequenceReference.build(name, features, seed))
-        sequence_cases = []
-        for i in range(robots_per_sequence):
-            run = group[i % len(group)]
-            n = len(run.ticks.velocity_command)
-            noise = (
-                None
-                if noise_sigma is None
-                else (noise_sigma * rng.standard_normal((n, N_OBSERVATION))).astype(np.float32)
-            )
-            sequence_cases.append(RolloutCase(name, start_of(run), run.ticks.velocity_command, noise))
-        cases.append(tuple(sequence_cases))
+        starts = [group[i % len(group)] for i in range(robots_per_sequence)]
+        cases.append(tuple(RolloutCase(name, start_of(run), run.ticks.velocity_command) for run in starts))
     raw = np.array([weights.get(name, 1.0) for name in names])
     return SysidProblem(
         space=space,

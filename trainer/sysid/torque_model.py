@@ -260,12 +260,9 @@ def shifted_motion(samples: TorqueSamples, offset_s: float) -> Motion:
 def loss_motion(samples: TorqueSamples, motion: Motion, offset_s: float) -> LossMotion:
     """What friction and inertia see of the samples' motion, moved back by ``offset_s``."""
     direction = friction_direction(motion.velocity_rad_s, samples.acceleration_rad_s2)
-    return LossMotion(motion.velocity_rad_s, step_acceleration(samples, offset_s), direction)
-
-
-def step_acceleration(samples: TorqueSamples, offset_s: float) -> Array:
-    """Mean acceleration while the sampled torque acted, from ``offset_s`` before the sample until then. (n, 12)."""
-    return samples.acceleration_rad_s2 - 0.5 * offset_s * samples.jerk_rad_s3
+    # The mean while the sampled torque acted, from the offset before the sample until then.
+    acceleration = samples.acceleration_rad_s2 - 0.5 * offset_s * samples.jerk_rad_s3
+    return LossMotion(motion.velocity_rad_s, acceleration, direction)
 
 
 def friction_direction(velocity_rad_s: Array, acceleration_rad_s2: Array) -> Array:

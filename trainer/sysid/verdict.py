@@ -10,6 +10,7 @@ import numpy as np
 import scipy.optimize
 
 from spot_model.robot.facts import Array
+from spot_model.robot.joints import select_joints
 from trainer.sysid.config import SearchParameter, SearchSpace
 from trainer.sysid.search import CandidateResult, SysidProblem
 from trainer.sysid.torque_fit import TorqueFit, usable
@@ -180,24 +181,19 @@ def judge_parameters(
         search_mean: Mean of the search's final distribution, physical values, shape (n,).
         intervals: Of the score's minimum; None without repeats.
     """
-    verdicts = []
-    for i, p in enumerate(model.space.parameters):
-        by_search = _search_estimate(p, i, search_mean, intervals)
-        by_torque = _torque_estimate(p, i, fit)
-        verdicts.append(_verdict(model, samples, fit, intervals, i, by_search, by_torque))
-    return tuple(verdicts)
+    return tuple(_verdict(model, samples, fit, search_mean, intervals, i) for i in range(model.space.n))
 
 
 def _verdict(
     model: TorqueModel,
     samples: TorqueSamples | None,
     fit: TorqueFit | None,
+    search_mean: Array,
     intervals: ScoreIntervals | None,
     i: int,
-    by_search: Estimate,
-    by_torque: Estimate | None,
 ) -> ParameterVerdict:
     p = model.space.parameters[i]
+    by_search, by_torque = _search_estimate(p, i, search_mean, intervals), _torque_estimate(p, i, fit)
 
     def made(estimate: Estimate, value: float, source: Source, reason: str) -> ParameterVerdict:
         return ParameterVerdict(
@@ -301,8 +297,6 @@ def _torque_estimate(p: SearchParameter, i: int, fit: TorqueFit | None) -> Estim
 
 
 def _reached(p: SearchParameter, samples: TorqueSamples) -> str:
-    from spot_model.robot.joints import select_joints
-
     mask = select_joints(p.joints)
     request, velocity = samples.request_nm[:, mask], samples.velocity_rad_s[:, mask]
     sign = -1.0 if "min" in p.parameter else 1.0

@@ -63,11 +63,11 @@ class Ground:
         slope = torch.stack(ends, dim=-1) / (2.0 * SLOPE_OVER_M)
         return torch.nn.functional.normalize(torch.cat([-slope, torch.ones_like(slope[:, :1])], dim=-1), dim=-1)
 
-    def is_outside(self, body_position_m: Tensor, margin_m: float = 1.0) -> Tensor:
-        """Which robots have reached the edge, bool (n,); never on flat ground."""
+    def is_outside(self, body_position_m: Tensor) -> Tensor:
+        """Which robots are within a metre of the edge, bool (n,); none on flat ground."""
         if self.is_level:
             return torch.zeros(len(body_position_m), dtype=torch.bool, device=body_position_m.device)
-        return (body_position_m[:, :2].abs() > self._half_size_m - margin_m).any(dim=-1)
+        return (body_position_m[:, :2].abs() > self._half_size_m - 1.0).any(dim=-1)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from spot_model.errors import BadInputError
 from spot_model.user_code import users_code
-from trainer.config.task_config import ENTRY_POINT_GROUP, RewardShape
+from trainer.config.task_config import ENTRY_POINT_GROUP, RewardShape, RewardWeights
 
 
 @dataclass(frozen=True)
@@ -245,34 +245,8 @@ def _foot_pairs(device: torch.device) -> tuple[Tensor, Tensor]:
     return torch.tensor(first, device=device), torch.tensor(second, device=device)
 
 
-TERMS: Final[dict[str, RewardTerm]] = {
-    term.__name__: term
-    for term in (
-        linear_velocity,
-        yaw_rate,
-        air_time,
-        gait,
-        trot,
-        short_swing,
-        long_phase,
-        foot_clearance,
-        action_smoothness,
-        air_time_variance,
-        uneven_duty,
-        fall,
-        base_motion,
-        orientation,
-        foot_slip,
-        foot_impact,
-        foot_distance,
-        joint_acceleration,
-        joint_velocity,
-        joint_position,
-        joint_torque,
-        power,
-    )
-}
-"""Every term by its key in :class:`trainer.config.task_config.RewardWeights`."""
+TERMS: Final[dict[str, RewardTerm]] = {name: globals()[name] for name in RewardWeights.model_fields}
+"""Every term by its key in the weights: the function above of that name."""
 
 
 def reward_term(name: str) -> RewardTerm:

@@ -78,7 +78,7 @@ def main() -> None:
                 spot.walk(chosen.policy, sequence=sequence, duration_s=chosen.seconds, log_dir=folder / "logs")
         collect_s, begin_s = time.perf_counter() - begin_s, time.perf_counter()
         logs = read_identification_logs([folder / "logs"], load_policy(chosen.policy))
-        preparation = prepare(logs, load_policy(chosen.policy), chosen.policy.read_bytes(), config)
+        preparation = prepare(logs, load_policy(chosen.policy), config)
         ends: list[float] = []
         with candidates_engine(preparation.problem, Place(2)) as engine:
             found = search_and_fit(

@@ -47,7 +47,6 @@ def test_shipped_scenarios_load_and_survive_a_round_trip(name: str, tmp_path: Pa
             ["effects.0", "coulomb_friction.level_nm = -2", "0 to 5 N·m"],
         ),
         ("state_channel: {delay: {kind: constant, delay_s: -1}}", ["state_channel.delay.constant.delay_s = -1"]),
-        ("command_channel: {delay: {kind: csv, path: no.csv}}", ["no.csv"]),
         ("joint_control: {on_command_expiry: explode}", ["on_command_expiry = 'explode'", "'damp'", "'freeze_torque'"]),
         ("schema: spot-rl/scenario/9", ["schema = 'spot-rl/scenario/9'", "spot-rl/scenario/1"]),
         ("battery: {full_voltage_v: 40.0}", ["battery", "above empty_voltage_v = 44 V"]),
@@ -82,9 +81,8 @@ def test_no_yaml_tag_builds_an_object(tmp_path: Path):
 
 
 def test_a_delay_may_come_from_a_histogram(tmp_path: Path):
-    (tmp_path / "delay.csv").write_text("low_s,high_s,count\n0.001,0.002,1\n0.002,0.004,3\n")
     path = tmp_path / "scenario.yaml"
-    path.write_text("state_channel: {delay: {kind: csv, path: delay.csv}}")
+    path.write_text("state_channel: {delay: {kind: empirical, edges_s: [0.001, 0.002, 0.004], counts: [1, 3]}}")
     delay = load_scenario(path).state_channel.delay
     assert delay.model_dump()["edges_s"] == (0.001, 0.002, 0.004)
     drawn = delay.sample(np.random.default_rng(0), 4000)

@@ -13,7 +13,7 @@ from spot_model.effects.commands import CommandDelay
 from spot_model.effects.friction import Armature
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
-from spot_model.plant.delay import read_delay_csv
+from spot_model.plant.delay import EmpiricalDelay
 from spot_model.policy.policy import load_policy
 from trainer.simulate.engine import Place
 from trainer.simulate.rollout import RolloutOptions
@@ -70,8 +70,10 @@ def test_the_identified_model_is_one_that_others_load(out: Path) -> None:
 
 
 def test_noise_and_delays_are_files_that_others_read(out: Path) -> None:
-    assert set(yaml.safe_load((out / "noise.yaml").read_text())) == {"task", "sensors"}
-    assert np.median(read_delay_csv(out / "command_delay.csv").sample(np.random.default_rng(0), 1000)) > 0.0045
+    data = yaml.safe_load((out / "noise.yaml").read_text())
+    assert set(data) == {"task", "sensors", "command_channel"}
+    delay = EmpiricalDelay.model_validate(data["command_channel"]["delay"])
+    assert np.median(delay.sample(np.random.default_rng(0), 1000)) > 0.0045
 
 
 def test_the_page_stands_alone_and_escapes_what_it_shows(out: Path) -> None:
@@ -97,14 +99,14 @@ def test_nothing_is_overwritten(out: Path, logs: list[Run], policy_path: Path, t
 
 def test_without_measured_load_only_distributions_speak(logs: list[Run], policy_path: Path) -> None:
     blind = [replace(r, states=replace(r.states, load_nm=np.full_like(r.states.load_nm, np.nan))) for r in logs]
-    preparation = prepare(log_set(blind), load_policy(policy_path), policy_path.read_bytes(), QUICK)
+    preparation = prepare(log_set(blind), load_policy(policy_path), QUICK)
     assert preparation.samples is None
     assert [c.what for c in preparation.changes] == ["command delay"]
 
 
 def test_the_contact_with_the_best_score_is_taken(logs: list[Run], policy_path: Path) -> None:
     config = QUICK.model_copy(update={"simulation": SimulationConfig(timestep_s=0.005, final_robots_per_sequence=1)})
-    preparation = prepare(log_set(logs[:2]), load_policy(policy_path), policy_path.read_bytes(), config)
+    preparation = prepare(log_set(logs[:2]), load_policy(policy_path), config)
     change = preparation.changes[-1]
     assert change.what == "contact time constant"
     assert change.value in CONTACT_CHOICES_S

@@ -46,14 +46,6 @@ def test_a_shorter_case_ends_in_nothing(policy: Policy, cases: list[RolloutCase]
     assert np.isnan(found[0, 1, 25:]).all()
 
 
-def test_noise_reaches_the_policy_and_the_features(policy: Policy, cases: list[RolloutCase]) -> None:
-    noise = np.zeros((40, 48), dtype=np.float32)
-    noise[0, 12] = 0.01
-    noisy = RolloutCase(cases[0].sequence, cases[0].start, cases[0].velocity_command, noise)
-    plain, seen = (features(policy, [c], SPACE.initial[None])[0, 0] for c in (cases[0], noisy))
-    assert seen[0, 0] - plain[0, 0] == pytest.approx(0.6, rel=1e-4)
-
-
 def test_the_first_tick_shows_the_start(policy: Policy, cases: list[RolloutCase]) -> None:
     found = features(policy, cases, SPACE.initial[None])[0, 0, 0]
     assert found[:12] == pytest.approx(60.0 * cases[0].start.position_rad, rel=1e-5)
