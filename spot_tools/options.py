@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 CA_VARIABLE = "SPOT_RL_CA_FILE"
 
 
-RobotAddress = Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.", callback=as_people_write_it)]
+ROBOT_ADDRESS = typer.Option(help="Address: HOST, HOST:PORT or unix:/path.", callback=as_people_write_it)
+RobotAddress = Annotated[str, ROBOT_ADDRESS]
 ConfigFile = Annotated[Path | None, typer.Option(help="YAML configuration.")]
 CaFile = Annotated[Path | None, typer.Option(help=f"Certificate to trust beside the vendor's; also {CA_VARIABLE}.")]
 CredentialsFile = Annotated[Path | None, typer.Option(help="File with user name and password of the robot.")]

@@ -15,6 +15,8 @@ SHORTER = {
     "spot-rl play walk": "--port 0 --seconds 0.2",
     "spot-rl play logs/LOG.mcap": "--port 0 --seconds 0.2",
     "spot-rl play logs/LOG.mcap --diagnosis gap": "--port 0 --seconds 0.2",
+    "spot-rl collect --plan --sequences forward,six_directions --repeats 2 --policy baseline --out plan": "--sequences "
+    "ahead.yaml --repeats 1 --policy walk",
     # The first try of the page has recorded these runs: none is missing, so no robot is asked.
     "spot-rl collect --sequences all --repeats 5 --robot 192.168.50.3 --credentials-file credentials.yaml "
     "--policy baseline --out spot-walks": "--sequences ahead.yaml,aside.yaml --repeats 1 "

@@ -9,10 +9,10 @@ import typer
 
 from spot_model.console.command_line import INTERRUPTED_EXIT_CODE
 from spot_model.console.command_registry import PolicyFile
-from spot_model.errors import SpotRlError
+from spot_model.errors import BadInputError, SpotRlError
 from spot_model.process.child_process import module_command
 from spot_model.process.signals import run_in_foreground
-from spot_tools.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
+from spot_tools.options import ROBOT_ADDRESS, CaFile, CredentialsFile, LockStepAddress
 
 
 class CollectionError(SpotRlError):
@@ -30,7 +30,13 @@ class CollectionInterruptedError(SpotRlError):
 def collect(
     policy: PolicyFile,
     out: Annotated[Path, typer.Option(help="Folder of the logs; complete runs in it are kept.")],
-    robot: RobotAddress,
+    robot: Annotated[str, ROBOT_ADDRESS] = "",
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Record nothing: say what spot-rl sysid would determine from it.")
+    ] = False,
+    parameters: Annotated[
+        Path | None, typer.Option(help="For --plan: parameters of the identification, as spot-rl sysid --config.")
+    ] = None,
     sequences: Annotated[
         str,
         typer.Option(
@@ -51,6 +57,11 @@ def collect(
     """Record the paper's command sequences several times on a robot, for spot-rl sysid."""
     from trainer.collect.collect_run import Collection, run_arguments
 
+    if plan:
+        _plan(policy, out, sequences, repeats, parameters)
+        return
+    if not robot or parameters is not None:
+        raise BadInputError("give --robot HOST to record, or --plan, with or without --parameters")
     collection = Collection.prepare(
         policy=policy, folder=out, sequences=sequences, repeats=repeats, other_gains=other_gains
     )
@@ -69,6 +80,20 @@ def collect(
             f"{len(left)} of {collection.n_planned} runs are missing: {names}; give the command again"
         )
     typer.echo(f"{collection.n_planned} whole runs in {out}")
+
+
+def _plan(policy: Path, out: Path, sequences: str, repeats: int, parameters: Path | None) -> None:
+    from spot_model.io.whole import check_new, write_new
+    from spot_model.policy.policy import load_policy
+    from trainer.collect.plan import PLAN_NAME, make_plan, plan_text
+    from trainer.sysid.config import SysidConfig, load_sysid_config
+
+    check_new(out / PLAN_NAME)
+    config = SysidConfig() if parameters is None else load_sysid_config(parameters)
+    made = make_plan(load_policy(policy), config, sequences, repeats, lambda text: typer.echo(text, err=True))
+    out.mkdir(parents=True, exist_ok=True)
+    write_new(out / PLAN_NAME, made.model_dump_json(by_alias=True, indent=1) + "\n")
+    typer.echo(plan_text(made))
 
 
 def _start(arguments: list[str]) -> int:

@@ -158,12 +158,12 @@ def incomplete(run: Run, sequence: VelocitySequence, policy: Policy) -> str:
 
 
 ROBOT_FAULT = "robot_fault"
-"""Outcome of a run that the robot refused for a fault, such as the fall before it."""
 STOPPING = {
     ROBOT_FAULT: "the robot reports a fault that a person must clear; after that, give the command again",
     "": "no run can begin, for the reason above; after that is mended, give the command again",
 }
 """Outcomes of a run after which no other is tried, with what is then said; empty: it left no log."""
+"""Outcome of a run that the robot refused for a fault, such as the fall before it."""
 Starter = Callable[[list[str]], int]
 """Runs ``spot-rl`` with arguments and gives its exit code."""
 
