@@ -9,7 +9,7 @@ import typer
 
 from spot_model.console.command_registry import PolicyThatRan
 from spot_model.errors import BadInputError
-from trainer.simulate.engine import Device, Workers, place_of
+from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 diagnose = typer.Typer(no_args_is_help=True)
 
@@ -47,7 +47,9 @@ def explain_logs(
         list[str] | None, typer.Option("--without", help="Leave an effect out of the library; repeatable.")
     ] = None,
     workers: Workers = 1,
+    engine: EngineOption = EngineName.LOCAL,
     device: Device = "cpu",
+    ray_address: RayAddress = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> tuple[object, Path]:  # A Diagnosis and its folder: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
@@ -77,7 +79,7 @@ def explain_logs(
         add_effect=tuple(add_effect or ()),
         without=tuple(without or ()),
     )
-    where = place_of(workers, device)
+    where = place_of(workers, engine, ray_address, device)
     try:
         with DiagnosisProgress() as progress:
             result, paths = run_session(

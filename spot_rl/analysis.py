@@ -39,7 +39,7 @@ from spot_rl.checks import (
     wrong,
 )
 from spot_rl.inputs import model_of, policy_file, policy_of
-from trainer.simulate.engine import place_of
+from trainer.simulate.engine import EngineName, place_of
 from trainer.simulate.recorded_runs import UsualNoise
 
 
@@ -186,7 +186,7 @@ def diagnose(
     left_out = [text(effect, "without") for effect in excluded]
     library = chosen_library(added, left_out)
     seed, progress = whole(seed, "seed"), flag(progress, "progress")
-    place = place_of(1, text(device, "device", "cpu, cuda or cuda:N"))
+    place = place_of(1, EngineName.LOCAL, None, text(device, "device", "cpu, cuda or cuda:N"))
     check_no_diagnosis(folder)
     check_new(folder / FOLDER)
     kept = (folder / "nominal.yaml").absolute() if isinstance(nominal, RobotModel) else None

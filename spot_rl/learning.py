@@ -192,7 +192,7 @@ def identify(
     Raises:
         SpotRlError: A file is missing or not valid, ``out`` holds a result, or no log can be used.
     """
-    from trainer.simulate.engine import place_of
+    from trainer.simulate.engine import EngineName, place_of
     from trainer.sysid.logs import read_identification_logs
     from trainer.sysid.run_identification import run_identification
 
@@ -205,7 +205,7 @@ def identify(
     settings = _sysid_config(config, generations)
     workers, device = whole(workers, "workers", 1, MOST_WORKERS), text(device, "device", DEVICES)
     folder, resume = a_folder(out, "out"), flag(resume, "resume")
-    place = place_of(workers, device)
+    place = place_of(workers, EngineName.LOCAL, None, device)
     file = policy_file(policy)
     log_set = read_identification_logs(existing_all(logs, "logs"), policy_of(file))
     return run_identification(log_set, file, settings, folder, resume=resume, place=place)

@@ -66,6 +66,7 @@ def rollouts_under(policy: Policy, place: Place = IN_THIS_PROCESS) -> RolloutEng
 
     Raises:
         BadInputError: The policy has no file.
+        EngineError: Ray is asked for and not installed.
     """
     if not policy.file_bytes:
         raise BadInputError(f"policy {policy.contract.name} has no file, and cannot be simulated; load it from a file")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from trainer.simulate.engine import Workers
+from trainer.simulate.engine import EngineName, EngineOption, RayAddress, Workers
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 case_app = typer.Typer(no_args_is_help=True, help="One case of a run.")
@@ -38,6 +38,8 @@ def run(
     policies: Annotated[
         Path | None, typer.Option("--policies", help="Folder of policies (ONNX); the built-in ones by default.")
     ] = None,
+    engine: EngineOption = EngineName.LOCAL,
+    ray_address: RayAddress = None,
     until: Annotated[
         float, typer.Option("--until", min=1.0, show_default=False, help="Start no case after this many seconds.")
     ] = 1e9,
@@ -85,7 +87,8 @@ def run(
         done += not has_failed
         progress.update(done, f"case {number}: {text}", is_told=has_failed)
 
-    place = Place(max(1, min(workers, len(jobs))), is_apart=True)
+    is_ray = engine is EngineName.RAY
+    place = Place(max(1, min(workers, len(jobs))), is_ray, ray_address, is_apart=not is_ray)
     try:
         with Engine(execute, None, place) as started:
             left = run_cases(jobs, started, until, tell)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 
 import pytest
 
@@ -35,6 +36,7 @@ def test_results_are_in_the_order_of_the_jobs(place: Place) -> None:
     with Engine(add, 10, place) as engine:
         assert engine.map(range(5), told.append) == [10, 11, 12, 13, 14]
         assert engine.map([]) == []
+        assert engine.places == place.workers
         assert [engine.parts(n) for n in (0, 1, 9)] == [1, 1, place.workers]
     assert 0.0 <= told[0] <= told[-1] == (1.0 if place.workers > 1 or place.is_apart else 0.9)
 
@@ -57,3 +59,9 @@ def test_a_worker_that_dies_is_told_in_words() -> None:
         pytest.raises(EngineError, match=r"a worker process died.*give fewer --workers"),
     ):
         engine.map([1])
+
+
+def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(EngineError, match=r"pip install \'spot-rl\[ray\]\'"):
+        Engine(add, 0, Place(ray=True))

@@ -1,4 +1,4 @@
-"""Compute independent jobs in this process or in several, with the same results bit for bit.
+"""Compute independent jobs in this process, in several, or on a Ray cluster, with the same results bit for bit.
 
 Also the options by which commands name such a place.
 """
@@ -14,6 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass
+from enum import Enum
 from typing import Annotated, Any, Final, Generic, TypeVar
 
 import typer
@@ -41,23 +42,29 @@ class EngineError(SpotRlError):
 
 @dataclass(frozen=True)
 class Place:
-    """Where to compute: in so many processes."""
+    """Where to compute: ``workers`` processes on this machine, or a Ray cluster (the extra ``ray``)."""
 
     workers: int = 1
+    ray: bool = False
+    ray_address: str | None = None
+    """Address of a running cluster; None takes the one that runs on this machine, or else starts one."""
     device: str = "cpu"
     """What simulates: "cpu", or a GPU ("cuda", "cuda:N"), which one process alone uses."""
     is_apart: bool = False
     """Whether a single worker, too, is a process of its own; each has one thread, and none outlives this process."""
 
     def __post_init__(self) -> None:
-        """Refuse a GPU beside several processes: one fills it."""
-        if self.device != "cpu" and self.workers > 1:
+        """Refuse a GPU beside processes or a cluster: one process fills it."""
+        if self.device != "cpu" and (self.workers > 1 or self.ray):
             raise BadInputError(
-                f"device {self.device!r} with {self.workers} workers: one process fills a GPU; allowed: one worker"
+                f"device {self.device!r} with {'engine ray' if self.ray else f'{self.workers} workers'}: one process "
+                "fills a GPU; allowed: one worker, without Ray"
             )
 
 
 IN_THIS_PROCESS: Final = Place()
+RETRIES: Final = 3
+"""How often Ray begins a job again whose process or machine died."""
 POLL_S: Final = 0.5
 """Time between two messages about progress."""
 DIE_WITH_PARENT: Final = 1
@@ -73,26 +80,39 @@ class Engine(Generic[SharedT, JobT, ResultT]):
     """Calls ``work(shared, job, tell)`` for each job; used as a context manager.
 
     :meth:`map` does all jobs; :meth:`start`, :meth:`finished` and :meth:`result` take them one by one. What a job
-    raises is raised here, and the job is not tried again.
+    raises is raised here, and the job is not tried again. A job whose process or machine dies is begun again on Ray,
+    :data:`RETRIES` times; so work must be a pure function, or leave the same files when it runs twice.
 
     Args:
         work: What is called; a function of a module, so that other processes find it.
-        shared: What all jobs need; sent once to each process.
+        shared: What all jobs need; sent once to each process, or to each machine of a cluster.
         place: Where to compute.
+
+    Raises:
+        EngineError: Ray is not installed.
     """
 
     def __init__(
         self, work: Callable[[SharedT, JobT, Tell], ResultT], shared: SharedT, place: Place = IN_THIS_PROCESS
     ) -> None:
         self._work, self._shared, self.place = work, shared, place
+        self._ray = _import_ray() if place.ray else None
         self._exit = ExitStack()
         self._pool: ProcessPoolExecutor | None = None
+        self._task: Any = None
         self._shares: Sequence[float] = ()
 
     def __enter__(self) -> Self:
-        """Start the processes."""
+        """Start the processes, or connect to the cluster. Raises EngineError: there is no cluster at the address."""
         workers, is_apart = self.place.workers, self.place.is_apart
-        if workers > 1 or is_apart:
+        if self._ray is not None:
+            if not self._ray.is_initialized():
+                _join_cluster(self._ray, self.place.ray_address)
+                self._exit.callback(self._ray.shutdown)
+            given = self._ray.put((self._work, self._shared))
+            task = self._ray.remote(num_cpus=1, max_retries=RETRIES, retry_exceptions=False)(_work_on_cluster)
+            self._task = lambda job: task.remote(given, job)
+        elif workers > 1 or is_apart:
             for name in ONE_THREAD if is_apart else ():
                 os.environ.setdefault(name, "1")
             context = multiprocessing.get_context("spawn")
@@ -108,36 +128,56 @@ class Engine(Generic[SharedT, JobT, ResultT]):
                 child.kill()
         self._exit.close()
 
+    @property
+    def places(self) -> int:
+        """How many jobs are done at once."""
+        if self._ray is not None:
+            return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+        return self.place.workers
+
     def start(self, job: JobT) -> Any:
         """Begin a job; returns its ticket. In this process, it is done when its result is asked for."""
+        if self._task is not None:
+            return self._task(job)
         return job if self._pool is None else self._pool.submit(_work_here, job)
 
     def finished(self, tickets: Sequence[Any], timeout_s: float) -> list[Any]:
         """Tickets whose jobs are done; waits for one, but no longer than this."""
+        if self._ray is not None:
+            return list(self._ray.wait(list(tickets), num_returns=1, timeout=timeout_s)[0])
         return list(tickets[:1] if self._pool is None else wait(tickets, timeout_s, FIRST_COMPLETED).done)
 
     def result(self, ticket: Any) -> ResultT:
         """The result of a job, once it is done.
 
         Raises:
-            EngineError: The job's process died.
+            EngineError: The job's process died; on a cluster more often than :data:`RETRIES` times.
             Exception: What the job raised.
         """
-        if self._pool is None:
-            return self._work(self._shared, ticket, ignore)
         try:
-            return ticket.result()  # type: ignore[no-any-return]
+            if self._ray is not None:
+                return self._ray.get(ticket)  # type: ignore[no-any-return]
+            if self._pool is not None:
+                return ticket.result()  # type: ignore[no-any-return]
         except BrokenProcessPool as error:
             raise EngineError("a worker process died: killed, or out of memory; give fewer --workers") from error
+        except Exception as error:
+            if self._ray is None or not isinstance(error, self._ray.exceptions.RayError):
+                raise
+            if isinstance(error, self._ray.exceptions.RayTaskError):
+                # Ray's own message is the remote traceback; what the job raised has the words for the user.
+                raise error.cause from error
+            raise EngineError(f"engine ray: a job is lost: {str(error).splitlines()[0]}") from error
+        return self._work(self._shared, ticket, ignore)
 
     def map(self, jobs: Sequence[JobT], tell: Tell = ignore) -> list[ResultT]:
         """Results in the order of the jobs; raises what :meth:`result` raises as soon as one job fails.
 
         Args:
             jobs: What to do.
-            tell: Called with the share of all jobs that is done.
+            tell: Called with the share of all jobs that is done, on a cluster in steps of one job.
         """
-        if self._pool is None:
+        if self._pool is None and self._ray is None:
             return [self._work(self._shared, job, _part_of(tell, i, len(jobs))) for i, job in enumerate(jobs)]
         tickets = [self.start(job) for job in jobs]
         results: dict[Any, ResultT] = {}
@@ -149,11 +189,35 @@ class Engine(Generic[SharedT, JobT, ResultT]):
 
     def parts(self, n_items: int) -> int:
         """Into how many jobs ``n_items`` that one job can take together are best split."""
-        return max(1, min(n_items, self.place.workers))
+        return max(1, min(n_items, self.places))
 
 
 def _part_of(tell: Tell, i: int, n: int) -> Tell:
     return lambda share: tell((i + share) / n)
+
+
+def _import_ray() -> Any:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is reported to Ray's makers
+    try:
+        import ray
+    except ModuleNotFoundError as error:
+        raise EngineError("engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'") from error
+    return ray
+
+
+def _join_cluster(ray: Any, address: str | None) -> None:
+    try:
+        ray.init(address=address, include_dashboard=False, log_to_driver=False)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise EngineError(
+            f"engine ray: no cluster at {address or 'this machine'}: {error}; start one with 'ray start --head' and, "
+            "if it has a token, set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN, or leave --ray-address out"
+        ) from error
+
+
+def _work_on_cluster(given: tuple[Callable[[Any, Any, Tell], Any], Any], job: Any) -> Any:
+    work, shared = given
+    return work(shared, job, ignore)
 
 
 _mine: tuple[Callable[[Any, Any, Tell], Any], Any, Tell] | None = None
@@ -203,16 +267,33 @@ def check_device(device: str) -> None:
         raise BadInputError(f"device {device!r}: there are {torch.cuda.device_count()} GPUs, cuda:0 upwards")
 
 
+class EngineName(str, Enum):
+    """Kinds of :class:`~trainer.simulate.engine.Place`."""
+
+    LOCAL = "local"
+    RAY = "ray"
+
+
 Workers = Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes; the result is the same.")]
+EngineOption = Annotated[
+    EngineName, typer.Option("--engine", help="Where to compute: processes on this machine, or a Ray cluster.")
+]
 Device = Annotated[
     str,
     typer.Option(
         "--device", help="Where to simulate: cpu, or cuda for an NVIDIA GPU, for which one process is enough."
     ),
 ]
+RayAddress = Annotated[
+    str | None, typer.Option("--ray-address", help="A running Ray cluster; by default one is started here.")
+]
 
 
-def place_of(workers: int, device: str) -> Place:
-    """The place that these options name. Raises BadInputError: the device does not exist."""
+def place_of(workers: int, engine: EngineName, ray_address: str | None, device: str) -> Place:
+    """The place that these options name.
+
+    Raises:
+        BadInputError: The device does not exist, or does not go with the engine.
+    """
     check_device(device)
-    return Place(workers if device == "cpu" else 1, device)
+    return Place(workers if device == "cpu" else 1, engine is EngineName.RAY, ray_address, device)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from spot_model.console.command_registry import PolicyFile
-from trainer.simulate.engine import Device, Workers, place_of
+from trainer.simulate.engine import Device, EngineName, EngineOption, RayAddress, Workers, place_of
 
 
 def sysid(
@@ -20,7 +20,9 @@ def sysid(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted search in --out.")] = False,
     workers: Workers = 2,
+    engine: EngineOption = EngineName.LOCAL,
     device: Device = "cpu",
+    ray_address: RayAddress = None,
 ) -> None:
     """Identify a robot's physical parameters from its logs (Wasserstein, MMD and CMA-ES, and measured torques)."""
     from spot_model.io.whole import check_new
@@ -44,6 +46,6 @@ def sysid(
         settings,
         out,
         resume=resume,
-        place=place_of(workers, device),
+        place=place_of(workers, engine, ray_address, device),
         say=typer.echo,
     )

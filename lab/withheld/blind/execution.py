@@ -99,7 +99,7 @@ def run_cases(
     running: dict[Any, Job] = {}
     failed = 0
     while waiting or running:
-        while waiting and len(running) < engine.place.workers and time.monotonic() < end_s:
+        while waiting and len(running) < engine.places and time.monotonic() < end_s:
             job = waiting.pop()
             running[engine.start(job)] = job
         if not running:
@@ -109,8 +109,8 @@ def run_cases(
             try:
                 outcome = engine.result(ticket)
             except Exception as error:
-                if isinstance(error, EngineError):
-                    raise  # Without one of its processes, the pool does nothing more.
+                if isinstance(error, EngineError) and not engine.place.ray:
+                    raise  # Without one of its processes, the pool does nothing more; a cluster goes on.
                 failed += 1
                 on_done(job.number, f"failed: {type(error).__name__}: {error}")
                 continue
