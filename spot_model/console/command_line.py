@@ -210,8 +210,8 @@ def _group_options(
 ) -> None:
     """Train, run, log and explain reinforcement-learning policies for Boston Dynamics Spot.
 
-    'spot-rl --install-completion' sets up completion in your shell. For developers there are also 'spot-rl bench'
-    (measurements) and 'spot-rl withheld' (tests of the diagnosis).
+    'spot-rl --install-completion' sets up completion in your shell. The distribution spot-rl-lab, which
+    comes with a clone, adds 'spot-rl bench' (measurements) and 'spot-rl withheld' (tests of the diagnosis).
     """
 
 

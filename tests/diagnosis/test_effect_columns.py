@@ -98,8 +98,7 @@ def test_a_lower_voltage_takes_torque_of_joints_that_the_nominal_model_bounds_by
         touched = entry.columns(about, weak, ALL)[:, :, 0].any(axis=0)
         np.testing.assert_array_equal(touched, cut)
     drawn_w = np.maximum(view.signals.load_nm * view.signals.velocity_rad_s, 0.0).sum(axis=1)[view.signals.stack.used]
-    too_low_v = 2.0 * float(np.sqrt(0.6 * np.quantile(drawn_w, 0.9)))
-    assert weak["resistance_ohm"] == 0.6
+    too_low_v = 2.0 * float(np.sqrt(weak["resistance_ohm"] * np.quantile(drawn_w, 0.9)))
     assert not entry.columns(view, {**weak, "open_voltage_v": too_low_v}, ALL).any()
     model = RobotModel(effects=(knees,))
     assert entry.add_to(model, weak, ("all",)).effects[-1].mask.tolist() == is_knee.tolist()

@@ -15,7 +15,7 @@ from .blocks import REPOSITORY, Block, blocks_of
 OFFLINE = {"PIP_NO_INDEX": "1", "PIP_NO_BUILD_ISOLATION": "0", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
 """No network, and the builder that is installed. (0 is how pip spells *no isolation* in the environment.)"""
 
-ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST_", "PIP_", "MAKE"))}
+ENVIRONMENT = {n: v for n, v in os.environ.items() if not n.startswith(("PYTEST_", "PIP_", "MAKE")) and n != "ARGS"}
 PROGRAMS = Path(sys.executable).parent
 
 
