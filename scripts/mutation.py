@@ -214,7 +214,9 @@ def _run_tests(tests: Sequence[str], judge: Judge) -> NoReturn:
     code = 1
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:fake_spot"]
+            # pytest's own loader would come before that of the mutant wherever a wheel was built in the clone.
+            options = ["--assert=plain", "-x", "-q", "--no-header"]
+            options += ["-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:fake_spot"]
             options += ["-p", "no:cov", "--hypothesis-profile=mutants", "-o", "filterwarnings="]
             code = int(pytest.main([*options, *tests], plugins=[judge]))
     finally:

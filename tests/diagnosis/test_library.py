@@ -62,7 +62,8 @@ def fit(effect: LibraryEffect, views: Views, joints: Flags) -> tuple[Scored, Map
     scorer = Scorer(board)
     place = ROBOT.units(effect.location)[:, joints].max(axis=1) if effect.location is not Location.ROBOT else np.ones(1)
     best: Scored | None = None
-    shapes, tried = effect.shapes(views, joints), set()
+    # The planted battery's own numbers are not those of a planted supply.
+    shapes, tried = effect.shapes(own, joints), set()
     for _ in range(REFINEMENTS + 1):
         before = best
         for shape in shapes:
