@@ -1,7 +1,7 @@
 """A share of the withheld check on a machine without a network, with many cores: pack, run for some minutes, merge.
 
     python lab/benchmarks/withheld_share.py pack                         # wheels for that machine's Python into .whl/
-    python3 lab/benchmarks/withheld_share.py share --first 0 --end 400 --seed S --minutes 8 --to $OUT
+    python3 lab/benchmarks/withheld_share.py share --first 0 --end 400 --seed S --minutes 5 --to $OUT
     python lab/benchmarks/withheld_share.py merge --out DIR share-*.tar.gz
 
 ``share`` needs the repository's sources, the wheels and NumPy, SciPy, ONNX Runtime, Typer and PyYAML of the machine
@@ -122,7 +122,7 @@ def main() -> None:
     for name in ("--first", "--end", "--seed"):
         two.add_argument(name, type=int, required=True)
     two.add_argument("--cases", type=int, default=800, help="of the whole run, the same for every share")
-    two.add_argument("--minutes", type=float, default=8.0)
+    two.add_argument("--minutes", type=float, default=5.0, help="a case takes up to three more")
     two.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     two.add_argument("--from", dest="begun", type=Path)
     two.add_argument("--to", type=Path, required=True)
