@@ -25,7 +25,7 @@ from spot_model.robot.facts import JOINT_NAMES, KNEE_TABLE_POSITION_RAD, KNEE_TA
 BEYOND_SUPPLY: Final = 0.01
 """Share of samples, of noisy loads, at which a supply may be asked for more than it can give."""
 RESISTANCES_OHM: Final = (0.05, 0.2, 0.6, 1.2)
-"""Tried first where the battery did not tell its own: a new battery with its wiring, an old one, bad contacts."""
+"""Tried beside what the battery told, if it did: a new battery with its wiring, an old one, bad contacts."""
 SAG_ALIKE_NM: Final = 1e-3
 """Rounds that differ by less are the last."""
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
@@ -197,7 +197,9 @@ class BusSagEntry(LibraryEffect):
             fastest = float(np.quantile(np.abs(s.velocity_rad_s[s.stack.used]), 0.9995))
             largest = float(np.quantile(np.abs(s.torque_nm[s.stack.used]), 0.999))
             lines = [(f * fastest, g * largest) for f in (0.9, 1.15, 1.5, 2.2) for g in (0.7, 1.2, 2.5, 8.0)]
-        resistances = (round(measured_ohm, 4),) if measured_ohm > 0.0 else RESISTANCES_OHM
+        told = (round(measured_ohm, 4),) if measured_ohm > 0.0 else ()
+        # Refinement reaches what is within a factor of four; wiring behind the battery's terminals may add more.
+        resistances = (*told, *(ohm for ohm in RESISTANCES_OHM if ohm > 4.0 * measured_ohm))
         return tuple(
             {
                 "resistance_ohm": ohm,

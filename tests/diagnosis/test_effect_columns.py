@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -106,6 +107,15 @@ def test_a_lower_voltage_takes_torque_of_joints_that_the_nominal_model_bounds_by
     # A bound by speed that is a cause beside it is no part of the nominal model.
     assert not acts_last(entry)
     assert acts_last(LIBRARY["torque_speed_curve"])
+
+
+@pytest.mark.parametrize(
+    ("told_ohm", "tried_ohm"), [(0.3, {0.3}), (0.03, {0.03, 0.2, 0.6, 1.2}), (0.0, {0.05, 0.2, 0.6, 1.2})]
+)
+def test_a_supply_has_what_its_battery_told_or_far_more(view, told_ohm, tried_ohm):
+    battery = SimpleNamespace(open_voltage_v=50.0, resistance_ohm=told_ohm, copper_w_per_nm2=0.0)
+    views = {Channel.SET_POINT_TO_LOAD: view, Channel.BATTERY_POWER: SimpleNamespace(signals=battery)}
+    assert {shape["resistance_ohm"] for shape in LIBRARY["bus_sag"].shapes(views, ALL)} == tried_ohm
 
 
 @dataclass(frozen=True, kw_only=True)
