@@ -65,12 +65,12 @@ def improved(given: argparse.Namespace) -> Path | None:
         return Path(given.improved)
     logs, out = given.out / "logs", given.out / "improve"
     asked = [load_sequence(source) for source in sequence_sources(",".join(PAPER_SEQUENCES))]
-    make([(given.robot, given.before, s, 0, logs / f"{s.name}.mcap") for s in asked], given.runs_at_once)
+    make([(given.robot, given.before, s, given.seed, logs / f"{s.name}.mcap") for s in asked], given.runs_at_once)
     nominal = given.out / "nominal.yaml"
     if not nominal.exists():
         save_model(robot_of(given.robot).nominal(), nominal)
     words = ["improve", str(logs), "--policy", str(given.before), "--nominal", str(nominal), "--out", str(out)]
-    spot_rl([*words, "--device", given.device, "--set", WIDER])
+    spot_rl([*words, "--device", given.device, *(w for change in changes(given) for w in ("--set", change))])
     made: Path = out / "improved.onnx"
     return made if made.exists() else None
 
@@ -85,10 +85,16 @@ def oracle(given: argparse.Namespace) -> Path | None:
         truth.unlink(missing_ok=True)
         save_model(robot_of(given.robot).truth(), truth)
         contract = load_policy(given.before).contract
-        words = train_words(truth, given.before, contract, RETRAIN, (WIDER, "name=oracle"), run, given.device)
+        changed = (*changes(given), "name=oracle")
+        words = train_words(truth, given.before, contract, RETRAIN, changed, run, given.device)
         spot_rl(["train", "--resume", str(run), "--device", given.device] if run.exists() else list(words))
         spot_rl(["export", str(run), "--out", str(made)])
     return made if made.exists() else None
+
+
+def changes(given: argparse.Namespace) -> tuple[str, ...]:
+    """What both trainings change in the config."""
+    return (WIDER, f"seed={given.seed + 1}")
 
 
 Job = tuple[str, Path, VelocitySequence, int, Path]
@@ -161,6 +167,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default="paper", help=f"{', '.join(ROBOTS)}, or a scenario file")
     parser.add_argument("--out", type=Path, required=True, help="folder of all files; finished steps are kept")
+    parser.add_argument("--seed", type=int, default=0, help="draws *before*'s logs and both trainings")
     parser.add_argument("--before", type=policy_file, default="baseline", help="policy to begin with")
     parser.add_argument("--improved", type=policy_file, help="policy to take as after")
     parser.add_argument("--oracle", type=policy_file, help="policy to take as oracle")
