@@ -88,6 +88,9 @@ def position_servos() -> mujoco.MjSpec:
 def apply(spec: mujoco.MjSpec, parameter: Any) -> None:
     """Write one parameter into the model."""
     value = float(parameter.value[0])
+    if parameter.name == "body_mass_kg":
+        spec.body("body").mass = value
+        return
     if parameter.name == "command_delay_s":
         for name in facts.JOINT_NAMES:
             spec.actuator(name).delay = value
@@ -103,6 +106,8 @@ def apply(spec: mujoco.MjSpec, parameter: Any) -> None:
             joint = spec.joint(name)
             if parameter.name.endswith("friction_nm"):
                 joint.frictionloss = value
+            elif parameter.name.endswith("nm_s_per_rad"):
+                joint.damping[0] = value
             else:
                 joint.armature = value
 
@@ -177,6 +182,26 @@ def difference(_: Any, predicted: Any, measured: Any, *__: Any, **___: Any) -> t
     return (predicted.data - measured.data) / SCALE, predicted, measured
 
 
+def fitted(spec: mujoco.MjSpec, pieces: list[Any], ranges: dict[str, tuple[float, float, float]]) -> Any:
+    """Least squares over pieces: the package's result, 90 % half-widths, and the residuals of each piece."""
+    parameters = sysid.ParameterDict()
+    for name, (start, least, most) in ranges.items():
+        parameters.add(sysid.Parameter(name, start, least, most, modifier=apply))
+    initial, control, sensors = (list(column) for column in zip(*pieces, strict=True))
+    names = [f"piece {i}" for i in range(len(pieces))]
+    sequences = sysid.ModelSequences("spot", spec, names, initial, control, sensors)
+    residual = sysid.build_residual_fn(models_sequences=[sequences], modify_residual=difference)
+    found, result = sysid.optimize(parameters, residual, verbose=False, x_scale="jac")
+    residuals, _, _ = residual(result.x, found)
+    _, half = sysid.calculate_intervals(residuals, result.jac, alpha=0.1)
+    return result, half, residuals
+
+
+def some(pieces: list[Any], most: int) -> list[Any]:
+    """At most so many, evenly chosen."""
+    return [pieces[i] for i in np.unique(np.linspace(0, len(pieces) - 1, most).round().astype(int))]
+
+
 def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -195,18 +220,9 @@ def main() -> None:
         for sequence in SEQUENCES * 2:
             run = spot.walk(chosen.policy, sequence=sequence, duration_s=chosen.seconds, log_dir=Path(name))
             pieces += windows(run, model, chosen.window)
-    pieces = [pieces[i] for i in np.unique(np.linspace(0, len(pieces) - 1, chosen.most).round().astype(int))]
+    pieces = some(pieces, chosen.most)
     begin_s = time.perf_counter()
-    parameters = sysid.ParameterDict()
-    for name, (start, least, most) in PARAMETERS.items():
-        parameters.add(sysid.Parameter(name, start, least, most, modifier=apply))
-    initial, control, sensors = (list(column) for column in zip(*pieces, strict=True))
-    names = [f"piece {i}" for i in range(len(pieces))]
-    sequences = sysid.ModelSequences("spot", spec, names, initial, control, sensors)
-    residual = sysid.build_residual_fn(models_sequences=[sequences], modify_residual=difference)
-    found, result = sysid.optimize(parameters, residual, verbose=False, x_scale="jac")
-    residuals, _, _ = residual(result.x, found)
-    _, half = sysid.calculate_intervals(residuals, result.jac, alpha=0.1)
+    result, half, residuals = fitted(spec, pieces, PARAMETERS)
     physics = Scenario().physics
     true = {
         "hip_inertia_kg_m2": physics.armature_hip_kg_m2,

@@ -3,12 +3,14 @@
 Robots are drawn as the withheld check draws them, without a fault or with one effect of the library, and all logs are
 whole. Robots of ``--catalogue calibrating`` are in favour of the diagnosis, whose numbers were fitted to that
 catalogue's kinds on other seeds. Peers, on the same logs and the same nominal model: least squares of drive parameters
-with a threshold (least_squares.py), a two-sample test and a CMA-ES ranking of effects in closed loops
-(closed_loop_ranking.py), and the residual of an actuator network (actuator_network.py).
+with a threshold (least_squares.py), a fit by `mujoco.sysid` (mujoco_fit.py), a two-sample test and a CMA-ES ranking of
+effects in closed loops (closed_loop_ranking.py), and the residual of an actuator network (actuator_network.py).
 
 ``robots`` can be interrupted, and goes on. ``table`` prints, of robots whose fault moves the gap by twice its floor,
 how often each means ranks a right effect first, and among its first three; and how well it tells these robots from
-those without a fault: the area under its ROC curve, 0.5 by chance. Intervals are of 95 %.
+those without a fault: the area under its ROC curve, 0.5 by chance, and its false alarms where it finds four faults in
+five. Of the diagnosis, which alone says probabilities and when it is silent, also on how many robots without a fault it
+names something or calls it unknown, and the calibration error of what it names. Intervals are of 95 %.
 
     python lab/benchmarks/claims/diagnosis_peers.py robots --seed 2207 --to 80 --out DIR [--workers 2] [--until 600]
     python lab/benchmarks/claims/diagnosis_peers.py table DIR [--below 60]
@@ -36,6 +38,7 @@ from torch import set_num_threads
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import mujoco_fit
 from calibrate_diagnosis import recorded
 from many_robots import make_all, two_steps
 
@@ -52,13 +55,16 @@ from withheld.blind.execution import what_faults_do
 from withheld.cases import draw, kind_of
 from withheld.realities.source import CATALOGUES, source_of
 from withheld.scoring.scores import LARGE
-from withheld.scoring.statistics import LEVEL, N_RESAMPLES, Share
+from withheld.scoring.statistics import LEVEL, N_RESAMPLES, Estimate, Share, calibration_error
 from withheld.simulator.simulation import RealityDivergedError
 
 KINDS: Final = ("faultless", "single")
+MISSED: Final = 0.2
+"""Share of the faults that are missed where false alarms are counted."""
 MEANS: Final = {
     "ours": "this diagnosis",
     "least_squares": "least squares, threshold",
+    "mujoco": "`mujoco.sysid`, threshold",
     "two_sample": "two-sample test (MMD)",
     "cma_es": "CMA-ES ranking",
     "network": "actuator network's residual",
@@ -109,6 +115,7 @@ def robot(seed: int, number: int, catalogue: str, out: Path, late_s: float) -> s
         return f"{number}: {case.kind}, its fault does not matter"
     kept["least_squares"] = timed("least_squares", least_squares)
     kept["network"] = timed("network", network)
+    kept["mujoco"] = timed("mujoco", lambda: mujoco_fit.estimates(runs).tolist())
     measure = Distances(runs, policy, case.diagnosis_seed)
     gap = timed("two_sample", lambda: measure.to([nominal])[0])
     kept["two_sample"], kept["cma_es"] = {"gap": gap[1], "effects": {}}, {"gap": gap.mean(), "effects": {}}
@@ -128,8 +135,8 @@ def robot(seed: int, number: int, catalogue: str, out: Path, late_s: float) -> s
     kept["ours"] = {
         "gap": 1.0 - verdict.probability_none,
         "effects": {n: p for d in verdict.differences for n, p in {d.name: d.probability, **d.rivals}.items()},
-        "named": [sorted({d.name, *d.group}) for d in verdict.differences],
-        "status": verdict.status,
+        "named": [{"names": sorted({d.name, *d.group}), "p": d.probability} for d in verdict.differences],
+        "is_silent": not verdict.differences and verdict.status != "unknown_effect",
     }
     file.write_text(json.dumps(kept))
     return f"{number}: {case.kind}, {seconds}"
@@ -151,10 +158,12 @@ def robots(given: Namespace) -> None:
 def said(row: Mapping[str, Any], healthy: list[Any]) -> dict[str, tuple[float, dict[str, float]]]:
     """By means, how sure it is of a gap, and how it ranks effects."""
     squares = ranking(np.array(row["least_squares"]), [np.array(h["least_squares"]) for h in healthy])
+    fitted = mujoco_fit.ranking(np.array(row["mujoco"]), [np.array(h["mujoco"]) for h in healthy])
     simulated = {name: (row[name]["gap"], row[name]["effects"]) for name in ("ours", "two_sample", "cma_es")}
     return {
         **simulated,
         "least_squares": (max(squares.values()), dict(squares)),
+        "mujoco": (max(fitted.values()), dict(fitted)),
         "network": (float(np.max(row["network"])), {}),
     }
 
@@ -184,14 +193,28 @@ def table(given: Namespace) -> None:
             "first": str(Share.of(first)) if means != "network" else "says where, not what",
             "first_three": str(Share.of(three)) if means != "network" else "",
             "roc_area": area(gaps, is_faulty),
+            "false_alarms": str(Share.of([bool(g >= np.quantile(gaps[is_faulty], MISSED)) for g in gaps[~is_faulty]])),
             "core_s": round(float(np.median(seconds)), 1),
         }
+    told["ours_alone"] = {
+        "false_alarms": str(Share.of([not h["ours"]["is_silent"] for h in healthy])),
+        "calibration_error": str(Estimate.of(stated(rows), calibration_error)),
+    }
     told["cases"] = {"faultless": len(healthy), "faulty": len(faulty), "all": len(rows)}
     print(json.dumps(told, ensure_ascii=False, indent=1))
-    print("\n| means | right effect first | among the first three | fault or none: ROC area | core-seconds a robot |")
-    print("|---|---|---|---|---|")
+    columns = ("means", "right effect first", "among the first three", "ROC area", "false alarms", "core-seconds")
+    print("\n| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|")
     for means in MEANS:
         print("| " + " | ".join(str(v) for v in told[means].values()) + " |")
+
+
+def stated(rows: list[dict[str, Any]]) -> list[tuple[float, float]]:
+    """Each difference that the diagnosis names: its probability, and whether it is there."""
+    out: list[tuple[float, float]] = []
+    for row in rows:
+        right = {name for fault in row["faults"] for name in fault["names"]}
+        out += [(d["p"], float(bool(right & set(d["names"])))) for d in row.get("ours", {}).get("named", ())]
+    return out
 
 
 def area(gaps: np.ndarray, is_faulty: np.ndarray) -> str:
