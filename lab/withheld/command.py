@@ -115,11 +115,14 @@ def score(
 
 
 @app.command()
-def table(folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")]) -> None:
+def table(
+    folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")],
+    beside: Annotated[Path | None, typer.Option("--beside", help="Another run's scores.json.")] = None,
+) -> None:
     """Print a scored run's table as Markdown, with its revision and seed."""
     from withheld.scoring.report import markdown
 
-    for line in markdown(folder):
+    for line in markdown(folder, beside):
         typer.echo(line)
 
 

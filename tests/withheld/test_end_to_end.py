@@ -103,6 +103,15 @@ def test_the_table_is_markdown_without_empty_rows(run: Path) -> None:
     assert "no case" not in text
 
 
+def test_a_table_shows_another_run_beside(run: Path) -> None:
+    text = CliRunner().invoke(app, ["table", str(run), "--beside", str(run / "scores.json")]).output
+    line = next(line for line in text.splitlines() if line.startswith("| ended without a verdict"))
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells[4] == cells[2] != ""
+    missing = CliRunner().invoke(app, ["table", str(run), "--beside", str(run / "none.json")])
+    assert isinstance(missing.exception, BadInputError)
+
+
 def test_a_case_is_shown(run: Path) -> None:
     done = CliRunner().invoke(app, ["case", "open", f"{run}/1"])
     assert done.exit_code == 0, done.exception

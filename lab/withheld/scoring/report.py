@@ -59,11 +59,11 @@ def lines(data: Mapping[str, Any]) -> list[str]:
     return made
 
 
-def markdown(folder: Path) -> list[str]:
-    """A scored run's table as Markdown.
+def markdown(folder: Path, beside: Path | None = None) -> list[str]:
+    """A scored run's table as Markdown, with the same figures of another run's ``scores.json`` beside it.
 
     Raises:
-        BadInputError: The folder was not scored.
+        BadInputError: The folder was not scored, or there is no such file.
     """
     file = folder / SCORES
     if not file.is_file():
@@ -74,10 +74,18 @@ def markdown(folder: Path) -> list[str]:
         f"({'drawn by the operating system' if data['is_seed_drawn'] else 'given'}), revision `{data['revision']}`, "
         f"digest `{data['digest'][:16]}`; {data['core_seconds_a_case']['mean']:.0f} core-seconds a case."
     )
-    made = [
-        head,
-        "",
-        "| figure | asked | measured (cases; 95 % interval) | |",
-        "|---|---|---|---|",
-    ]
-    return made + [f"| {r['title']} | {r['asked']} | {r['text']} | {r['met']} |" for r in data["table"] if r["trials"]]
+    made = [head, "", "| figure | asked | measured (cases; 95 % interval) | |", "|---|---|---|---|"]
+    others: dict[str, str] = {}
+    if beside is not None:
+        if not beside.is_file():
+            raise BadInputError(f"{beside} is not there; --beside takes the {SCORES} of another run")
+        other = json.loads(beside.read_text(encoding="utf-8"))
+        made[2] += f" {other['cases']} cases of another run, seed {other['seed']} |"
+        made[3] += "---|"
+        others = {r["key"]: r["text"] for r in other["table"] if r["trials"]}
+    for row in data["table"]:
+        if row["trials"]:
+            cells = [row["title"], row["asked"], row["text"], row["met"]]
+            cells += [others.get(row["key"], "")] if beside is not None else []
+            made.append(f"| {' | '.join(cells)} |")
+    return made
