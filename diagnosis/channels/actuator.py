@@ -23,7 +23,7 @@ from spot_model.plant.model_fields import LossMotion, has_joint_loss, joint_loss
 from spot_model.robot.control import pd_torque
 from spot_model.robot.facts import N_JOINTS
 from trainer.signals.motor_torque import check_joints, direction, nominal_torque_nm, torque_after_nm
-from trainer.signals.smoothing import rate, smooth, smooth_windows, windows
+from trainer.signals.smoothing import smooth, smooth_windows, windows
 
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
@@ -97,7 +97,7 @@ class ActuatorSignals:
 
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of a raw column, likewise."""
-        return rate(raw, self.period_s, self.kept)
+        return self.stack.rate(raw, self.kept)
 
     def loss_motion(self) -> LossMotion:
         """The motion as the channel's rows have it, for losses between motor and load cell."""
@@ -175,7 +175,7 @@ def stand_in_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView:
     """
     bare = _signals(stack, effects, 0.0)
     still = bare.still_velocity_rad_s
-    motion = LossMotion(still, rate(bare.velocity_rad_s, stack.period_s), direction(still))
+    motion = LossMotion(still, stack.rate(bare.velocity_rad_s), direction(still))
     load = bare.torque_nm - _losses_nm(effects, motion)
     nothing = np.zeros_like(load[bare.kept])
     return stack.joint_view(

@@ -35,7 +35,7 @@ from diagnosis.channels.stack import GRAVITY_M_S2, STRIDE, Stack, white_noise
 from spot_model.effects.base import Effect
 from spot_model.robot import facts
 from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz
-from trainer.signals.smoothing import rate, smooth
+from trainer.signals.smoothing import smooth
 
 CARRIES: Final = 0.1
 """Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
@@ -147,7 +147,7 @@ def dynamics_signals(stack: Stack, model: BodyModel, drive: ChannelView | None) 
     inputs = BodyInputs(**{f.name: smooth(getattr(raw, f.name), rows) for f in fields(BodyInputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
-    position_rate = rate(raw.position_rad, stack.period_s)
+    position_rate = stack.rate(raw.position_rad)
     full = residuals(model, raw)
     nominal = Residuals(*(smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = model.inverse_dynamics(inputs)
@@ -158,9 +158,9 @@ def dynamics_signals(stack: Stack, model: BodyModel, drive: ChannelView | None) 
         model=model,
         rows=rows,
         inputs=inputs,
-        load_rate_nm_s=rate(raw.load_nm, stack.period_s, rows),
+        load_rate_nm_s=stack.rate(raw.load_nm, rows),
         position_rate_rad_s=position_rate[rows],
-        position_curvature_rad_s2=rate(position_rate, stack.period_s, rows),
+        position_curvature_rad_s2=stack.rate(position_rate, rows),
         contact=contact,
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),

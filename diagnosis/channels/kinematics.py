@@ -27,7 +27,7 @@ from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.stack import STRIDE, Stack, white_noise
 from spot_model.robot import facts
 from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz, yaw_rad
-from trainer.signals.smoothing import REACH, rate, smooth
+from trainer.signals.smoothing import REACH, smooth
 
 AFTER_TOUCH_DOWN: Final = 9
 BEFORE_LIFT_OFF: Final = 7
@@ -149,8 +149,8 @@ def stance_view(stack: Stack, model: BodyModel, dynamics: DynamicsSignals | None
             raw=inputs,
             inputs=inputs.of(lambda x: smooth(x, rows)),
             load_nm=smooth(load, rows),
-            load_rate_nm_s=rate(load, stack.period_s, rows),
-            position_rate_rad_s=rate(inputs.position_rad, stack.period_s, rows),
+            load_rate_nm_s=stack.rate(load, rows),
+            position_rate_rad_s=stack.rate(inputs.position_rad, rows),
             standing=standing,
             rising_m_s=heading[..., 2],
             acceleration_in_body_m_s2=acceleration,
@@ -225,7 +225,7 @@ class InertialSignals:
 
     def finish_rate(self, in_odom: Array) -> Array:
         """The derivative of a velocity, likewise."""
-        once = smooth(rate(in_odom, self.stack.period_s), self.rows)
+        once = smooth(self.stack.rate(in_odom), self.rows)
         return np.concatenate([once, np.zeros_like(once)], axis=1)
 
 
@@ -258,7 +258,7 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
 def _turns(stack: Stack, rows: NDArray[np.intp]) -> Array:
     """Turn rate by the unit less that of the attitude, body frame, in the last three of six columns, at some rows."""
     gyro, attitude = stack.imu.angular_vel_rad_s, stack.states.odom_from_body_wxyz
-    read = smooth(smooth(gyro)) + stack.imu.age_s * smooth(rate(gyro, stack.period_s))
-    change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), rate(attitude, stack.period_s))
+    read = smooth(smooth(gyro)) + stack.imu.age_s * smooth(stack.rate(gyro))
+    change = multiply_wxyz(conjugate_wxyz(smooth(attitude)), stack.rate(attitude))
     turn = (read - smooth(2.0 * np.asarray(change)[:, 1:]))[rows]
     return np.concatenate([np.zeros_like(turn), turn], axis=1)

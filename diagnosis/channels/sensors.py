@@ -29,7 +29,7 @@ from scipy.signal import lfilter
 from diagnosis.channels import Array, Channel, ChannelOff, ChannelView, Flags, Ints
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.stack import Stack
-from trainer.signals.smoothing import rate, smooth
+from trainer.signals.smoothing import smooth
 
 RATE_STRIDE: Final = 2
 FLOOR_RAD_S: Final = 0.02
@@ -50,16 +50,14 @@ class RateSignals:
 
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of (N, J) as the channel's rows have it."""
-        return rate(raw, self.stack.period_s, slice(None, None, self.stride))
+        return self.stack.rate(raw, slice(None, None, self.stride))
 
 
 def rate_view(stack: Stack, velocity_age_s: float) -> ChannelView:
     """Build the channel *joint rates*; by convention a reported velocity is so much older than its stamp."""
     velocity, position = stack.states.velocity_rad_s, stack.states.position_rad
     kept, n_joints = slice(None, None, RATE_STRIDE), velocity.shape[1]
-    response = (smooth(velocity) + velocity_age_s * rate(velocity, stack.period_s) - rate(position, stack.period_s))[
-        kept
-    ]
+    response = (smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[kept]
     return stack.joint_view(
         Channel.JOINT_RATES,
         kept,

@@ -17,9 +17,11 @@ from diagnosis.read.segments import Segmentation, cut
 from spot_model.errors import BadInputError
 from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
 from spot_model.robot.state import Measured
-from trainer.signals.recording import Imu, Recording
-from trainer.signals.smoothing import NOISE_GAIN, REACH, eroded
+from trainer.signals.recording import GRID_TOLERANCE, Imu, Recording
+from trainer.signals.smoothing import NOISE_GAIN, REACH, eroded, is_even, rate, rate_over
 
+SAME_RATE: Final = 0.01
+"""Share by which the periods of two logs may differ; where steps are uneven, a grid's tolerance."""
 MIN_NOISE: Final = 1e-6
 """No channel's noise counts as less than this, in its own unit: simulated logs may have none."""
 STRIDE: Final = 4
@@ -113,6 +115,19 @@ class Stack:
         """What a function of the same shape makes of (n, ...), each recording by itself."""
         return np.concatenate([compute(part) for part in np.split(values, self.starts()[1:])])
 
+    def rate(self, raw: Array, at: slice | Ints | None = None) -> Array:
+        """Derivative of what :func:`smooth` makes of (n, ...), by robot time, of all rows or those of ``at``."""
+        if self.is_even:
+            return rate(raw, self.period_s, at)
+        parts = np.split(raw, self.starts()[1:])
+        found = [rate_over(part, r.stamp_ns) for part, r in zip(parts, self.recordings, strict=True)]
+        return np.asarray(np.concatenate(found)[slice(None) if at is None else at])
+
+    @cached_property
+    def is_even(self) -> bool:
+        """Whether all recordings stand on grids."""
+        return all(is_even(r.stamp_ns) for r in self.recordings)
+
     def low_pass(self, raw: Array, time_constant_s: float) -> Array:
         """First-order low pass of (n, k), starting at rest at each recording's first value; 0 s changes nothing."""
         if time_constant_s <= 0.0:
@@ -184,7 +199,8 @@ def stacked(recordings: Sequence[Recording]) -> Stack:
                 f"log {other.run_id} has joints {', '.join(other.joint_names)}; log {first.run_id} has "
                 f"{', '.join(first.joint_names)}; diagnose logs of one robot at a time"
             )
-        if abs(other.period_s - first.period_s) > 0.01 * first.period_s:
+        is_even_pair = is_even(other.stamp_ns) and is_even(first.stamp_ns)
+        if abs(other.period_s - first.period_s) > (SAME_RATE if is_even_pair else GRID_TOLERANCE) * first.period_s:
             raise BadInputError(
                 f"log {other.run_id} has a state every {1e3 * other.period_s:.3f} ms, log {first.run_id} every "
                 f"{1e3 * first.period_s:.3f} ms; diagnose logs of one state rate at a time"

@@ -18,7 +18,6 @@ from spot_model.effects.bodies import FootRadius, GroundCompliance, GroundFricti
 from spot_model.effects.estimator import ContactDelay, ImuTilt, VelocityEstimate
 from spot_model.robot import facts
 from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz
-from trainer.signals.smoothing import rate
 
 RADIUS_STEP_M: Final = 0.005
 FRONT: Final = np.array([name.startswith("f") for name in facts.LEG_NAMES])
@@ -105,7 +104,7 @@ def _sunk(k: StanceSignals, legs: Flags) -> Array:
     force: Array = k.cache["force"]
     mine = np.where(k.standing & legs, force, 0.0)
     mean = mine.sum(axis=1, keepdims=True) / np.maximum(k.standing.sum(axis=1, keepdims=True), 1)
-    out[:, 2 : 3 * facts.N_LEGS : 3] = -rate(force, k.stack.period_s, k.rows) * legs
+    out[:, 2 : 3 * facts.N_LEGS : 3] = -k.stack.rate(force, k.rows) * legs
     out[:, 3 * facts.N_LEGS :] = -(mine - mean)[k.rows]
     return out
 

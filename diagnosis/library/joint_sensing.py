@@ -26,7 +26,7 @@ from spot_model.effects.joint_sensors import (
     SensorNoise,
     VelocityFilter,
 )
-from trainer.signals.smoothing import rate, smooth
+from trainer.signals.smoothing import smooth
 
 OFFSET_STEP_RAD: Final = 0.01
 COMPLIANCE_STEP: Final = 2e-4
@@ -189,11 +189,11 @@ class VelocityFilterEntry(LibraryEffect):
         if view.name == Channel.JOINT_RATES:
             q: RateSignals = view.signals
             velocity = q.stack.states.velocity_rad_s
-            rates = (velocity, rate(velocity, q.stack.period_s))
+            rates = (velocity, q.stack.rate(velocity))
             return np.pad(np.stack([q.finish_rate(-r) * joints for r in rates], axis=2), ((0, 0), (0, 0), (0, 2)))
         if view.name == Channel.SET_POINT_TO_LOAD:
             a: ActuatorSignals = view.signals
-            ahead = rate(a.position_rad, a.period_s) - smooth(a.velocity_rad_s)
+            ahead = a.stack.rate(a.position_rad) - smooth(a.velocity_rad_s)
             return np.pad(on_joints(a.finish(-a.kd_nm_s_per_rad * ahead), joints), ((0, 0), (0, 0), (2, 1)))
         s: DynamicsSignals | StanceSignals = view.signals
         velocity = s.inputs.velocity_rad_s

@@ -17,8 +17,8 @@ from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.robot.facts import Array
 from trainer.signals.motor_torque import direction
-from trainer.signals.recording import Flags
-from trainer.signals.smoothing import rate, smooth
+from trainer.signals.recording import Flags, Stamps
+from trainer.signals.smoothing import rate_over, smooth
 
 STEP_S: Final = 1e-3
 """Longest step of a simulation."""
@@ -103,13 +103,13 @@ def loads_nm(robot: RobotFile, position_rad: Array, velocity_rad_s: Array, accel
     return load
 
 
-def fitted_drives(torque_nm: Array, velocity_rad_s: Array, period_s: float) -> tuple[Drives, Array]:
+def fitted_drives(torque_nm: Array, velocity_rad_s: Array, stamps_ns: Stamps) -> tuple[Drives, Array]:
     """Drives by least squares from what the servos give beyond the links' loads, and what they leave; shape (n, J).
 
     No number of a drive is negative: none of them gives power.
     """
     one = np.ones_like(velocity_rad_s)
-    smoothed, acceleration = smooth(velocity_rad_s), rate(velocity_rad_s, period_s)
+    smoothed, acceleration = smooth(velocity_rad_s), rate_over(velocity_rad_s, stamps_ns)
     columns = np.stack([acceleration, direction(smoothed), smoothed, one, -one], axis=-1)
     each = [nnls(c, y)[0] for c, y in zip(np.moveaxis(columns, 1, 0), torque_nm.T, strict=True)]
     inertia, friction, damping, more, less = np.array(each).T

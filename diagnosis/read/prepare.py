@@ -17,7 +17,7 @@ from diagnosis.read.fixed_base import Drives, error_rad, fitted_drives, loads_nm
 from diagnosis.read.robot_file import RobotFile
 from spot_log.read.run import Run
 from spot_model.robot.facts import Array
-from trainer.signals.smoothing import rate, smooth, too_coarse
+from trainer.signals.smoothing import rate_over, smooth, too_coarse
 
 MAX_ROWS_APART: Final = 12
 """A recording may pair a command with a load that comes this many rows earlier or later."""
@@ -211,8 +211,9 @@ def _with_load(run: Run, robot: RobotFile, notes: list[str]) -> Run:
     states, period_s = run.states, _period_s(run)
     velocity = states.velocity_rad_s
     if not np.isfinite(velocity).any():
-        velocity = rate(states.position_rad, period_s)
-    load = loads_nm(robot, smooth(states.position_rad), smooth(velocity), rate(velocity, period_s))
+        velocity = rate_over(states.position_rad, states.robot_stamp_ns)
+    acceleration = rate_over(velocity, states.robot_stamp_ns)
+    load = loads_nm(robot, smooth(states.position_rad), smooth(velocity), acceleration)
     made = replace(run, states=replace(states, load_nm=load, velocity_rad_s=velocity))
     if coarse := too_coarse(period_s):
         notes.append(f"log {run.path.name}: {coarse}: loads computed from its motion are not used")
@@ -243,7 +244,7 @@ def drives_of(run: Run, rows: float = 0.0) -> tuple[Drives, Array]:
     """Drives that the log's motion and its commands, so many states late, speak for; and what they leave, (n, J)."""
     pulled, own = with_servo_law(run)
     beyond = smooth(moved(pulled, rows) - own) - smooth(run.states.load_nm)
-    return fitted_drives(beyond, run.states.velocity_rad_s, _period_s(run))
+    return fitted_drives(beyond, run.states.velocity_rad_s, run.states.robot_stamp_ns)
 
 
 def _period_s(run: Run) -> float:

@@ -104,8 +104,8 @@ class Evidence:
     least: Array
     """By block: the least mean square that counts. Where noise is in the columns, too, a scale that shrinks both sides
     of an equation would seem to explain it."""
-    stretch: int
-    """States in :data:`FOLD_BLOCK_S`: pieces that time is cut into where there are few runs."""
+    period_s: float
+    """Between two states."""
     ordinary: Ordinary = field(init=False)
     sums: OrdinarySums = field(init=False)
     """What is the same whatever is tried: products of [ordinary errors, y], over each block's number of samples."""
@@ -115,6 +115,11 @@ class Evidence:
     """By block [ordinary errors, y]."""
     _cache: OrderedDict[tuple[object, ...], Columns] = field(default_factory=OrderedDict)
     _bytes: int = 0
+
+    @property
+    def stretch(self) -> int:
+        """States in :data:`FOLD_BLOCK_S`: pieces that time is cut into where there are few runs."""
+        return stretch_of(self.period_s)
 
     def prepare(self, library: Mapping[str, LibraryEffect], scales: Mapping[str, ErrorScale]) -> None:
         """Lay the ordinary errors out; once, before anything is scored."""
@@ -225,6 +230,11 @@ def _seen(effect: LibraryEffect, shape: Shape, view: ChannelView) -> Callable[[F
     return lambda joints: through.columns(joints) + effect.columns(view, shape, joints)
 
 
+def stretch_of(period_s: float) -> int:
+    """States in :data:`FOLD_BLOCK_S`."""
+    return max(1, round(FOLD_BLOCK_S / period_s))
+
+
 def lay_out(
     views: Views,
     robot: JointGroups,
@@ -239,7 +249,7 @@ def lay_out(
 
     ``fold_of_run`` has the fold of each recording; with one fold only, time is cut into two.
     """
-    stretch = max(1, round(FOLD_BLOCK_S / period_s))
+    stretch = stretch_of(period_s)
     by_run = np.asarray(fold_of_run) if len(fold_names) > 1 else None
     blocks = [
         block
@@ -258,7 +268,7 @@ def lay_out(
         tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
         relative_square=np.array([EXACT.get(b.channel, FORMULA_ERROR) ** 2 for b in blocks]),
         least=np.array([float(b.channel in NOISY_COLUMNS) for b in blocks]),
-        stretch=stretch,
+        period_s=period_s,
     )
     board.prepare(library, scales)
     return board

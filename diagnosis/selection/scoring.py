@@ -174,14 +174,29 @@ class Scorer:
         return kept
 
     def _crosses_with_own(self, effect: LibraryEffect, shape: Shape) -> list[Array]:
-        """By block the products of the terms' columns and the candidate's, shape (K, uP)."""
+        """By block the products of the terms' columns and the candidate's, shape (K, uP).
+
+        Those of each term are kept on the board: columns, which take longest, are made once for each new term.
+        """
         key = key_of(effect, shape)
         if key not in self._own_cross:
-            self._own_cross[key] = [
-                self.board.products_of(n, self.own[n], x)
-                for n, x in enumerate(self.board.columns(effect, shape).flat())
-            ]
+            ends = np.cumsum([0 if part is None else len(part.base) for part in self.crosses(effect, shape)])[:-1]
+            by_term = np.concatenate([self._cross_with(i, effect, shape) for i in range(len(self.terms))])
+            self._own_cross[key] = np.split(by_term, ends, axis=1)
         return self._own_cross[key]
+
+    def _cross_with(self, i: int, effect: LibraryEffect, shape: Shape) -> Array:
+        """The products of one term's columns and the candidate's, of all blocks end to end; shape (P, ΣuP)."""
+        term, board = self.terms[i], self.board
+        key = ("with", *key_of(term.effect, term.shape), term.place.tobytes(), *key_of(effect, shape))
+        if key not in board.kept:
+            first = sum(len(t.effect.coefficients) for t in self.terms[:i])
+            mine = slice(first, first + len(term.effect.coefficients))
+            x = board.columns(effect, shape).flat()
+            parts = [board.products_of(n, self.own[n][:, mine], x[n]) for n in range(len(x))]
+            board.kept[key] = np.concatenate(parts, axis=1)
+        found: Array = board.kept[key]
+        return found
 
     def information(self, effect: LibraryEffect, shape: Shape, weights: Array) -> tuple[Array, Array]:
         """What is known of the terms' coefficients and the candidate's at each of its units, beside ordinary errors.

@@ -15,13 +15,19 @@ from diagnosis.decision_constants import OUTSIDE
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.faultless import FAULTLESS, even_odds
 from diagnosis.selection.scoring import Scored
+from trainer.signals.smoothing import too_coarse
 
 SMALLEST: Final = 0.1
 """No signal counts as better explained than to a tenth of what may be left: a program is replayed to the bit."""
 
 
 def left_over(board: Evidence, scored: Scored) -> dict[str, float]:
-    """By channel, the logarithm of what is left of its worst signal over noise and what formulas leave."""
+    """By channel, the logarithm of what is left of its worst signal over noise and what formulas leave.
+
+    None where states are far apart: filters and delays then leave more than on the robots that are compared with.
+    """
+    if too_coarse(board.period_s):
+        return {}
     over = over_usual(board, scored)
     return {str(c): float(over[n].max()) for c, n in board.by_channel.items()}
 
@@ -43,9 +49,7 @@ def nats_left(board: Evidence, scored: Scored) -> dict[Channel, float]:
 
 
 def probability(found: Mapping[str, float]) -> float:
-    """Probability of something unknown, from what is left by channel and by gap."""
-    tails = [FAULTLESS.left[name].tail(value) for name, value in found.items() if name in FAULTLESS.left]
-    if not tails:
-        return 0.0
+    """Probability of something unknown, from what is left by channel and by gap; as before any log, without either."""
+    tails = [FAULTLESS.left[name].tail(value) for name, value in found.items() if name in FAULTLESS.left] or [1.0]
     odds = OUTSIDE / (1.0 - OUTSIDE) * even_odds(min(1.0, len(tails) * min(tails)))
     return odds / (1.0 + odds)

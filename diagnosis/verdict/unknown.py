@@ -43,7 +43,7 @@ def gaps_left(measured: Measurements) -> dict[str, float]:
 
 def describe_unknown(board: Evidence, scored: Scored, found: Mapping[str, float]) -> UnknownEffect | None:
     """Where it is: the channel that stands out most, its joints and the part of the motion; None where none does."""
-    known = {c: FAULTLESS.left[str(c)] for c in board.by_channel if str(c) in FAULTLESS.left}
+    known = {c: FAULTLESS.left[str(c)] for c in board.by_channel if str(c) in FAULTLESS.left and str(c) in found}
     if not known:
         return None
     channel = min(known, key=lambda c: known[c].tail(found[str(c)]))

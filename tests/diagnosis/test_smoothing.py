@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from trainer.signals.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
+from trainer.signals.smoothing import NOISE_GAIN, REACH, eroded, rate, rate_over, smooth
 
 PERIOD_S = 0.003
 
@@ -46,3 +46,18 @@ def test_some_rows_are_filtered_as_all_are() -> None:
     for rows in (slice(None, None, 5), np.array([0, 1, 50, 99, 100])):
         np.testing.assert_allclose(smooth(signal, rows), smooth(signal)[rows], atol=1e-12)
         np.testing.assert_allclose(rate(signal, 0.003, rows), rate(signal, 0.003)[rows], atol=1e-9)
+
+
+def test_uneven_rows_have_the_derivative_of_their_instants():
+    stamps_ns = np.cumsum(np.random.default_rng(1).choice([15, 18, 21], 400)) * 1_000_000
+    turn, time_s = 2.0 * np.pi * 5.0, stamps_ns * 1e-9
+    expected = smooth(turn * np.cos(turn * time_s))[20:-20]
+    wrong = rate(np.sin(turn * time_s), 0.018)[20:-20]
+    found = rate_over(np.sin(turn * time_s), stamps_ns)[20:-20]
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 0.1 * np.sqrt(np.mean((wrong - expected) ** 2))
+
+
+def test_even_rows_have_the_kernels_own_derivative():
+    stamps_ns = np.arange(100) * 3_000_000 + 17
+    signal = np.sin(0.1 * np.arange(100))
+    np.testing.assert_array_equal(rate_over(signal, stamps_ns), rate(signal, PERIOD_S))

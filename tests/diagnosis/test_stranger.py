@@ -9,6 +9,7 @@ import pytest
 
 from diagnosis.channels import ChannelView
 from diagnosis.channels.actuator import actuator_view
+from diagnosis.channels.sensors import rate_view
 from diagnosis.channels.stack import stacked
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report.output import write_all
@@ -77,8 +78,25 @@ def test_a_short_slow_walk_at_uneven_55_hz_gets_no_confident_cause() -> None:
         coarse = thinned(run[0], uneven(len(run[0].states), np.random.default_rng(seed)))
         verdict = diagnose_runs([coarse], NOMINAL, None, np.random.default_rng(0), lambda _: None).verdict
         assert all(e.probability <= 0.5 for e in verdict.differences), verdict.differences
+        assert verdict.probability_unknown < 0.5
         assert "a state every 18 ms says too little of accelerations" in verdict.channels["base_wrench"]
         assert "payload_mass" in verdict.invisible
+
+
+def test_uneven_logs_of_one_recorder_have_one_rate_and_velocities_that_fit_their_positions() -> None:
+    """Steps of 6 and 9 ms, of which one log has more of the one, and another more of the other."""
+    rng = np.random.default_rng(1)
+    runs = Stranger(load_policy(POLICY), 1).walk(SLOW, 2, 2.5)
+    logs = []
+    for run, share in zip(runs, (0.45, 0.55), strict=True):
+        at = np.cumsum(np.where(rng.random(len(run.states)) < share, 2, 3))
+        logs.append(record(thinned(run, at[at < len(run.states)])))
+    medians = [np.median(np.diff(log.stamp_ns)) for log in logs]
+    assert medians[0] != medians[1]
+    view = rate_view(stacked(logs), 0.0)
+    even = rate_view(stacked([record(run) for run in runs]), 0.0)
+    left, usual = (np.sqrt(np.mean(v.response[v.usable] ** 2)) for v in (view, even))
+    assert left < 1.5 * usual
 
 
 def test_an_uneven_log_leaves_no_more_of_the_load_than_the_whole_stream() -> None:

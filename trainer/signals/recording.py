@@ -154,6 +154,8 @@ def record(run: Run) -> Recording:
     else:
         row, row_ns = np.arange(len(at)), stamps
         present = np.diff(at, prepend=at[0]) <= MAX_GAP_PERIODS
+        # Of uneven steps the mean is the same in every log of a recorder, the median is not.
+        period_s = float(np.mean(steps[present[1:]])) * 1e-9
 
     def laid(values: Array) -> Array:
         """Values of shape (m, k) in their rows, shape (n, k); themselves where nothing is missing."""

@@ -10,10 +10,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d, minimum_filter1d
 
 from spot_model.robot.facts import Array
-from trainer.signals.recording import Flags
+from trainer.signals.recording import GRID_TOLERANCE, Flags, Stamps
 
 Rows = slice | NDArray[np.intp]
 """Some rows of a signal, in order."""
@@ -57,6 +58,20 @@ def smooth_windows(values: Array) -> Array:
 def rate(signal: Array, period_s: float, at: Rows | None = None) -> Array:
     """Derivative of :func:`smooth` along the first axis, per second, of all rows or those of ``at``."""
     return _filtered(signal, _DERIVATIVE, at) / period_s
+
+
+def rate_over(signal: Array, stamps_ns: Stamps) -> Array:
+    """:func:`rate` of rows at rising instants; where their steps are uneven, by a cubic spline through the rows."""
+    if is_even(stamps_ns):
+        return rate(signal, float(np.median(np.diff(stamps_ns))) * 1e-9)
+    instants_s = (stamps_ns - stamps_ns[0]) * 1e-9
+    return smooth(CubicSpline(instants_s, signal)(instants_s, 1))
+
+
+def is_even(stamps_ns: Stamps) -> bool:
+    """Whether all steps are of one length, but for what a grid tolerates."""
+    steps = np.diff(stamps_ns) / np.median(np.diff(stamps_ns))
+    return bool(np.abs(steps - 1.0).max() <= GRID_TOLERANCE)
 
 
 def _filtered(signal: Array, taps: Array, at: Rows | None) -> Array:
