@@ -100,8 +100,8 @@ def lacking(stack: Stack) -> dict[Channel, str]:
     has_commands = all(len(r.commands) for r in stack.recordings)
     has_battery = all(len(r.slow_states) for r in stack.recordings)
     told = {
-        Channel.SENSOR_NOISE: stack.missing({"position_rad": rates["position_rad"]}) or coarse,
-        Channel.JOINT_RATES: stack.missing(rates) or coarse,
+        Channel.SENSOR_NOISE: stack.missing({"position_rad": rates["position_rad"]}),
+        Channel.JOINT_RATES: stack.missing(rates),
         Channel.SET_POINT_TO_LOAD: stack.missing(measured) or ("" if has_commands else "no commands"),
         Channel.LOAD_TO_MOTION: body,
         Channel.BASE_WRENCH: body,
