@@ -85,6 +85,8 @@ class LibraryEffect(ABC):
     )
     of_load_cell: ClassVar[bool] = False
     """It changes what is measured of a load, and nothing else."""
+    is_quick: ClassVar[bool] = False
+    """It comes and goes within milliseconds: states far apart do not show it."""
     location: ClassVar[Location] = Location.JOINT
     singly: ClassVar[bool] = False
     """Each unit has its own size by nature, so that several of one size are no fault but a coincidence."""

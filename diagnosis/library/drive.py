@@ -81,6 +81,7 @@ class StribeckEntry(LibraryEffect):
 
     title = "friction near standstill (Stribeck)"
     family = "friction"
+    is_quick = True
     effect = StribeckFriction
     coefficients = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
     grid: ClassVar[ShapeGrid] = {BUILDS_UP_RAD: (0.0015, 0.005), "speed_rad_s": (0.2, 0.4, 0.8)}
@@ -154,6 +155,7 @@ class BandwidthEntry(LibraryEffect):
 
     title = "slow torque loop"
     family = "a lag or delay"
+    is_quick = True
     effect = TorqueBandwidth
     coefficients = (ALL_OF_IT,)
     grid: ClassVar[ShapeGrid] = {"time_constant_s": (0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}
@@ -172,6 +174,7 @@ class DelayEntry(LibraryEffect):
 
     title = "delay of the torque"
     family = "a lag or delay"
+    is_quick = True
     effect = TorqueDelay
     coefficients = (ALL_OF_IT,)
     grid: ClassVar[ShapeGrid] = {"delay_s": (0.001, 0.002, 0.004, 0.008, 0.016)}
@@ -216,6 +219,7 @@ class BacklashEntry(LibraryEffect):
 
     title = "play in the gear"
     family = "play in the gear"
+    is_quick = True
     effect = Backlash
     channels = (Channel.SET_POINT_TO_LOAD, Channel.SENSOR_NOISE)
     coefficients = (

@@ -127,6 +127,7 @@ class LoadFilterEntry(LibraryEffect):
 
     title = "lag of the torque sensor"
     family = "a lag or delay"
+    is_quick = True
     effect = LoadFilter
     of_load_cell = True
     channels = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
@@ -157,6 +158,7 @@ class VelocityFilterEntry(LibraryEffect):
 
     title = "lag of the joint velocity"
     family = "a lag or delay"
+    is_quick = True
     effect = VelocityFilter
     channels = (
         Channel.JOINT_RATES,

@@ -22,6 +22,10 @@ from trainer.signals.smoothing import rate_over, smooth, too_coarse
 MAX_ROWS_APART: Final = 12
 """A recording may pair a command with a load that comes this many rows earlier or later."""
 STEP_ROWS: Final = 0.25
+FINEST_NS: Final = 1e6
+"""Step of that, where a state comes less often than every 4 ms."""
+ALIKE: Final = 0.02
+"""Pairings alike: what they leave lies within this share of what the best one gains."""
 BETTER: Final = 0.9
 """Another pairing must leave less than this share of the difference's mean square."""
 LOAD_LAG_ROWS: Final = 0.5
@@ -59,10 +63,13 @@ def rows_in_motion(runs: Sequence[Run], robot: RobotFile) -> float:
     return float(best) if costs[best] < BETTER * costs[0] and best < MAX_ROWS_APART - 1 else 0.0
 
 
-def with_servo_law(run: Run) -> tuple[Array, Array]:
-    """The servo law at each state in two parts: what the newest command pulls with, and what the joint itself takes."""
+def with_servo_law(run: Run, late_ns: int = 0) -> tuple[Array, Array]:
+    """The servo law at each state in two parts: what the newest command pulls with, and what the joint itself takes.
+
+    Commands come so much later than their stamps.
+    """
     states, c = run.states, run.commands
-    row = np.clip(np.searchsorted(c.robot_stamp_ns, states.robot_stamp_ns, side="right") - 1, 0, len(c) - 1)
+    row = np.clip(np.searchsorted(c.robot_stamp_ns, states.robot_stamp_ns - late_ns, side="right") - 1, 0, len(c) - 1)
     kp, kd = np.nan_to_num(c.kp_nm_per_rad[row]), np.nan_to_num(c.kd_nm_s_per_rad[row])
     pulled = np.nan_to_num(kp * c.position_rad[row]) + np.nan_to_num(kd * c.velocity_rad_s[row])
     own = kp * states.position_rad + kd * np.nan_to_num(states.velocity_rad_s)
@@ -128,20 +135,26 @@ def _answers(run: Run) -> tuple[Array, Array, Array] | None:
 
 
 def _by_moving(runs: Sequence[Run]) -> float:
-    """By how many states the servo law's torque is best moved; 0 where that is hardly better, or has no best."""
-    shifts = np.arange(-MAX_ROWS_APART, MAX_ROWS_APART + STEP_ROWS, STEP_ROWS)
+    """By how many states commands are late where the servo law fits best; 0 if that hardly helps, or has no best."""
+    period_ns = 1e9 * _period_s(runs[0])
+    per_row = round(1.0 / min(STEP_ROWS, FINEST_NS / period_ns))
+    shifts = np.arange(-MAX_ROWS_APART * per_row, MAX_ROWS_APART * per_row + 1) / per_row
     costs = np.zeros(len(shifts))
     for run in runs:
-        pulled, own, load = *with_servo_law(run), run.states.load_nm
+        load = run.states.load_nm
         size = np.maximum(np.nanstd(load, axis=0), 1e-9)
         inner = slice(MAX_ROWS_APART + 1, len(load) - MAX_ROWS_APART - 1)
         for i, shift in enumerate(shifts):
-            # Smoothed alike: between two rows a straight line is itself a filter.
-            off = smooth((load - moved(pulled, float(shift)) + own) / size)[inner]
-            costs[i] += float(np.nanvar(off, axis=0).mean())
+            pulled, own = with_servo_law(run, round(shift * period_ns))
+            costs[i] += float(np.nanvar(((load - pulled + own) / size)[inner], axis=0).mean())
     best = int(np.argmin(costs))
-    at_rest = int(np.flatnonzero(shifts == 0.0)[0])
-    return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] and 0 < best < len(shifts) - 1 else 0.0
+    at_rest = MAX_ROWS_APART * per_row
+    if costs[best] >= BETTER * costs[at_rest] or best in (0, len(shifts) - 1):
+        return 0.0
+    # Between two stamps of commands every shift fits alike.
+    near = costs <= costs[best] + ALIKE * (costs[at_rest] - costs[best])
+    first, last = best - int(np.argmin(near[best::-1])) + 1, best + int(np.argmin(near[best:])) - 1
+    return float(0.5 * (shifts[first] + shifts[last]))
 
 
 MIN_AGREEMENT: Final = 0.6

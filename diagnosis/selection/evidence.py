@@ -18,6 +18,7 @@ from diagnosis.decision_constants import DEGREES_OF_FREEDOM, DISCREPANCY, FORMUL
 from diagnosis.library import JointGroups, LibraryEffect, ThroughMotion, drive_of, with_stand_in
 from diagnosis.selection.normal_equations import OrdinarySums
 from diagnosis.selection.ordinary_errors import Ordinary, ordinary
+from trainer.signals.smoothing import too_coarse
 
 MIN_SAMPLES: Final = 30
 COUNTED: Final = (Channel.TIME_STAMPS,)
@@ -120,6 +121,15 @@ class Evidence:
     def stretch(self) -> int:
         """States in :data:`FOLD_BLOCK_S`: pieces that time is cut into where there are few runs."""
         return stretch_of(self.period_s)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether states are so far apart that quick effects do not show, nor what else would be left of them."""
+        return bool(too_coarse(self.period_s))
+
+    def sees(self, effect: LibraryEffect) -> bool:
+        """Whether an effect can be seen in these logs."""
+        return bool(effect.show(self.views)) and not (effect.is_quick and self.is_coarse)
 
     def prepare(self, library: Mapping[str, LibraryEffect], scales: Mapping[str, ErrorScale]) -> None:
         """Lay the ordinary errors out; once, before anything is scored."""

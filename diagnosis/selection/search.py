@@ -45,7 +45,7 @@ class Selection:
 
 def search_effects(board: Evidence, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
     """Choose effects of a library; progress goes to ``say``."""
-    usable = {n: e for n, e in library.items() if e.show(board.views)}
+    usable = {n: e for n, e in library.items() if board.sees(e)}
     first = ranked(board, (), usable)
     best, candidates = null_of(board), first
     while candidates and candidates[0].value > max(best.value, 0.0) and len(best.terms) < 6:
@@ -65,7 +65,7 @@ def selection_of(
     rivals, gains, channels = {}, {}, {}
     for name in effects_of(best.terms):
         others = [t for t in best.terms if t.effect.name != name]
-        around = beside({n: e for n, e in library.items() if n in near and e.show(board.views)}, others)
+        around = beside({n: e for n, e in library.items() if n in near and board.sees(e)}, others)
         rivals[name] = ranked(board, others, around) if others else tuple(first)
         less = Scorer(board, others).now if others else None
         gains[name] = best.value - (less.value if less else 0.0)

@@ -104,7 +104,7 @@ def cannot_show(board: Evidence, library: Mapping[str, LibraryEffect] = LIBRARY)
 
 def _can_show(scorer: Scorer, effect: LibraryEffect) -> bool:
     board = scorer.board
-    if not effect.show(board.views):
+    if not board.sees(effect):
         return False
     if not all(c.is_free for c in effect.coefficients):
         return True

@@ -15,7 +15,6 @@ from diagnosis.decision_constants import OUTSIDE
 from diagnosis.selection.evidence import Evidence
 from diagnosis.selection.faultless import FAULTLESS, even_odds
 from diagnosis.selection.scoring import Scored
-from trainer.signals.smoothing import too_coarse
 
 SMALLEST: Final = 0.1
 """No signal counts as better explained than to a tenth of what may be left: a program is replayed to the bit."""
@@ -26,7 +25,7 @@ def left_over(board: Evidence, scored: Scored) -> dict[str, float]:
 
     None where states are far apart: filters and delays then leave more than on the robots that are compared with.
     """
-    if too_coarse(board.period_s):
+    if board.is_coarse:
         return {}
     over = over_usual(board, scored)
     return {str(c): float(over[n].max()) for c, n in board.by_channel.items()}
