@@ -151,10 +151,12 @@ def _by_moving(runs: Sequence[Run]) -> float:
     at_rest = MAX_ROWS_APART * per_row
     if costs[best] >= BETTER * costs[at_rest] or best in (0, len(shifts) - 1):
         return 0.0
-    # Between two stamps of commands every shift fits alike.
+    # Between two phases at which commands come every shift fits alike. Where they come row by row with the states, that
+    # is a whole row, and a row's command acts at its state.
     near = costs <= costs[best] + ALIKE * (costs[at_rest] - costs[best])
     first, last = best - int(np.argmin(near[best::-1])) + 1, best + int(np.argmin(near[best:])) - 1
-    return float(0.5 * (shifts[first] + shifts[last]))
+    is_by_rows = last - first + 1 >= per_row
+    return float(shifts[last] if is_by_rows else 0.5 * (shifts[first] + shifts[last]))
 
 
 MIN_AGREEMENT: Final = 0.6

@@ -64,8 +64,14 @@ def test_the_table_counts_what_each_means_ranks_first(tmp_path: Path, capsys: py
             "seconds": seconds,
             "faults": [{"names": ["viscous_friction"], "moved": 3.0}] if is_faulty else [],
             "least_squares": own.tolist(),
+            "mujoco": [0.1 + 0.01 * number] * 7 + ([2.0] * 2 if is_faulty else [0.1 + 0.01 * number] * 2) + [17.0],
             "network": [float(number)] * 12,
-            "ours": {"gap": 0.9 if is_faulty else 0.1, "effects": {"viscous_friction": 0.9} if is_faulty else {}},
+            "ours": {
+                "gap": 0.9 if is_faulty else 0.1,
+                "effects": {"viscous_friction": 0.9} if is_faulty else {},
+                "named": [{"names": ["viscous_friction"], "p": 0.9}] if number else [],
+                "is_silent": number == 0,
+            },
             "two_sample": {"gap": 1.0, "effects": {"armature": -1.0, "viscous_friction": -2.0} if is_faulty else {}},
             "cma_es": {"gap": 1.0, "effects": {"armature": -1.0} if is_faulty else {}},
         }
@@ -77,5 +83,10 @@ def test_the_table_counts_what_each_means_ranks_first(tmp_path: Path, capsys: py
     assert told["two_sample"]["first"].startswith("0 % (0/2")
     assert told["two_sample"]["first_three"].startswith("100 % (2/2")
     assert told["cma_es"]["first_three"].startswith("0 % (0/2")
+    assert told["mujoco"]["first"].startswith("100 % (2/2")
+    assert told["ours"]["false_alarms"].startswith("0 % (0/2")
+    # It names something on one of the robots without a fault, with P 0.9; the others are there.
+    assert told["ours_alone"]["false_alarms"].startswith("50 % (1/2")
+    assert told["ours_alone"]["calibration_error"].startswith("0.23 (3")
     assert told["network"]["roc_area"].startswith("1.00")
     assert told["two_sample"]["roc_area"].startswith("0.50")
