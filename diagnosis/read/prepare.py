@@ -23,7 +23,7 @@ MAX_ROWS_APART: Final = 12
 """A recording may pair a command with a load that comes this many rows earlier or later."""
 STEP_ROWS: Final = 0.25
 FINEST_NS: Final = 1e6
-"""Step of that, where a state comes less often than every 4 ms."""
+"""In place of :data:`STEP_ROWS`, where a quarter of a row is more."""
 ALIKE: Final = 0.02
 """Pairings alike: what they leave lies within this share of what the best one gains."""
 BETTER: Final = 0.9
@@ -66,7 +66,9 @@ def rows_in_motion(runs: Sequence[Run], robot: RobotFile) -> float:
 def with_servo_law(run: Run, late_ns: int = 0) -> tuple[Array, Array]:
     """The servo law at each state in two parts: what the newest command pulls with, and what the joint itself takes.
 
-    Commands come so much later than their stamps.
+    Args:
+        run: The log.
+        late_ns: How much later than its stamp a command acts.
     """
     states, c = run.states, run.commands
     row = np.clip(np.searchsorted(c.robot_stamp_ns, states.robot_stamp_ns - late_ns, side="right") - 1, 0, len(c) - 1)
@@ -153,8 +155,8 @@ def _by_moving(runs: Sequence[Run]) -> float:
         return 0.0
     # Between two phases at which commands come every shift fits alike. Where they come row by row with the states, that
     # is a whole row, and a row's command acts at its state.
-    near = costs <= costs[best] + ALIKE * (costs[at_rest] - costs[best])
-    first, last = best - int(np.argmin(near[best::-1])) + 1, best + int(np.argmin(near[best:])) - 1
+    far = np.flatnonzero(costs > costs[best] + ALIKE * (costs[at_rest] - costs[best]))
+    first, last = int(max(far[far < best], default=-1)) + 1, int(min(far[far > best], default=len(shifts))) - 1
     is_by_rows = last - first + 1 >= per_row
     return float(shifts[last] if is_by_rows else 0.5 * (shifts[first] + shifts[last]))
 
