@@ -80,7 +80,7 @@ def fit_errors(
     parting = weight.reshape(-1, 1) * (flat @ inverse[:, : space.n]) ** 2
     spreads = [_spread(inverse, gradient.sum(axis=axis)) for axis in (1, 0)]
 
-    to_values = _slopes_of_values(space, unit)
+    to_values = slopes_of_values(space, unit)
     covariance = to_values @ likely[: space.n, : space.n] @ to_values.T
     by_run, by_leg = (np.diag(to_values @ s[: space.n, : space.n] @ to_values.T) for s in spreads)
     statistical = np.maximum(np.diag(covariance), by_run)
@@ -146,7 +146,7 @@ def _spread(inverse: Array, gradients: Array) -> Array:
     return np.asarray(n / max(n - 1, 1) * moves.T @ moves)
 
 
-def _slopes_of_values(space: SearchSpace, unit: Array) -> Array:
+def slopes_of_values(space: SearchSpace, unit: Array) -> Array:
     """Slopes of the physical values by the unit cube's coordinates, shape (n, n)."""
     step = 1e-6
     columns = []

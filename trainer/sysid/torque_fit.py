@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
-from trainer.sysid.torque_errors import FitErrors, effective_freedom, fit_errors
+from trainer.sysid.torque_errors import FitErrors, effective_freedom, fit_errors, slopes_of_values
 from trainer.sysid.torque_losses import LossFit, fit_losses
 from trainer.sysid.torque_model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel, TorqueSamples
 
@@ -28,6 +29,14 @@ limit that was never met.
 """
 N_FINE: Final = 40_000
 """Rows of the rough fit from several starts, and of the final one."""
+N_ELSEWHERE: Final = 8_000
+"""Rows of the fits that hold a parameter elsewhere."""
+FAR_ERRORS: Final = 3.0
+"""A parameter is held so many standard errors from its estimate, then four times as far, up to its bound."""
+AS_GOOD_NATS: Final = 2.0
+"""So little more than the fit's may such a fit cost and still be as good; at three standard errors 4.5 are due."""
+WORSE_NATS: Final = 30.0
+"""Where it costs so much more, nothing further away is tried."""
 LARGE_SHARE: Final = 0.3
 """Share of the rows that are the largest requests, the rest evenly drawn."""
 
@@ -59,14 +68,17 @@ def fit_torque(
     keep = usable(samples)
     rough, fine = (_selection(samples, keep, n, rng) for n in (2_500, N_FINE))
     attempts = []
+    some, none = samples.rows(rough), np.zeros(len(NUISANCE_NAMES))
     for start in starts:
         unit = np.clip(model.space.unit_of_values(start), 0.0, 1.0)
-        attempts.append(_solve(model, samples.rows(rough), keep[rough], unit, np.zeros(len(NUISANCE_NAMES)), 1.0))
+        doubt = relative_doubt(model, some, unit, none, 1.0)
+        attempts.append(_solve(model, some, keep[rough], unit, none, scale=1.0, doubt=doubt))
     _, unit, nuisance = min(attempts, key=lambda a: a[0])
     part, used = samples.rows(fine), keep[fine]
     for _ in range(2):
         scale = _scale(model, part, used, unit, nuisance)
-        _, unit, nuisance = _solve(model, part, used, unit, nuisance, scale)
+        doubt = relative_doubt(model, part, unit, nuisance, scale)
+        _, unit, nuisance = _solve(model, part, used, unit, nuisance, scale=scale, doubt=doubt)
     scale = _scale(model, part, used, unit, nuisance)
     doubt = relative_doubt(model, part, unit, nuisance, scale)
     fit = TorqueFit(
@@ -76,8 +88,42 @@ def fit_torque(
         nuisance=nuisance,
         residual_nm=scale,
     )
+    fit = replace(fit, errors=_open_ended(model, part, used, fit, unit))
     losses = fit_losses(model, samples, fit.values, float(nuisance[0]))
     return fit if losses is None else _with_losses(model, fit, losses)
+
+
+def _open_ended(
+    model: TorqueModel, samples: TorqueSamples, used: NDArray[np.bool_], fit: TorqueFit, unit: Array
+) -> FitErrors:
+    """The errors, infinite for parameters that may as well be far from their estimate, and for those that follow them.
+
+    A standard error knows the curvature at the estimate alone. A corner that no sample reaches slides along a line that
+    many samples tell, at no cost.
+    """
+    errors, values_of = fit.errors, model.space.values_of_unit
+    rows = _selection(samples, used, N_ELSEWHERE, np.random.default_rng(0))
+    solve = partial(_solve, model, samples.rows(rows), used[rows], scale=fit.residual_nm)
+    doubt = relative_doubt(model, samples.rows(rows), unit, fit.nuisance, fit.residual_nm)
+    least, *best = solve(unit, fit.nuisance, doubt=doubt)
+    standard_error, per_unit = errors.standard_error.copy(), np.abs(np.diag(slopes_of_values(model.space, unit)))
+    for i in np.flatnonzero(np.isfinite(standard_error) & model.covered):
+        first = FAR_ERRORS * errors.standard_error[i] / per_unit[i]
+        for end in (0.0, 1.0):
+            before, there, way = best, best, end - best[0][i]
+            distances = first * 4.0 ** np.arange(8)
+            for distance in (*distances[distances < abs(way)], abs(way)):
+                start = np.clip(2.0 * there[0] - before[0], 0.0, 1.0)  # along the line of the two fits before
+                start[i] = best[0][i] + np.copysign(distance, way)
+                before = there
+                cost, *there = solve(start, there[1], doubt=doubt, held=int(i))
+                nats = (cost - least) / fit.residual_nm**2
+                if nats < AS_GOOD_NATS:
+                    moved = np.abs(values_of(there[0]) - values_of(best[0]))
+                    standard_error[moved > FAR_ERRORS * errors.standard_error] = np.inf
+                elif nats > WORSE_NATS:
+                    break
+    return replace(errors, standard_error=standard_error)
 
 
 def _with_losses(model: TorqueModel, fit: TorqueFit, losses: LossFit) -> TorqueFit:
@@ -132,12 +178,22 @@ def relative_doubt(model: TorqueModel, samples: TorqueSamples, unit: Array, nuis
 
 
 def _solve(
-    model: TorqueModel, samples: TorqueSamples, used: NDArray[np.bool_], unit: Array, nuisance: Array, scale: float
+    model: TorqueModel,
+    samples: TorqueSamples,
+    used: NDArray[np.bool_],
+    unit: Array,
+    nuisance: Array,
+    *,
+    scale: float,
+    doubt: Array,
+    held: int | None = None,
 ) -> tuple[float, Array, Array]:
-    """Cost, unit coordinates and nuisance at the minimum nearby."""
-    covered, n = model.covered, int(model.covered.sum())
+    """Cost, unit coordinates and nuisance at the minimum nearby; ``held`` is a parameter that stays as it is."""
+    covered = model.covered.copy()
+    if held is not None:
+        covered[held] = False
+    n = int(covered.sum())
     columns = np.concatenate([np.flatnonzero(covered), model.space.n + np.arange(len(NUISANCE_NAMES))])
-    doubt = relative_doubt(model, samples, unit, nuisance, scale)
 
     def unpack(x: Array) -> tuple[Array, Array]:
         moved = unit.copy()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spot_log import Run
+from spot_model.robot import facts
 from spot_model.robot.facts import PAPER_IDENTIFIED, PaperActuator
 from trainer.signals.recording import record
 from trainer.sysid.config import SysidConfig
@@ -71,6 +72,21 @@ def test_what_few_samples_part_from_the_others_is_not_identified(strong: tuple[T
     found = judged(samples, few)[CURVE + "torque_min_nm"]
     assert not found.identified
     assert "effectively only 25 distinguish it from the others" in found.reason
+
+
+def test_a_corner_that_no_sample_reaches_has_no_narrow_interval(
+    strong: tuple[TorqueSamples, TorqueFit], strong_truth: PaperActuator
+) -> None:
+    samples, _ = strong
+    before = (samples.velocity_rad_s > 1.1 * strong_truth.intersect_min_rad_s) & (samples.request_nm < 0.0)
+    line = replace(samples, position_rad=np.where(before, facts.POSITION_LOW_RAD, samples.position_rad))
+    found = judged(line, fit_torque(MODEL, line, [MODEL.space.initial], np.random.default_rng(0)))
+    for name in ("torque_min_nm", "intersect_min_rad_s"):
+        corner = found[CURVE + name]
+        assert not corner.identified, corner
+        assert corner.low <= getattr(strong_truth, name) <= corner.high
+    assert found[CURVE + "torque_max_nm"].identified
+    assert found[CURVE + "speed_min_rad_s"].identified
 
 
 def test_inertia_between_motor_and_sensor_is_found_beside_the_parameters(make_logs: MakeLogs) -> None:
