@@ -263,6 +263,8 @@ def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, 
             f"{n} samples of {runs} runs depend on it, but effectively only {independent:.0f} distinguish it from the "
             f"others; {MIN_INDEPENDENT:.0f} are needed"
         )
+    if not np.isfinite(fit.errors.standard_error[i]):
+        return f"{n} samples of {runs} runs depend on it, but values far from it fit them as well"
     return f"{n} samples of {runs} runs depend on it, but they do not agree closely enough"
 
 
