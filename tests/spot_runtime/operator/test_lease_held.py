@@ -1,6 +1,7 @@
 """Somebody stays with a robot whose lease another client holds, for however long, and powers it off once that is free.
 
-In real time, and with processes of their own: the run or the service, its guardian, and the fake robot.
+With processes of their own: the run or the service, its guardian, and the fake robot. In lock-step: in real time a busy
+computer ends a run before anybody has taken its lease.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ from .test_serve import Service, child_of, is_alive
 
 SCENARIO = "services: {on_lease_expiry: nothing, lease_timeout_s: 3600}\n"
 """The robot does nothing by itself, and a lease is free only once it is given back."""
-IS_LOCK_STEP = False
 HOLDS_S = (0.01, 3.0, 6.0)
 """Shorter than a run waits for its lease by itself, about as long, and longer."""
 
@@ -72,7 +72,7 @@ def notes(folder: Path) -> list[Path]:
 
 @pytest.mark.parametrize("held_s", HOLDS_S)
 def test_a_run(held_s: float, tmp_path: Path, fake: FakeAddress, admin: Any, thief: Thief) -> None:
-    with started_run(fake, tmp_path) as run:
+    with started_run(fake, tmp_path, "--lock-step", fake.admin) as run:
         walks(run, admin)
         guardian = child_of(run.pid, "rescue.guardian")
         thief.take()
@@ -89,7 +89,7 @@ def test_a_run(held_s: float, tmp_path: Path, fake: FakeAddress, admin: Any, thi
 
 @pytest.mark.parametrize("held_s", [HOLDS_S[0], HOLDS_S[-1]])
 def test_a_service(held_s: float, tmp_path: Path, fake: FakeAddress, admin: Any, thief: Thief) -> None:
-    service = Service(tmp_path, fake, is_lock_step=False)
+    service = Service(tmp_path, fake)
     try:
         service.ctl("arm", "walk")
         thief.take()
@@ -107,7 +107,7 @@ def test_a_service(held_s: float, tmp_path: Path, fake: FakeAddress, admin: Any,
 def test_a_service_that_is_told_to_end_leaves_somebody_behind(
     tmp_path: Path, fake: FakeAddress, admin: Any, thief: Thief
 ) -> None:
-    service = Service(tmp_path, fake, is_lock_step=False)
+    service = Service(tmp_path, fake)
     service.environment["COLUMNS"] = "500"
     service.ctl("arm", "walk")
     control = service.control_pid()
