@@ -30,9 +30,9 @@ limit that was never met.
 N_FINE: Final = 40_000
 """Rows of the rough fit from several starts, and of the final one."""
 N_ELSEWHERE: Final = 8_000
-"""Rows of the fits that hold a parameter elsewhere."""
+"""Rows of the fits that hold a limit elsewhere."""
 FAR_ERRORS: Final = 3.0
-"""A parameter is held so many standard errors from its estimate, then four times as far, up to its bound."""
+"""A limit is held so many standard errors from its estimate, then four times as far, up to its bound."""
 AS_GOOD_NATS: Final = 2.0
 """So little more than the fit's may such a fit cost and still be as good; at three standard errors 4.5 are due."""
 WORSE_NATS: Final = 30.0
@@ -96,7 +96,7 @@ def fit_torque(
 def _open_ended(
     model: TorqueModel, samples: TorqueSamples, used: NDArray[np.bool_], fit: TorqueFit, unit: Array
 ) -> FitErrors:
-    """The errors, infinite for parameters that may as well be far from their estimate, and for those that follow them.
+    """The errors, infinite for limits that may as well be far from their estimate, and for what follows them.
 
     A standard error knows the curvature at the estimate alone. A corner that no sample reaches slides along a line that
     many samples tell, at no cost.
@@ -107,7 +107,8 @@ def _open_ended(
     doubt = relative_doubt(model, samples.rows(rows), unit, fit.nuisance, fit.residual_nm)
     least, *best = solve(unit, fit.nuisance, doubt=doubt)
     standard_error, per_unit = errors.standard_error.copy(), np.abs(np.diag(slopes_of_values(model.space, unit)))
-    for i in np.flatnonzero(np.isfinite(standard_error) & model.covered):
+    is_limit = np.array([p.effect_index in model.torque_effects for p in model.space.parameters])
+    for i in np.flatnonzero(np.isfinite(standard_error) & is_limit):
         first = FAR_ERRORS * errors.standard_error[i] / per_unit[i]
         for end in (0.0, 1.0):
             before, there, way = best, best, end - best[0][i]
