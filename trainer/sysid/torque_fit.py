@@ -31,12 +31,10 @@ N_FINE: Final = 40_000
 """Rows of the rough fit from several starts, and of the final one."""
 N_ELSEWHERE: Final = 8_000
 """Rows of the fits that hold a limit elsewhere."""
-FAR_ERRORS: Final = 3.0
-"""A limit is held so many standard errors from its estimate, then four times as far, up to its bound."""
-AS_GOOD_NATS: Final = 2.0
-"""So little more than the fit's may such a fit cost and still be as good; at three standard errors 4.5 are due."""
-WORSE_NATS: Final = 30.0
-"""Where it costs so much more, nothing further away is tried."""
+FAR_ERRORS: Final = 10.0
+"""A limit is held so many standard errors to either side of its estimate."""
+AS_GOOD_NATS: Final = 10.0
+"""So little more than the fit's may such a fit cost and still be as good; 50 are due by the standard error."""
 LARGE_SHARE: Final = 0.3
 """Share of the rows that are the largest requests, the rest evenly drawn."""
 
@@ -96,34 +94,25 @@ def fit_torque(
 def _open_ended(
     model: TorqueModel, samples: TorqueSamples, used: NDArray[np.bool_], fit: TorqueFit, unit: Array
 ) -> FitErrors:
-    """The errors, infinite for limits that may as well be far from their estimate, and for what follows them.
+    """The errors, infinite for limits that may as well be far from their estimate.
 
     A standard error knows the curvature at the estimate alone. A corner that no sample reaches slides along a line that
-    many samples tell, at no cost.
+    many samples tell, at next to no cost.
     """
-    errors, values_of = fit.errors, model.space.values_of_unit
+    errors, space = fit.errors, model.space
     rows = _selection(samples, used, N_ELSEWHERE, np.random.default_rng(0))
-    solve = partial(_solve, model, samples.rows(rows), used[rows], scale=fit.residual_nm)
     doubt = relative_doubt(model, samples.rows(rows), unit, fit.nuisance, fit.residual_nm)
-    least, *best = solve(unit, fit.nuisance, doubt=doubt)
-    standard_error, per_unit = errors.standard_error.copy(), np.abs(np.diag(slopes_of_values(model.space, unit)))
-    is_limit = np.array([p.effect_index in model.torque_effects for p in model.space.parameters])
+    solve = partial(_solve, model, samples.rows(rows), used[rows], scale=fit.residual_nm, doubt=doubt)
+    least, best, nuisance = solve(unit, fit.nuisance)
+    standard_error, per_unit = errors.standard_error.copy(), np.abs(np.diag(slopes_of_values(space, unit)))
+    is_limit = np.array([p.effect_index in model.torque_effects for p in space.parameters])
     for i in np.flatnonzero(np.isfinite(standard_error) & is_limit):
-        first = FAR_ERRORS * errors.standard_error[i] / per_unit[i]
-        for end in (0.0, 1.0):
-            before, there, way = best, best, end - best[0][i]
-            distances = first * 4.0 ** np.arange(8)
-            for distance in (*distances[distances < abs(way)], abs(way)):
-                start = np.clip(2.0 * there[0] - before[0], 0.0, 1.0)  # along the line of the two fits before
-                start[i] = best[0][i] + np.copysign(distance, way)
-                before = there
-                cost, *there = solve(start, there[1], doubt=doubt, held=int(i))
-                nats = (cost - least) / fit.residual_nm**2
-                if nats < AS_GOOD_NATS:
-                    moved = np.abs(values_of(there[0]) - values_of(best[0]))
-                    standard_error[moved > FAR_ERRORS * errors.standard_error] = np.inf
-                elif nats > WORSE_NATS:
-                    break
+        far = FAR_ERRORS * errors.standard_error[i] / per_unit[i]
+        for place in (best[i] - far, best[i] + far):
+            if 0.0 <= place <= 1.0:
+                cost, _, _ = solve(np.where(np.arange(space.n) == i, place, best), nuisance, held=int(i))
+                if cost - least < AS_GOOD_NATS * fit.residual_nm**2:
+                    standard_error[i] = np.inf
     return replace(errors, standard_error=standard_error)
 
 

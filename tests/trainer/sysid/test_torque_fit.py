@@ -80,7 +80,10 @@ def test_a_corner_that_no_sample_reaches_has_no_narrow_interval(
     samples, _ = strong
     before = (samples.velocity_rad_s > 1.1 * strong_truth.intersect_min_rad_s) & (samples.request_nm < 0.0)
     line = replace(samples, position_rad=np.where(before, facts.POSITION_LOW_RAD, samples.position_rad))
-    found = judged(line, fit_torque(MODEL, line, [MODEL.space.initial], np.random.default_rng(0)))
+    # A start on the sloped line, as a search leaves it: 28 N·m up to where the line says so.
+    on_line = {"torque_min_nm": -28.0, "speed_min_rad_s": -12.0, "intersect_min_rad_s": -6.4}
+    start = [on_line.get(name, value) for name, value in zip(NAMES, MODEL.space.initial, strict=True)]
+    found = judged(line, fit_torque(MODEL, line, [np.array(start)], np.random.default_rng(0)))
     for name in ("torque_min_nm", "intersect_min_rad_s"):
         corner = found[CURVE + name]
         assert not corner.identified, corner
