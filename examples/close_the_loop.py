@@ -53,7 +53,9 @@ def main() -> None:
     record({name: policies[name] for name in there}, there, given)
     walked = [measured(name, policy, out / "walks" / name) for name, policy in there.items()]
     table = [one.row for one in walked]
-    (out / "loop.json").write_text(json.dumps([asdict(row) for row in table], indent=1) + "\n", encoding="utf-8")
+    # A robot that tipped over has no speed at rest; JSON has no NaN.
+    rows = [{k: None if isinstance(v, float) and np.isnan(v) else v for k, v in asdict(row).items()} for row in table]
+    (out / "loop.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     (out / "loop.html").write_text(loop_page(given.robot, robot_of(given.robot).truth(), walked), encoding="utf-8")
     print("\n".join(lines(table)))
     print(f"page {out / 'loop.html'}")
