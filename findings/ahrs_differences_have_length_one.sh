@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# ahrs 0.4.0: sums, differences and multiples of its quaternions are normalised, so an error always has length one.
+# ahrs 0.4.0: sums and differences of its quaternions are normalised, so an error always has length one.
 #
 # Quaternion is a NumPy array of four numbers whose + and - go through its constructor, which divides by the length. The
-# difference of two rotations that are 0.2 rad apart is as long as that of two that are 2 rad apart; -q is q, and the
-# difference of equal ones raises "Quaternion cannot be a zero vector". So norm(p - q), the usual error of an attitude
-# filter, is 1 for every estimate, and np.allclose of two Quaternions raises. NumPy's own functions, as np.subtract,
-# give the plain numbers, though the type is the same. Whoever compares: take np.array(p) first.
+# difference of two rotations that are 0.2 rad apart is as long as that of two that are 2 rad apart, and the difference
+# of equal ones raises "Quaternion cannot be a zero vector". So norm(p - q), the usual error of an attitude filter, is 1
+# for every estimate, and np.allclose of two Quaternions raises. NumPy's own functions, as np.subtract, give the plain
+# numbers, though the type is the same. Whoever compares: take np.array(p) first.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -4,8 +4,8 @@
 # All filters take the same arrays and leave quaternions in Q. For a body rolled by 0.3 rad, Tilt, Madgwick, Mahony, EKF
 # and Complementary say +0.3 about x, AQUA -0.3: its Q turns the world into the body's frame. For one that turns about
 # the vertical at 0.5 rad/s, without a magnetometer, Complementary stays at yaw 0 for any gain, also for gain 1, which
-# "uses angular velocities only" by its documentation; the others follow the gyroscope. Whoever exchanges filters:
-# conjugate AQUA's Q, and give Complementary a magnetometer.
+# by its documentation uses the gyroscope only; the others follow the gyroscope. Whoever exchanges filters: conjugate
+# AQUA's Q, and give Complementary a magnetometer.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -2,7 +2,7 @@
 # evo 1.38.1: where poses come in bursts, one pose of the reference is paired with several, and each counts as one.
 #
 # associate_trajectories takes the nearest stamp for each pose of the shorter trajectory, and forgets that it was taken.
-# Three poses of an estimate within 10 ms are all compared with the same pose of the reference; the pair that comes out
+# Three poses of an estimate within 20 ms are all compared with the same pose of the reference; the pair that comes out
 # has the same stamp three times. The mean error counts that moment three times, what the robot moved meanwhile is an
 # error, and so the associated reference no longer passes evo's own check; speeds of it raise an error. Whoever compares
 # a robot with a bursty recorder: look for repeated stamps after the association, and keep the nearest.

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # pin (Pinocchio) 4.1.0 beside mujoco 4.0.0: turns, limits and masses of the same MJCF differ, without a word.
 #
-# In Pinocchio's reader eulerseq turns in another way for every order but the usual one; an axisangle whose axis is not
-# of length one gives a matrix that is no rotation; ref moves a joint's limits, though not the joint; limited="false"
-# keeps the limits; settotalmass and boundmass of the compiler are passed over. Each lets the model load and look almost
-# right. Whoever takes a model from MuJoCo to Pinocchio: compile it, write it back with mj_saveLastXML, which resolves
-# all but ref and limited, and compare mass, limits and places.
+# In Pinocchio's reader the orders XYZ and ZYX of eulerseq turn in another way; an axisangle whose axis is not of length
+# one gives a matrix that is no rotation; ref moves a joint's limits, though not the joint; limited="false" keeps the
+# limits; settotalmass and boundmass of the compiler are passed over. Each lets the model load and look almost right.
+# Whoever takes a model from MuJoCo to Pinocchio: compile it, write it back with mj_saveLastXML, which resolves turns
+# and the total mass, but not ref, limited and boundmass, and compare mass, limits and places.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

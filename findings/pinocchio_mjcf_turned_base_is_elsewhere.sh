@@ -48,4 +48,8 @@ place, quarter = np.array([1.0, 2.0, 3.0]), np.array([[1, 0, 0], [0, 0, -1], [0,
 print(f'pos="1 2 3" quat="1 1 0 0": MuJoCo {there}, Pinocchio {here}')
 assert np.allclose(there, place) and np.allclose(model.jointPlacements[1].translation, place - quarter @ place)
 assert np.allclose(here, [1.0, 7.0, 4.0])
+model.jointPlacements[1] = pinocchio.SE3.Identity()
+mended = model.createData()
+pinocchio.framesForwardKinematics(model, mended, [entry.data() for entry in model.referenceConfigurations][0])
+assert np.allclose(mended.oMf[model.getFrameId("base", pinocchio.BODY)].translation, place)
 PY

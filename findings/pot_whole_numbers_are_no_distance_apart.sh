@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # POT 0.9.7.post1: the Wasserstein distance of whole numbers is zero, and one value that is not a number makes it zero.
 #
-# wasserstein_1d and sliced_wasserstein_distance divide one by the number of samples in the samples' own type. Counts of
-# an encoder that lie 10 apart are 0 apart, whatever they are; with floats on one side alone 10 becomes 9 or 11. Nothing
-# is said. emd2 and solve_sample give 0.0 for a set with one not-a-number among 50 rows, beside a warning that the
-# problem is infeasible: the best score there is, for a search that minimises it. emd2_1d is right for whole numbers.
-# Whoever compares logs: convert to float64, and leave out what is not finite, before.
+# wasserstein_1d and sliced_wasserstein_distance keep the weight of a sample, one over their number, in the samples' own
+# type; as a whole number it is 0. Counts of an encoder that lie 10 apart are 0 apart; with floats on one side alone 10
+# becomes 9 or 11. Nothing is said. emd2 and solve_sample give 0.0 for a set with one not-a-number among 50 rows, beside
+# a warning that the problem is infeasible: the best score there is, for a search that minimises it. emd2_1d is right
+# for whole numbers. Whoever compares logs: convert to float64, and leave out what is not finite, before.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # python-can 4.6.1: what is left of a recording depends on the file's ending; CSV and SQLite make old frames of CAN FD.
 #
-# The same three messages through can.Logger and back through can.LogReader, without a word on what is lost: in .csv and
-# .db a CAN FD frame comes back as a classic one, of 64 bytes, which cannot be sent; received and sent frames are all
-# "received", and the channel is gone. candump's .log forgets how many bytes a remote frame asks for, .trc leaves CAN FD
-# and remote frames out with a warning of the logger, counts channels from one, and gives later times where the first
-# frame was left out. An .asc begins its time at zero where the reader is not told otherwise. .blf keeps all of these.
-# Whoever replays what a drive sent: record .blf, or .asc and read it with relative_timestamp=False.
+# The same three messages through can.Logger and back through can.LogReader: in .csv and .db a CAN FD frame comes back
+# as a classic one, of 64 bytes, which cannot be sent; received and sent frames are all "received", and the channel is
+# gone, all without a word. candump's .log forgets how many bytes a remote frame asks for, .trc leaves CAN FD and remote
+# frames out with a warning of the logger, counts channels from one, and gives later times where the first frame was
+# left out. An .asc begins its time at zero where the reader is not told otherwise. .blf keeps all of these. Whoever
+# replays what a drive sent: record .blf, or .asc and read it with relative_timestamp=False.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

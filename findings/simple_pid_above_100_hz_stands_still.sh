@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # simple-pid 2.0.1: a controller that is told its time steps, of less than 10 ms, gives its first output for ever.
 #
-# The documentation has dt for simulations, "for when simulation time is different from real time". But sample_time,
-# 0.01 s by default, holds for dt, too: a call with a smaller one returns the last output, and its time is forgotten
-# instead of added up. So a joint controller at 333 Hz, the rate of Spot's states, pushes with what it computed in the
-# first call while the joint passes its set-point, and one at 101 Hz as well; at 100 Hz it works. Without dt, by the
-# clock, such a loop runs at up to 100 Hz. Whoever gives dt: give sample_time=None.
+# The documentation has dt for simulations, "when simulation time is different from real time". But sample_time, 0.01 s
+# by default, holds for dt, too: a call with a smaller one returns the last output, and its time is forgotten instead of
+# added up. So a joint controller at 333 Hz, the rate of Spot's states, pushes with what it computed in the first call
+# while the joint passes its set-point, and one at 101 Hz as well; at 100 Hz it works. Without dt, by the clock, the
+# output changes at most every 10 ms. Whoever gives dt: give sample_time=None.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
