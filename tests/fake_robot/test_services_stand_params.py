@@ -55,6 +55,15 @@ def test_offsets_over_the_feet_are_taken_as_they_are(snapshot: Snapshot) -> None
     assert stand_poses(read_course(packed(BodyControl())), snapshot) == ()
 
 
+def test_the_three_angles_are_the_attitude_that_was_asked_for(snapshot: Snapshot) -> None:
+    # Quat.to_yaw is another angle: with it, this attitude is 3.5 degrees off.
+    asked = Quat.from_yaw(0.5) * Quat.from_pitch(0.4) * Quat.from_roll(0.3)
+    points = [point(SE3Pose(0.0, 0.0, 0.0, asked))]
+    control = BodyControl(base_offset_rt_footprint=trajectory_pb2.SE3Trajectory(points=points))
+    (pose,) = stand_poses(read_course(packed(control)), snapshot)
+    np.testing.assert_allclose([pose.yaw_rad, pose.pitch_rad, pose.roll_rad], [0.5, 0.4, 0.3], atol=1e-9)
+
+
 @pytest.mark.parametrize("frame", ["odom", "vision", "body", "flat_body"])
 def test_a_pose_in_a_frame_becomes_an_offset_over_the_feet(snapshot: Snapshot, frame: str) -> None:
     # The body's own pose, wherever its frame is: 4 cm behind the middle of the feet, 4 mm below the nominal stand.

@@ -11,7 +11,7 @@ import numpy as np
 from bosdyn.api import robot_command_pb2, trajectory_pb2
 from bosdyn.api.spot import robot_command_pb2 as spot_command_pb2
 from bosdyn.client.frame_helpers import ODOM_FRAME_NAME, get_a_tform_b
-from bosdyn.client.math_helpers import Quat, SE2Pose, SE3Pose
+from bosdyn.client.math_helpers import Quat, SE2Pose, SE3Pose, quat_to_eulerZYX
 from google.protobuf.message import DecodeError
 
 from fake_robot.network.requests import PathPlan, PathPoint, StandPose, Velocity, VelocityPlan, WalkLimits, WalkPlan
@@ -125,9 +125,10 @@ def _odom_from_footprint(snapshot: Snapshot) -> SE3Pose:
 
 
 def _stand_pose(pose: SE3Pose, after_s: float) -> StandPose:
-    rotation = pose.rot
-    angles = rotation.to_roll(), rotation.to_pitch(), rotation.to_yaw()
-    return StandPose(pose.x, pose.y, pose.z, *angles, after_s=min(max(after_s, 0.0), MAX_DURATION_S))
+    yaw_rad, pitch_rad, roll_rad = quat_to_eulerZYX(pose.rot)  # to_yaw is not the angle that belongs to the other two
+    return StandPose(
+        pose.x, pose.y, pose.z, roll_rad, pitch_rad, yaw_rad, after_s=min(max(after_s, 0.0), MAX_DURATION_S)
+    )
 
 
 def read_velocity(request: Any, params: Any, config: ServicesConfig) -> Callable[[Snapshot], WalkPlan]:
