@@ -153,7 +153,7 @@ def test_lock_step_asks_for_no_real_time_and_changes_nothing_else() -> None:
 # Console and summary -------------------------------------------------------------------------------------------------
 
 
-def test_the_console_prints_lines_and_progress() -> None:
+def test_the_console_prints_lines_in_order_and_progress_between_them() -> None:
     stream = io.StringIO()
     console = Console(stream, period_s=0.001)
     shown = threading.Event()
@@ -163,11 +163,12 @@ def test_the_console_prints_lines_and_progress() -> None:
         return "going on"
 
     console.say("a line")
+    console.say("another")
     console.show(progress)
     assert shown.wait(30.0)
     console.close()
     lines = stream.getvalue().splitlines()
-    assert lines[0] == "a line"
+    assert [line for line in lines if line != "going on"] == ["a line", "another"]
     assert "going on" in lines
 
 
