@@ -2,8 +2,8 @@
 # newton 1.8.0: of one URDF's friction, damping and effort limit, SolverMuJoCo obeys all, others one or none.
 #
 # The builder reads all three, and the model holds them. Featherstone and the semi-implicit solver then leave out the
-# friction and the limit, XPBD the damping as well. A position drive that may give 5 N m turns an arm 150 times as fast
-# as it can, and a joint runs on that should have slowed down. None of the four keeps to the URDF's velocity limit, and
+# friction and the limit, XPBD the damping as well. A position drive that may give 5 N m makes an arm over 100 times as
+# fast as it can, and a joint runs on that should have slowed down. None of the four keeps to the velocity limit, and
 # none says a word. Whoever moves a policy from one solver to another: compare one joint's motion before.
 # (The first run compiles for some minutes.)
 set -euo pipefail
