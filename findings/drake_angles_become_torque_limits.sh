@@ -3,9 +3,9 @@
 #
 # Drake's parser takes an MJCF actuator's ctrlrange for its effort limit, in N m. Of a position actuator it is a range
 # of angles: a drive that may be sent -1.5 to 1.5 rad gives at most 1.5 N m, though its forcerange is 40 N m. An arm of
-# 2 kg that MuJoCo holds level to within 0.05 rad sags by 1.3 rad in Drake. Without ctrlrange both hold it. A motor's gear
-# does not scale its torque: a command of 2 with gear="3" is 6 N m in MuJoCo and 2 N m in Drake. Drake prints a warning
-# for none of these. Whoever loads a robot: compare effort_limit() of each actuator, and the torques.
+# 2 kg that MuJoCo holds level to within 0.05 rad sags by 1.3 rad in Drake. Without ctrlrange both hold it. A motor's
+# gear does not scale its torque: a command of 2 with gear="3" is 6 N m in MuJoCo and 2 N m in Drake. Drake prints a
+# warning for none of these. Whoever loads a robot: compare effort_limit() of each actuator, and the torques.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

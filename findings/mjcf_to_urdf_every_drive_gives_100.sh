@@ -41,7 +41,8 @@ with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
 print("it prints:", repr(said.getvalue()))
 assert said.getvalue().strip() == ""
 robot = ET.parse("leg.urdf").getroot()
-limits = {joint.get("name"): joint.find("limit").attrib for joint in robot.iter("joint") if joint.get("type") != "fixed"}
+joints = [joint for joint in robot.iter("joint") if joint.get("type") != "fixed"]
+limits = {joint.get("name"): joint.find("limit").attrib for joint in joints}
 print(limits)
 assert all(limits[name]["effort"] == limits[name]["velocity"] == "100" for name in ("hip", "knee"))
 assert not [*robot.iter("dynamics")] and not [*robot.iter("collision")] and not [*robot.iter("visual")]

@@ -2,10 +2,10 @@
 # MNN 3.6.1 and openvino 2026.4.1 beside onnxruntime 1.31.1: half a step is rounded otherwise, and NaN gets an answer.
 #
 # Of the same ONNX files on x86-64, MNN rounds 0.5, 1.5 and 2.5 to 1, 2 and 3, where ONNX rounds to the even number, and
-# takes the approximation of Gelu by tanh where the file asks for none (4e-4 off). A value that is not a number becomes 1
-# behind its Clip and Tanh and -1 behind Elu; a Gemm makes all its outputs -3.4e38 of it. OpenVINO's Clip gives -1 and
-# its Relu 0, while Tanh and Gemm keep it. onnxruntime keeps it in all. A check of a policy's outputs that works with one
-# engine sees nothing with another. Whoever changes the engine: check observations before the policy.
+# takes the approximation of Gelu by tanh where the file asks for none (4e-4 off). A value that is not a number becomes
+# 1 behind its Clip and Tanh and -1 behind Elu; a Gemm makes all its outputs -3.4e38 of it. OpenVINO's Clip gives -1 and
+# its Relu 0, while Tanh and Gemm keep it. onnxruntime keeps it in all. A check of a policy's outputs that works with
+# one engine sees nothing with another. Whoever changes the engine: check observations before the policy.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

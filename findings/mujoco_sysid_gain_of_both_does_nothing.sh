@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # mujoco 4.0.0 (mujoco.sysid): a gain is never found by default, a bias runs to its bound, and delays add up.
 #
-# SignalTransform.gain() and bias() act on the measured and the predicted signal alike unless told otherwise. Then a gain
-# cancels, since residuals are divided by the measured signal's size: the gradient is zero, and the start comes back as
-# the result ("exact minimum found?"). A bias makes that size grow, so the fit takes the largest one allowed. With
-# target="predicted" both are found. apply_delay() shifts the series that it is given, in place (apply_gain and
+# SignalTransform.gain() and bias() act on the measured and the predicted signal alike unless told otherwise. Then a
+# gain cancels, since residuals are divided by the measured signal's size: the gradient is zero, and the start comes
+# back as the result ("exact minimum found?"). A bias makes that size grow, so the fit takes the largest one allowed.
+# With target="predicted" both are found. apply_delay() shifts the series that it is given, in place (apply_gain and
 # apply_bias copy): called again in a residual, 10 ms become 20. Whoever fits a sensor: name the target, and copy first.
 set -euo pipefail
 folder=$(mktemp -d)

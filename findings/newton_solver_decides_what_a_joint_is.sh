@@ -22,7 +22,8 @@ import warp as wp
 assert version("newton") == "1.8.0"
 wp.config.quiet = True
 ARM = """<robot name="arm"><link name="post"/>
-<link name="arm"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="arm"><inertial><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="j" type="continuous"><parent link="post"/><child link="arm"/><axis xyz="0 0 1"/>
 <limit effort="5" velocity="0.7"/><dynamics damping="{damping}" friction="{friction}"/></joint></robot>"""
 SOLVERS = ("SolverMuJoCo", "SolverFeatherstone", "SolverSemiImplicit", "SolverXPBD")

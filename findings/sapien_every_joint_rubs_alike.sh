@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# sapien 3.0.3: every joint of a URDF has friction 0.05, whatever the file says, and no limit of effort or its speed.
+# sapien 3.0.3: every joint of a URDF has friction 0.05, whatever it says; its limits of torque and speed are lost.
 #
 # The loader keeps a joint's damping and leaves the rest: friction="0" and friction="0.3" both load as 0.05, effort="5"
 # as 3.4e38 N m, velocity="0.7" as 100 rad/s. The friction acts under load: an arm of 1 kg on an upright axis, without
@@ -23,7 +23,8 @@ assert version("sapien") == "3.0.3"
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
 ARM = """<robot name="arm"><link name="post">{inertial}</link><link name="arm">{inertial}</link>
 <joint name="j" type="{kind}"><parent link="post"/><child link="arm"/><axis xyz="0 0 1"/>
-<limit lower="-3" upper="3" effort="5" velocity="0.7"/><dynamics damping="{damping}" friction="{friction}"/></joint></robot>"""
+<limit lower="-3" upper="3" effort="5" velocity="0.7"/>
+<dynamics damping="{damping}" friction="{friction}"/></joint></robot>"""
 
 
 def swing(*, damping=0.0, friction=0.0, gravity=0.0, own_friction=None, kind="continuous"):
